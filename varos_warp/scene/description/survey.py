@@ -17,8 +17,8 @@ CLOUDS = (".las", ".laz")
 ENDINGS = (*GRIDS, *TEXTS, *CLOUDS)
 """Endings of files that hold heights, for which a terrain needs no ``kind``."""
 
-BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld")
-"""Endings of files beside a survey that tell where it lies."""
+BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld", ".tif.msk", ".TIF.msk", ".tiff.msk", ".TIFF.msk")
+"""Endings of files beside a survey that tell where it lies, and where it has heights (GDAL's masks)."""
 
 LengthUnit = Literal["m", "ft", "us_ft"]
 Column = str | Annotated[int, Field(ge=1)]

@@ -11,6 +11,8 @@ from surveys import EAST, NORTH, UTM_32, plane_grid, write_geotiff
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.survey import Heights
+from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.geometry.files.named import mesh_textures
 from varos_warp.scene.geometry.survey import crs, geotiff, read_survey
 from varos_warp.scene.geometry.survey.content import Request
 
@@ -335,3 +337,39 @@ def test_what_gdal_wrote_beside_the_file_is_warned_of_unless_it_is_statistics(tm
     assert read(path).warnings == []
     beside.write_text('<PAMDataset><PAMRasterBand band="1"><NoDataValue>0</NoDataValue></PAMRasterBand></PAMDataset>')
     assert "NoDataValue, which is not read" in read(path).warnings[0]
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.TIF", "a.tiff"])
+def test_a_mask_beside_the_file_tells_where_there_is_nothing(tmp_path, name):
+    path = tmp_path / name
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
+        with rasterio.open(path, "w", driver="GTiff", width=7, height=5, count=1, dtype="float32", crs="EPSG:32632",
+                           transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH)) as file:
+            file.write(asymmetric(holes=False), 1)
+            mask = np.full((5, 7), 255, np.uint8)
+            mask[3, 4] = 0
+            file.write_mask(mask)
+    assert (tmp_path / f"{name}.msk").is_file()
+    assert np.argwhere(np.isnan(by_gdal(path)[..., 2])).tolist() == [[3, 4]]
+    np.testing.assert_allclose(ours(path), by_gdal(path), rtol=0, atol=ROUNDING)
+    course = {"poses": [{"position": [0, 0, 0]}]}
+    scene = scene_from_dict({"terrain": {"file": name}, "trajectory": course}, tmp_path)
+    assert tmp_path / f"{name}.msk" in mesh_textures(scene)
+
+
+def test_a_mask_of_another_size_beside_the_file_is_refused(tmp_path):
+    path = write_by_gdal(tmp_path / "a.tif", asymmetric())
+    tifffile.imwrite(tmp_path / "a.tif.msk", np.zeros((4, 7), np.uint8), metadata=None)
+    assert "a.tif.msk beside it is a mask of another size" in refusal(path).message
+    (tmp_path / "a.tif.msk").write_bytes(b"no mask")
+    assert "cannot be read" in refusal(path).message
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395", "ESRI:102100"])
+def test_mercator_is_refused_with_the_factor_by_which_it_is_wrong(tmp_path, crs):
+    """At 60 degrees the cosine is a half; y = R arsinh(tan(60 degrees))."""
+    y = 6378137.0 * np.arcsinh(np.sqrt(3.0))
+    path = write_by_gdal(tmp_path / "a.tif", asymmetric(), Affine(1, 0, 1.1e6, 0, -1, y), crs=crs)
+    error = refusal(path)
+    assert "2 times too long at its latitude of 60.0 degrees" in error.message
+    assert "EPSG:32632" in error.remedy

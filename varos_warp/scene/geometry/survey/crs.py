@@ -5,6 +5,7 @@ They are told by keys of GeoTIFF (OGC 19-008r4), which LAS files have, too, and 
 """
 
 import bisect
+import math
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -21,18 +22,47 @@ DEPTHS = (5336, 5612, 5614, 5706, 5715, 5734, 5739, 5789, 5831, *range(5861, 586
           8051, 8053, 8358, 9287, 9288, 9672, 10150, 10151, 10349, 10364, *range(10370, 10380), *range(10547, 10553),
           10649, 10650, 10678)
 """EPSG codes of vertical systems that count downwards."""
+MERCATORS = (3857, 3785, 3395, 900913, 102100, 102113, 54004)
+"""Codes of Mercator projections whose scale is that of the equator, of EPSG, Google and Esri."""
+MERCATOR_NAMES = tuple(f"EPSG:{code}" for code in MERCATORS)
+MERCATOR = re.compile(r"(pseudo|web|world)[ _-]?mercator|mercator[ _-]auxiliary[ _-]sphere|google[ _-]maps", re.I)
+"""What they are called."""
+EARTH_M = 6378137.0
+
+
 def refuse_degrees(request: Request, name: str, middle: tuple[float, float] | None = None):
     """Refuse longitudes and latitudes, and tell the UTM zone of the middle, if that is known and there is one."""
-    target = "EPSG:32632 for UTM zone 32 north"
-    if middle is not None and abs(middle[0]) <= 180.0 and abs(middle[1]) <= 84.0:
-        zone = min(int((middle[0] + 180.0) // 6.0) + 1, 60)
-        side = "south" if middle[1] < 0.0 else "north"
-        target = f"EPSG:{(32700 if side == 'south' else 32600) + zone} for UTM zone {zone} {side}"
-    stem, suffix = request.path.stem, request.path.suffix
-    raise request.error(
-        f"its coordinates are degrees ({name}), which are no lengths",
-        f"Project it to metres, {target}: gdalwarp -t_srs {target.split()[0]} {stem}{suffix} utm.tif for grids, "
-        "pdal or QGIS for points.")
+    target = (middle and _utm(*middle)) or "EPSG:32632 for UTM zone 32 north"
+    raise request.error(f"its coordinates are degrees ({name}), which are no lengths", _project(request, target))
+
+
+def refuse_mercator(request: Request, name: str, middle: tuple[float, float] | None):
+    """Refuse a Mercator projection whose scale is that of the equator, and tell by how much it is wrong in the middle.
+
+    On a sphere of radius R a metre of ground at y = R arsinh(tan(latitude)) is cosh(y / R) = 1 / cos(latitude) long.
+    """
+    by, target = "", "EPSG:32632 for UTM zone 32 north"
+    if middle is not None and abs(middle[1]) < 4.0 * EARTH_M and abs(middle[0]) <= math.pi * EARTH_M:
+        latitude = math.degrees(math.atan(math.sinh(middle[1] / EARTH_M)))
+        by = f": {math.cosh(middle[1] / EARTH_M):.3g} times too long at its latitude of {latitude:.1f} degrees"
+        target = _utm(math.degrees(middle[0] / EARTH_M), latitude) or target
+    raise request.error(f"its coordinates are in the Mercator projection of maps ({name}), which are no lengths on the "
+                        f"ground{by}", _project(request, target))
+
+
+def _utm(longitude: float, latitude: float) -> str | None:
+    """Return the UTM zone of a place in words, if there is one."""
+    if not (abs(longitude) <= 180.0 and abs(latitude) <= 84.0):
+        return None
+    zone = min(int((longitude + 180.0) // 6.0) + 1, 60)
+    side = "south" if latitude < 0.0 else "north"
+    return f"EPSG:{(32700 if side == 'south' else 32600) + zone} for UTM zone {zone} {side}"
+
+
+def _project(request: Request, target: str) -> str:
+    code = target.partition(" ")[0]
+    return (f"Project it to metres, {target}: gdalwarp -t_srs {code} {request.path.name} utm.tif for grids, pdal or "
+            "QGIS for points.")
 
 
 # ----------------------------------------------------------------------------------------------------- keys of GeoTIFF
@@ -56,6 +86,8 @@ def of_geokeys(keys: dict[int, object], request: Request, middle: tuple[float, f
         refuse_degrees(request, f"EPSG:{keys[2048]}" if 2048 in keys else name or "a geographic system", middle)
     if model == 3:
         raise request.error("its coordinates are geocentric", "Project it to metres, to a zone of UTM for example.")
+    if code in MERCATORS or MERCATOR.search(name or ""):
+        refuse_mercator(request, f"EPSG:{code}" if known else name or str(code), middle)
     unit, unknown = _unit(keys, 3076, 3077, 3072)
     height, unknown_height = _unit(keys, 4099, None, 4096)
     if unknown and not known and name:
@@ -172,6 +204,9 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
                                 "for example.")
         return Reference(unknown_unit="its projection is of no kind that is known")
     system = projected or local
+    method = " ".join(node.values[0] for node in system.find("PROJECTION", "METHOD") if node.values)
+    if (name := _name_of_node(system)) in MERCATOR_NAMES or MERCATOR.search(f"{system.values[:1]} {method}"):
+        refuse_mercator(request, name or method, middle)
     unit, unknown = _unit_of_node(system)
     vertical = next(root.find("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"), None)
     height, unknown_height = _unit_of_node(vertical) if vertical else (None, None)

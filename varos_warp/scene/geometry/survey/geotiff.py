@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
 from varos_warp.scene.geometry.survey.crs import MOST_TEXT, geokeys, of_geokeys
@@ -48,6 +49,13 @@ def read_geotiff(request: Request) -> Raster:
             tags = {number: page.tags.valueof(number) for number in TAGS}
             values = _pixels(page, request)
             mask = None if mask is None else _mask(mask, request)
+        if (outside := beside(request.path, f"{request.path.suffix}.msk")) is not None:
+            with tifffile.TiffFile(outside) as file:
+                more = _mask(file.pages.first, request)
+            if more.shape != values.shape:
+                raise request.error(f"{outside.name} beside it is a mask of another size", "Write both anew: "
+                                    "gdal_translate in.tif out.tif.")
+            mask = more if mask is None else mask | more
         return _placed(values, mask, tags, request)
     except InputError:
         raise
@@ -98,6 +106,8 @@ def _pixels(page, request) -> np.ndarray:
 
 def _mask(page, request) -> np.ndarray:
     """Return where a mask says that there is nothing, bool [rows, columns]."""
+    if page.samplesperpixel != 1:
+        raise request.error(f"its mask has {page.samplesperpixel} bands", REWRITE)
     _check_pixels(page, request)
     return np.asarray(page.asarray(squeeze=True)).reshape(page.imagelength, page.imagewidth) == 0
 

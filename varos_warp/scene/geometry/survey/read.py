@@ -25,6 +25,8 @@ READERS: dict[str, Callable[[Request], Raster | Cloud]] = {
     **dict.fromkeys(TEXTS, read_points), **dict.fromkeys(CLOUDS, read_las)}
 FILLS = (-9999.0, -99999.0, -32768.0, -32767.0, 32767.0, 9999.0, 99999.0, 1e5, -1e5)
 """Numbers that many programs write where they know no height."""
+MANY_ZEROS = 0.1
+"""Share of values that are 0 from which they may well stand for none."""
 FARTHEST_M = 1e9
 """Of coordinates and heights; beyond, the unit or the value for none is wrong."""
 
@@ -96,7 +98,10 @@ def _read(request: Request) -> Raster | Cloud:
 
 
 def _unread(path: Path) -> list[str]:
-    """Return a warning of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
+    """Return warnings of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
+    mask = path.with_name(f"{path.name}.msk")
+    if ending(path.name) in GRIDS and ending(path.name) not in GEOTIFFS and mask.is_file():
+        return [f"{mask.name} is a mask, which is read beside GeoTIFF only; gdal_translate to .tif writes it so"]
     beside = path.with_name(f"{path.name}.aux.xml")
     if ending(path.name) not in GRIDS or not beside.is_file():
         return []
@@ -133,9 +138,19 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
     common = [fill for fill in FILLS if fill in (float(np.nanmin(heights)), float(np.nanmax(heights)))]
     if common and asked.nodata is None:
         read.notes.append(f"values of {common[0]:g} look as if they stood for none; if so give nodata: {common[0]:g}")
+    read.notes.extend(_zeros(heights, asked) if isinstance(read, Raster) else [])
     heights *= factor
     heights += asked.height_offset_m
     return _checked(read, heights, request)
+
+
+def _zeros(heights: np.ndarray, asked: Heights) -> list[str]:
+    """Return a note of many values that are 0 in a grid without any that stands for none."""
+    black = asked.height_range_m[0] if asked.height_range_m else 0.0
+    share = np.count_nonzero(heights == black) / heights.size
+    if asked.nodata is not None or np.isnan(heights).any() or not MANY_ZEROS <= share < 1.0:
+        return []
+    return [f"{share:.0%} of its values are 0; if they stand for none give nodata: 0"]
 
 
 def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
@@ -237,6 +252,10 @@ def _doubts(facts: dict, asked: Heights) -> list[str]:
     if max(abs(xmin), abs(xmax)) <= 360.0 and max(abs(ymin), abs(ymax)) <= 90.0 and high - low > 5.0 * wide:
         found.append(f"its heights differ by {high - low:.3g} m over {wide:.3g} m: its coordinates may be degrees, "
                      "which must be projected to metres, or its heights have another unit")
+    stated = asked.positive or asked.height_range_m or (asked.origin and asked.origin[2])
+    if low > 0.0 and not stated:
+        found.append(f"its heights are all above 0, {low:.3g} to {high:.3g} m; if they are depths, give "
+                     "positive: down")
     if facts["holes"]:
         what = "preprocess fills those that are narrow enough" if asked.preprocess else (
             "they are left open (preprocess: {fill_holes_m: WIDTH} fills them)")
