@@ -50,7 +50,7 @@ class Columns(Block):
 
     @property
     def all_of_them(self) -> list[Column]:
-        """Return all columns that are given."""
+        """All columns that are given."""
         turn = next(filter(None, (self.quaternion, self.euler, self.euler_deg)), ())
         return [self.time, *self.position, *turn]
 

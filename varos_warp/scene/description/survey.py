@@ -86,7 +86,7 @@ class Heights(Placed):
 
     @property
     def files(self) -> list[str]:
-        """Return the names of its files."""
+        """The names of its files."""
         return [self.file] if isinstance(self.file, str) else self.file
 
     @model_validator(mode="after")
@@ -108,7 +108,7 @@ class Heights(Placed):
 
 
 def ending(name: str) -> str:
-    """Return the ending of a file's name, in small letters, with its dot."""
+    """The ending of a file's name, in small letters, with its dot."""
     return PurePath(name).suffix.lower()
 
 

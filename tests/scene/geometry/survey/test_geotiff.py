@@ -1,7 +1,11 @@
 """GeoTIFF files are read as GDAL reads them (through rasterio), or refused by name."""
 
+import contextlib
 import re
+import tracemalloc
+import zlib
 
+import imagecodecs
 import numpy as np
 import pytest
 import rasterio
@@ -301,9 +305,11 @@ def test_a_file_that_ends_too_early_is_refused(tmp_path):
     assert "copy" in refusal(path).remedy
 
 
-def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path):
-    import zlib
-
+@pytest.mark.parametrize(("installed", "said"), [(True, "cannot be read as a TIFF"), (False, "more than its size")])
+def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path, monkeypatch, installed, said):
+    """Imagecodecs keeps to the size itself; without it blocks are looked at before they are unpacked."""
+    if not installed:
+        monkeypatch.setattr(geotiff, "find_spec", lambda name: None)
     path = write_geotiff(tmp_path / "a.tif", np.random.default_rng(1).random((100, 100)), compression="deflate")
     with tifffile.TiffFile(path) as file:
         place, count = file.pages[0].dataoffsets[0], file.pages[0].databytecounts[0]
@@ -311,7 +317,26 @@ def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path):
     data = bytearray(path.read_bytes())
     data[place:place + count] = bomb[:count].ljust(count, b"\0")
     path.write_bytes(data)
-    assert "unpacks to more than its size" in refusal(path).message
+    tracemalloc.start()
+    assert said in refusal(path).message
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("compression", ["lzw", "zstd"])
+def test_blocks_of_other_kinds_that_unpack_to_more_than_their_size_take_no_more_memory(tmp_path, compression):
+    path = write_geotiff(tmp_path / "a.tif", np.random.default_rng(1).random((100, 100)), compression=compression)
+    with tifffile.TiffFile(path) as file:
+        place, count = file.pages[0].dataoffsets[0], file.pages[0].databytecounts[0]
+    bomb = getattr(imagecodecs, f"{compression}_encode")(bytes(30_000_000))
+    data = bytearray(path.read_bytes())
+    data[place:place + count] = bomb[:count].ljust(count, b"\0")
+    path.write_bytes(data)
+    tracemalloc.start()
+    with contextlib.suppress(InputError):
+        read(path, region=[EAST, NORTH, EAST + 2, NORTH + 2])
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
 
 
 def test_more_pixels_than_the_limit_are_refused(tmp_path, monkeypatch):

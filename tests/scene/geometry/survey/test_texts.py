@@ -68,6 +68,11 @@ def test_minus_9999_stands_for_none_where_the_header_does_not_say(tmp_path):
     assert np.isnan(asc.read_asc(request(tmp_path / "a.asc")).values).tolist() == [[False, True], [False, False]]
 
 
+def test_a_first_height_that_is_nan_is_no_word_of_the_header(tmp_path):
+    (tmp_path / "a.asc").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\nnan 2\n3 4\n")
+    assert np.isnan(asc.read_asc(request(tmp_path / "a.asc")).values).tolist() == [[True, False], [False, False]]
+
+
 @pytest.mark.parametrize(("change", "said"), [
     (("ncols 7", "ncols 8"), "5 x 8 heights, but 35 are there"), (("nrows 5", "nrows 4"), "more follow"),
     (("ncols 7", "ncols 7.5"), "ncols is 7.5"), (("cellsize 0.5", "cellsize -0.5"), "not positive and finite"),

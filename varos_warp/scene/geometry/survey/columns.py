@@ -97,12 +97,12 @@ class Table:
         return []
 
     def words(self, line: str) -> list[str]:
-        """Return the columns of a line."""
+        """The columns of a line."""
         cells = line.strip(" \r\n").split(self.delimiter)
         return [word.strip().strip('"\'') for word in cells]
 
     def lines(self, file):
-        """Return the lines with numbers, with decimal points.
+        """The lines with numbers, with decimal points.
 
         Raises:
             ValueError: A line has more or fewer separators than the first.
@@ -196,7 +196,7 @@ def _with_units_of_header(reference: Reference, table: Table, columns: list[int]
 
 
 def _numbers(table: Table, columns: list[int]) -> np.ndarray:
-    """Return the numbers of columns, [N, 3]; NaN for heights that are missing."""
+    """The numbers of columns, [N, 3]; NaN for heights that are missing."""
     request = table.request
     try:
         try:
@@ -222,7 +222,7 @@ def _loaded(table: Table, columns: list[int], converters) -> np.ndarray:
 
 
 def _columns(table: Table) -> list[int]:
-    """Return the numbers, from 0, of the columns of x, y and height."""
+    """The numbers, from 0, of the columns of x, y and height."""
     asked, request = table.request.asked, table.request
     bare = _bare(table.names)
     if asked.columns is not None:
@@ -243,7 +243,7 @@ def _columns(table: Table) -> list[int]:
 
 
 def _known_columns(table: Table, bare: list[str]) -> list[int]:
-    """Return the numbers, from 0, of the columns whose names tell that they are x, y and height."""
+    """The numbers, from 0, of the columns whose names tell that they are x, y and height."""
     places = [place for place in _places(bare) if place is not None]
     if len(places) == 3:
         return places
@@ -255,7 +255,7 @@ def _known_columns(table: Table, bare: list[str]) -> list[int]:
 
 
 def _column(column, i, names, bare, request) -> int:
-    """Return the number, from 0, of a column that the block names."""
+    """The number, from 0, of a column that the block names."""
     if isinstance(column, int):
         return column - 1
     for known in ([name.lower() for name in names], bare):

@@ -51,7 +51,7 @@ def refuse_mercator(request: Request, name: str, middle: tuple[float, float] | N
 
 
 def _utm(longitude: float, latitude: float) -> str | None:
-    """Return the UTM zone of a place in words, if there is one."""
+    """The UTM zone of a place in words, if there is one."""
     if not (abs(longitude) <= 180.0 and abs(latitude) <= 84.0):
         return None
     zone = min(int((longitude + 180.0) // 6.0) + 1, 60)
@@ -101,7 +101,7 @@ def _is_depth(name: str) -> bool:
 
 
 def _unit(keys, key, size_key, system_key) -> tuple[float | None, str | None]:
-    """Return the metres in the unit that a key names, else in that of the system, and what is named if unknown."""
+    """The metres in the unit that a key names, else in that of the system, and what is named if unknown."""
     code, system = keys.get(key), keys.get(system_key)
     if code is None:
         if system is None:
@@ -114,7 +114,7 @@ def _unit(keys, key, size_key, system_key) -> tuple[float | None, str | None]:
 
 
 def unit_of_system(code: object) -> float | None:
-    """Return the metres in a unit of a projected or vertical system by its EPSG code; None if it is not known."""
+    """The metres in a unit of a projected or vertical system by its EPSG code; None if it is not known."""
     if not isinstance(code, int):
         return None
     first, last, metres = _systems()
@@ -124,7 +124,7 @@ def unit_of_system(code: object) -> float | None:
 
 @cache
 def _systems() -> tuple[list[float], list[float], list[float]]:
-    """Return the first and last codes of runs of systems, and the metres in their unit."""
+    """The first and last codes of runs of systems, and the metres in their unit."""
     text = (resources.files("varos_warp") / "data" / "epsg_units.csv").read_text(encoding="utf-8")
     rows = [list(map(float, line.split(","))) for line in text.splitlines()[3:]]
     first, last, metres = zip(*rows, strict=True)
@@ -132,7 +132,7 @@ def _systems() -> tuple[list[float], list[float], list[float]]:
 
 
 def geokeys(directory, doubles, text: str) -> dict[int, object]:
-    """Return the values of the keys of a GeoKeyDirectory, its numbers and its text, without what is damaged."""
+    """The values of the keys of a GeoKeyDirectory, its numbers and its text, without what is damaged."""
     keys: dict[int, object] = {}
     for key, place, count, value in zip(*[iter(directory[4:])] * 4, strict=False):
         if place == 0:
@@ -166,12 +166,12 @@ class Node:
             waiting += node.nodes
 
     def inside(self, *names: str) -> list["Node"]:
-        """Return the nodes of these names right inside this one."""
+        """The nodes of these names right inside this one."""
         return [node for node in self.nodes if node.name in names]
 
 
 def parse_wkt(text: str) -> Node:
-    """Return a node around a well-known text; brackets that are not closed end with the text."""
+    """A node around a well-known text; brackets that are not closed end with the text."""
     root = Node("")
     stack = [root]
     for match in TOKEN.finditer(text[:MOST_TEXT]):
@@ -216,7 +216,7 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
 
 
 def _name_of_node(node: Node) -> str | None:
-    """Return EPSG's number of a system, else its name."""
+    """EPSG's number of a system, else its name."""
     for authority in node.inside("AUTHORITY", "ID"):
         if len(authority.values) >= 2 and authority.values[0].upper() == "EPSG":
             return f"EPSG:{authority.values[1]}"
@@ -224,7 +224,7 @@ def _name_of_node(node: Node) -> str | None:
 
 
 def _unit_of_node(node: Node) -> tuple[float | None, str | None]:
-    """Return the metres in the unit of a system, and its name if that is no number."""
+    """The metres in the unit of a system, and its name if that is no number."""
     units = node.inside("UNIT", "LENGTHUNIT") or [unit for axis in node.inside("AXIS")
                                                   for unit in axis.inside("UNIT", "LENGTHUNIT")]
     name = (node.values or ["its system"])[0]

@@ -55,7 +55,7 @@ def read_array(request: Request) -> Raster:
 
 
 def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
-    """Return the places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
+    """The places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
 
     Args:
         shape: Rows and columns.
@@ -72,7 +72,7 @@ def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = N
 
 
 def world_file(request: Request) -> np.ndarray | None:
-    """Return the places of the middles of the pixels by the world file beside a picture, [2, 3]; None without one.
+    """The places of the middles of the pixels by the world file beside a picture, [2, 3]; None without one.
 
     It has six numbers: what x and y grow by along a row, what they grow by down a column, and the middle of the first
     pixel.
@@ -94,7 +94,7 @@ def world_file(request: Request) -> np.ndarray | None:
 
 
 def centred(shape: tuple[int, ...], request: Request) -> np.ndarray:
-    """Return the places of nodes about the middle of their grid, float64 [2, 3], as the keys of the block say."""
+    """The places of nodes about the middle of their grid, float64 [2, 3], as the keys of the block say."""
     asked = request.asked
     if asked.pixel_m is None:
         raise request.error("the file does not say where it lies", "Give the distance of neighbouring nodes in metres, "
@@ -107,7 +107,7 @@ def centred(shape: tuple[int, ...], request: Request) -> np.ndarray:
 
 def to_heights(values: np.ndarray, nodata: float | None, request: Request, *, measured: bool,
                mask: np.ndarray | None = None) -> np.ndarray:
-    """Return values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
+    """Values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
 
     Args:
         values: As the file holds them.

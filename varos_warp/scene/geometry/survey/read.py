@@ -68,7 +68,7 @@ def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str 
 
 
 def _joined(found: list, paths: list[Path], key: str) -> tuple[Raster | Cloud, str | None]:
-    """Return what files hold as one grid or as points, and the name of their system or None."""
+    """What files hold as one grid or as points, and the name of their system or None."""
     if len({type(each) for each in found}) > 1:
         raise InputError("grids and points cannot be joined", file=paths[0], key=f"{key}.file",
                          remedy="Name files of one kind, or join meshes with `varos-warp preprocess`.")
@@ -98,7 +98,7 @@ def _read(request: Request) -> Raster | Cloud:
 
 
 def _unread(path: Path) -> list[str]:
-    """Return warnings of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
+    """Warnings of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
     mask = path.with_name(f"{path.name}.msk")
     if ending(path.name) in GRIDS and ending(path.name) not in GEOTIFFS and mask.is_file():
         return [f"{mask.name} is a mask, which is read beside GeoTIFF only; gdal_translate to .tif writes it so"]
@@ -116,7 +116,7 @@ def _unread(path: Path) -> list[str]:
 
 
 def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
-    """Return coordinates and heights in metres, up, with the offset, in the region.
+    """Coordinates and heights in metres, up, with the offset, in the region.
 
     Raises:
         InputError: The unit or the sign is not known, or nothing is left.
@@ -145,7 +145,7 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
 
 
 def _zeros(heights: np.ndarray, asked: Heights) -> list[str]:
-    """Return a note of many values that are 0 in a grid without any that stands for none."""
+    """A note of many values that are 0 in a grid without any that stands for none."""
     black = asked.height_range_m[0] if asked.height_range_m else 0.0
     share = np.count_nonzero(heights == black) / heights.size
     if asked.nodata is not None or np.isnan(heights).any() or not MANY_ZEROS <= share < 1.0:
@@ -154,7 +154,7 @@ def _zeros(heights: np.ndarray, asked: Heights) -> list[str]:
 
 
 def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
-    """Return what lies in a region xmin, ymin, xmax, ymax."""
+    """What lies in a region xmin, ymin, xmax, ymax."""
     if isinstance(read, Raster):
         return grid.window(read, region)
     places = read.points[:, :2]
@@ -163,7 +163,7 @@ def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
 
 
 def _checked(read, heights, request):
-    """Return the same, if all of it lies where a sea floor can."""
+    """The same, if all of it lies where a sea floor can."""
     far = float(np.nanmax(np.abs(heights)))
     if far > FARTHEST_M:
         raise request.error(f"a height is {far:.3g} m", "Give nodata if this stands for none, or the unit.", "nodata")
@@ -174,7 +174,7 @@ def _checked(read, heights, request):
 
 
 def _units(reference, request) -> tuple[float, float]:
-    """Return the metres in a unit of x and y, and in a unit of the heights."""
+    """The metres in a unit of x and y, and in a unit of the heights."""
     asked = request.asked
     choices = "Give m, ft or us_ft."
     if asked.unit is not None:
@@ -210,7 +210,7 @@ def _downwards(reference, request) -> bool:
 
 
 def _surface_of_grid(raster: Raster, asked: Heights, path: Path, key: str):
-    """Return vertices, faces and facts of a grid."""
+    """Vertices, faces and facts of a grid."""
     read, block = raster, (1, 1)
     if asked.resolution_m is not None:
         raster, block = grid.thinned(raster, asked.resolution_m)
@@ -228,7 +228,7 @@ def _surface_of_grid(raster: Raster, asked: Heights, path: Path, key: str):
 
 
 def _surface_of_points(cloud: Cloud, asked: Heights, path: Path, key: str):
-    """Return vertices, faces and facts of scattered points."""
+    """Vertices, faces and facts of scattered points."""
     points = cloud.points if asked.resolution_m is None else scattered.block_means(cloud.points, asked.resolution_m)
     alone = scattered.merge_stacked(points)
     try:
@@ -246,7 +246,7 @@ def _facts(vertices, holes) -> dict:
 
 
 def _doubts(facts: dict, asked: Heights) -> list[str]:
-    """Return warnings of what looks wrong."""
+    """Warnings of what looks wrong."""
     found, (xmin, ymin, xmax, ymax), (low, high) = [], facts["extent_m"], facts["heights_m"]
     wide = max(xmax - xmin, ymax - ymin)
     if max(abs(xmin), abs(xmax)) <= 360.0 and max(abs(ymin), abs(ymax)) <= 90.0 and high - low > 5.0 * wide:
