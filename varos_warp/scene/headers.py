@@ -49,7 +49,7 @@ class Name(NamedTuple):
     """The name of a column, and what it says of its unit."""
 
     base: str
-    """In small letters, without the unit."""
+    """The name in small letters, without the unit."""
     unit: str | None = None
     """One of those that were looked for; None: the name has none."""
     unknown: str | None = None

@@ -15,7 +15,7 @@ from varos_warp.scene.courses.lines import Row
 from varos_warp.scene.headers import NANOSECONDS, is_number
 
 MOST_NS = 2**63 - 1
-"""Of a time: the year 2262."""
+"""The last time that is read, in the year 2262."""
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}
 """What parts the cells of a row, and what it is called; None: any blanks."""
 

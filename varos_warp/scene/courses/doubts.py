@@ -8,7 +8,7 @@ from varos_warp.scene.courses.layout import Layout
 from varos_warp.scene.description.vehicle import Trajectory
 
 GAP = 10.0
-"""Times the median step that the way from one pose to the next may take unsaid."""
+"""How many median steps the way from one pose to the next may take unsaid."""
 USUAL = {"TUM": "camera", "EuRoC": "IMU"}
 """Whose poses files of a format mostly are."""
 UPSIDE_DOWN = -0.5

@@ -48,7 +48,7 @@ class Layout:
     """What a table is, and where its numbers are."""
 
     format: str
-    """In words."""
+    """Its name in words."""
     cells: Cells
     """Its columns are those of the position, then those of the attitude."""
     attitude: str

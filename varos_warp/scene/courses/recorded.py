@@ -33,7 +33,7 @@ MOST_SMOOTHED = 5000.0
 OUR_FILES = re.compile(r"(vehicle\w|vehicles\.\w|cam(?P<camera>\w\w)|(?P<sensor>imu0|depth0|mag0|dvl0))_poses_")
 """Names of files of poses in our datasets, which say whose they are."""
 LARGEST_ANGLE = 1e6
-"""[rad] or [degrees]; much larger ones would lose all digits to whole turns."""
+"""The largest angle that is read [rad] or [degrees]; much larger ones would lose all digits to whole turns."""
 WORDS = {"of": "vehicle", "frame": "enu", "attitude": "recorded"}
 """What holds where the scene does not say."""
 
@@ -142,7 +142,7 @@ def _table(path: Path, course: Trajectory) -> tuple[Layout, np.ndarray, np.ndarr
 
 
 def _check_times(layout: Layout, lines: np.ndarray, time_ns: np.ndarray) -> None:
-    """Times increase."""
+    """Refuse times that do not increase."""
     backward = np.flatnonzero(time_ns[1:] <= time_ns[:-1])
     if backward.size:
         i = int(backward[0])
@@ -257,7 +257,7 @@ def _frame(course: Trajectory, layout: Layout) -> str:
 
 
 def _stated(course: Trajectory, layout: Layout) -> dict[str, str]:
-    """Of what the poses are and in which axes, with what holds where the scene does not say."""
+    """What the poses are of and in which axes they are, with what holds where the scene does not say."""
     about = {key: getattr(course, key) or word for key, word in WORDS.items()} | {"frame": _frame(course, layout)}
     if about["of"] == "vehicle" and about["attitude"] == "recorded":
         usual = "rfu" if layout.is_ours else "flu" if about["frame"] == "enu" else "frd"

@@ -398,3 +398,12 @@ def test_mercator_is_refused_with_the_factor_by_which_it_is_wrong(tmp_path, crs)
     error = refusal(path)
     assert "2 times too long at its latitude of 60.0 degrees" in error.message
     assert "EPSG:32632" in error.remedy
+
+
+@pytest.mark.parametrize(("step", "keys", "told"), [(100, {}, True), (100, {"height_scale": 1}, False),
+                                                    (100, {"height_scale": 0.01}, False), (0.2, {}, False)])
+def test_whole_numbers_that_look_like_centimetres_are_told_of(tmp_path, step, keys, told):
+    """Heights that fall by 34 steps over the 3 m of the grid."""
+    path = write_by_gdal(tmp_path / "a.tif", -(step * np.arange(35).reshape(5, 7)).astype(np.int16) - 1)
+    found = [words for words in read(path, **keys).warnings if "height_scale: 0.01" in words]
+    assert len(found) == told

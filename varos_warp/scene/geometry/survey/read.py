@@ -27,8 +27,10 @@ FILLS = (-9999.0, -99999.0, -32768.0, -32767.0, 32767.0, 9999.0, 99999.0, 1e5, -
 """Numbers that many programs write where they know no height."""
 MANY_ZEROS = 0.1
 """Share of values that are 0 from which they may well stand for none."""
+STEEPEST = 2.0
+"""Range of heights in widths of a survey, beyond which heights are rather in another unit."""
 FARTHEST_M = 1e9
-"""Of coordinates and heights; beyond, the unit or the value for none is wrong."""
+"""The largest coordinate or height; beyond, the unit or the value for none is wrong."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,8 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
     common = [fill for fill in FILLS if fill in (float(np.nanmin(heights)), float(np.nanmax(heights)))]
     if common and asked.nodata is None:
         read.notes.append(f"values of {common[0]:g} look as if they stood for none; if so give nodata: {common[0]:g}")
-    read.notes.extend(_zeros(heights, asked) if isinstance(read, Raster) else [])
+    if isinstance(read, Raster):
+        read.notes.extend([*_zeros(heights, asked), *_steep(read, factor, asked)])
     heights *= factor
     heights += asked.height_offset_m
     return _checked(read, heights, request)
@@ -151,6 +154,18 @@ def _zeros(heights: np.ndarray, asked: Heights) -> list[str]:
     if asked.nodata is not None or np.isnan(heights).any() or not MANY_ZEROS <= share < 1.0:
         return []
     return [f"{share:.0%} of its values are 0; if they stand for none give nodata: 0"]
+
+
+def _steep(read: Raster, factor: float, asked: Heights) -> list[str]:
+    """A note of whole numbers that differ by more metres than a sea floor does, as those in centimetres do."""
+    low, high = np.nanmin(read.values), np.nanmax(read.values)
+    wide = float(np.ptp(grid.extent(read).reshape(2, 2), axis=0).max())
+    tall = abs(factor) * (high - low)
+    given = asked.height_scale is not None or asked.height_range_m is not None
+    if given or tall <= STEEPEST * wide or not (np.isnan(read.values) | (read.values % 1.0 == 0.0)).all():
+        return []
+    return [f"its heights are whole numbers and differ by {tall:.3g} m over {wide:.3g} m; if they are in cm give "
+            "height_scale: 0.01"]
 
 
 def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
