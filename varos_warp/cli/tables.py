@@ -107,10 +107,10 @@ def _print_imu(imu: dict | None) -> None:
     """How much the readings of the IMU err."""
     if imu is None:
         return
-    noise, units = imu["noise"], {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
+    noise, units = imu["noise"], {"accelerometer": ("m/s^2", "m/s^3"), "gyroscope": ("rad/s", "rad/s^2")}
     told = "no noise" if noise is None else "; ".join(
         f"{sensor} {noise[f'{sensor}_noise_density']:.3g} {unit}/sqrt(Hz), random walk "
-        f"{noise[f'{sensor}_random_walk']:.3g} {unit}/s/sqrt(Hz)" for sensor, unit in units.items())
+        f"{noise[f'{sensor}_random_walk']:.3g} {change}/sqrt(Hz)" for sensor, (unit, change) in units.items())
     print(f"IMU: {imu['rate_hz']:g} Hz, {told}")
 
 

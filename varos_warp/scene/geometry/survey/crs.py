@@ -28,11 +28,13 @@ MERCATOR_NAMES = tuple(f"EPSG:{code}" for code in MERCATORS)
 MERCATOR = re.compile(r"(pseudo|web|world)[ _-]?mercator|mercator[ _-]auxiliary[ _-]sphere|google[ _-]maps", re.I)
 """What they are called."""
 EARTH_M = 6378137.0
+"""Radius of the sphere of web maps."""
+SOME_ZONE = "EPSG:32632 for UTM zone 32 north, or another zone"
 
 
 def refuse_degrees(request: Request, name: str, middle: tuple[float, float] | None = None):
     """Refuse longitudes and latitudes, and tell the UTM zone of the middle, if that is known and there is one."""
-    target = (middle and _utm(*middle)) or "EPSG:32632 for UTM zone 32 north"
+    target = (middle and _utm(*middle)) or SOME_ZONE
     raise request.error(f"its coordinates are degrees ({name}), which are no lengths", _project(request, target))
 
 
@@ -41,7 +43,7 @@ def refuse_mercator(request: Request, name: str, middle: tuple[float, float] | N
 
     On a sphere of radius R a metre of ground at y = R arsinh(tan(latitude)) is cosh(y / R) = 1 / cos(latitude) long.
     """
-    by, target = "", "EPSG:32632 for UTM zone 32 north"
+    by, target = "", SOME_ZONE
     if middle is not None and abs(middle[1]) < 4.0 * EARTH_M and abs(middle[0]) <= math.pi * EARTH_M:
         latitude = math.degrees(math.atan(math.sinh(middle[1] / EARTH_M)))
         by = f": {math.cosh(middle[1] / EARTH_M):.3g} times too long at its latitude of {latitude:.1f} degrees"
