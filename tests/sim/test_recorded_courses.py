@@ -37,7 +37,8 @@ def circle(count=400, step_s=STEP_S, epoch="1403636579", rate=RATE):
 def scene(tmp_path):
     def make(text, blocks=None, **trajectory):
         (tmp_path / "course.txt").write_text(text)
-        return scene_from_dict({"trajectory": {"file": "course.txt", "of": "vehicle", **trajectory}, **(blocks or {})}, tmp_path)
+        course = {"file": "course.txt", "of": "vehicle", **trajectory}
+        return scene_from_dict({"trajectory": course, **(blocks or {})}, tmp_path)
 
     return make
 

@@ -121,7 +121,8 @@ def test_a_remark_of_another_order_than_that_of_tum_is_not_passed_over(course, r
 
 
 @pytest.mark.parametrize("remark", ["# quaternions are qx qy qz qw", "# orientation xyzw", "# time x y z x y z w",
-                                    "# the x, y and z axes of a world"])
+                                    "# the x, y and z axes of a world",
+                                    "# all w.r.t. x, y, z of the map"])
 def test_a_remark_of_the_order_of_tum_or_of_none_changes_nothing(course, remark):
     assert course(f"{remark}\n{PLACES}", body="rfu").about["format"] == "TUM"
 

@@ -91,7 +91,7 @@ def order_of_angles(names: Sequence[str], order: str, body: str | None) -> Found
 
 def order_of_quaternion(remark: str) -> str | None:
     """The order of the four parts of a quaternion, such as wxyz, that a remark tells; None: it tells none."""
-    text = remark.lower()
+    text = remark.lower().replace("w.r.t", "")
     if re.search(r"\b(scalar|w)[ -]first\b", text):
         return "wxyz"
     parts = re.findall(r"(?<![a-z])q(?:uat)?[_. ]?([wxyz])(?![a-z])", text)

@@ -385,9 +385,9 @@ def test_a_mask_beside_the_file_tells_where_there_is_nothing(tmp_path, name):
 def test_a_mask_of_another_size_beside_the_file_is_refused(tmp_path):
     path = write_by_gdal(tmp_path / "a.tif", asymmetric())
     tifffile.imwrite(tmp_path / "a.tif.msk", np.zeros((4, 7), np.uint8), metadata=None)
-    assert "a.tif.msk beside it is a mask of another size" in refusal(path).message
+    assert "a.tif.msk: terrain.file: is a mask of another size" in refusal(path).message
     (tmp_path / "a.tif.msk").write_bytes(b"no mask")
-    assert "cannot be read" in refusal(path).message
+    assert "a.tif.msk: terrain.file: cannot be read as a TIFF" in refusal(path).message
 
 
 @pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395", "ESRI:102100"])

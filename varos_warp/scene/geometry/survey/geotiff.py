@@ -51,12 +51,9 @@ def read_geotiff(request: Request) -> Raster:
             tags = {number: page.tags.valueof(number) for number in TAGS}
             values = _pixels(page, request)
             mask = None if mask is None else _mask(mask, request)
-        if (outside := beside(request.path, f"{request.path.suffix}.msk")) is not None:
-            with tifffile.TiffFile(outside) as file:
-                more = _mask(file.pages.first, request)
-            if more.shape != values.shape:
-                raise request.error(f"{outside.name} beside it is a mask of another size", "Write both anew: "
-                                    "gdal_translate in.tif out.tif.")
+        outside = beside(request.path, f"{request.path.suffix}.msk")
+        if outside is not None:
+            more = _mask_beside(replace(request, path=outside), values.shape)
             mask = more if mask is None else mask | more
         return _placed(values, mask, tags, request)
     except InputError:
@@ -112,6 +109,23 @@ def _mask(page, request) -> np.ndarray:
         raise request.error(f"its mask has {page.samplesperpixel} bands", REWRITE)
     _check_pixels(page, request)
     return np.asarray(page.asarray(squeeze=True)).reshape(page.imagelength, page.imagewidth) == 0
+
+
+def _mask_beside(request: Request, shape: tuple[int, ...]) -> np.ndarray:
+    """Where GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(request.path) as file:
+            mask = _mask(file.pages.first, request)
+    except InputError:
+        raise
+    except Exception as error:  # tifffile raises many kinds
+        raise _unread(error, request) from error
+    if mask.shape != shape:
+        raise request.error("is a mask of another size than the heights beside it",
+                            "Write both anew: gdal_translate in.tif out.tif.")
+    return mask
 
 
 def _check_pixels(page, request) -> None:
