@@ -41,6 +41,8 @@ NOT_BEHIND_A_SIGN = ("in", "d", "h", "grad")
 """Names of units that are rather something else behind a sign: ``pos_d`` is down."""
 MARKS = "#%!/; \t"
 """What a remark begins with."""
+LONGEST_REMARK = 20_000
+"""Letters of a remark beyond which it names no columns."""
 NAME = re.compile(r'"[^"]*"|\'[^\']*\'|[^\s\[({]+(?:\s*[\[({][^\])}]{0,40}[\])}])?\S*|\S+')
 """A name where blanks stand between them, with the unit in brackets behind it."""
 
@@ -60,14 +62,26 @@ def parse_name(text: str, units: Mapping[str, object]) -> Name:
     """The parts of a column's name, where its unit would be one of ``units``."""
     text = text.strip().lstrip("#%").strip().lower()
     if bracketed := re.search(r"^([^\[({]*)[\[({]([^\])}]*)", text):
-        base, inside = re.sub(r"[\W_]+$", "", bracketed[1]).strip(), bracketed[2].strip()
-        if inside in units:
-            return Name(base, inside)
-        return Name(base, None, inside or None)
-    parts = re.search(r"^(.*?)[\W_]+(us[_-]ft|[^\W_]+)\W*$", text)
-    if parts and parts[1] and parts[2] in units and parts[2] not in NOT_BEHIND_A_SIGN:
-        return Name(parts[1], parts[2])
+        base, inside = _up_to_a_letter(bracketed[1]), bracketed[2].strip()
+        return Name(base, inside) if inside in units else Name(base, None, inside or None)
+    whole = _up_to_a_letter(text)
+    start = len(whole)
+    while start and whole[start - 1].isalnum():
+        start -= 1
+    base, unit = _up_to_a_letter(whole[:start]), whole[start:]
+    if unit == "ft" and base[-3:] in ("_us", " us", "-us"):
+        base, unit = _up_to_a_letter(base[:-3]), "us_ft"
+    if base and unit in units and unit not in NOT_BEHIND_A_SIGN:
+        return Name(base, unit)
     return Name(text)
+
+
+def _up_to_a_letter(text: str) -> str:
+    """A text without signs at its end; no pattern, which would take long for as many signs as some files have."""
+    end = len(text)
+    while end and not text[end - 1].isalnum():
+        end -= 1
+    return text[:end]
 
 
 def split_names(text: str, separator: str | None) -> list[str]:
@@ -91,10 +105,14 @@ def names_in_remark(text: str, width: int, separator: str | None) -> Iterator[li
         width: Columns of the table.
         separator: What stands between its cells; names may have another between them.
     """
+    if len(text) > LONGEST_REMARK:
+        return
     text = text.strip().lstrip(MARKS)
     without = re.sub(r"^[^:\[(,;\t]{1,40}:\s*", "", text)
     for words in dict.fromkeys((text, without)):
         for between in dict.fromkeys((separator, ",", ";", "\t", None)):
+            if between is not None and between not in words:
+                continue
             names = split_names(words, between)
             if len(names) == width and not any(map(is_number, names)):
                 yield names

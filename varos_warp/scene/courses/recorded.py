@@ -26,7 +26,7 @@ from varos_warp.scene.description.vehicle import Pose, Trajectory
 KEY = "trajectory.file"
 FARTHEST_M = 1e9
 """Coordinates beyond are refused, as those of a scene file are."""
-MOST_REMARKS = 1000
+MOST_REMARKS = 100
 """Remarks above the poses that are kept, the last ones."""
 MOST_SMOOTHED = 5000.0
 """Median steps in the period of smoothing, beyond which its equations lose digits that matter [1e-6 m]."""
