@@ -35,10 +35,12 @@ TIMES = {
 ANGLES: dict[str, tuple[str, float]] = {
     **dict.fromkeys(("rad", "rads", "radian", "radians"), ("rad", 1.0)), "mrad": ("rad", 1e-3),
     **dict.fromkeys(("deg", "degs", "degree", "degrees", "\xb0", "\xba"), ("deg", 1.0)), "cdeg": ("deg", 0.01),
-    **dict.fromkeys(("gon", "grad", "gradian", "gradians"), ("deg", 0.9))}
+    **dict.fromkeys(("gon", "gradian", "gradians"), ("deg", 0.9))}
 """Units of angle by their names: radians or degrees, and how many of them a unit is."""
-NOT_BEHIND_A_SIGN = ("in", "d", "h", "grad")
-"""Names of units that are rather something else behind a sign: ``pos_d`` is down."""
+GEOGRAPHIC = {"lon", "long", "longitude", "lat", "latitude", "lng"}
+"""Words in the names of coordinates that are angles."""
+NOT_BEHIND_A_SIGN = ("in",)
+"""Names of units that are rather something else behind a sign."""
 MARKS = "#%!/; \t"
 """What a remark begins with."""
 LONGEST_REMARK = 20_000
@@ -74,6 +76,12 @@ def parse_name(text: str, units: Mapping[str, object]) -> Name:
     if base and unit in units and unit not in NOT_BEHIND_A_SIGN:
         return Name(base, unit)
     return Name(text)
+
+
+def is_geographic(name: str) -> bool:
+    """Whether a column holds longitudes or latitudes, or other angles, by its name or its unit."""
+    parts = parse_name(name, ANGLES)
+    return bool(parts.unit or GEOGRAPHIC & {parts.unknown, *re.split(r"[\W_\d]+", parts.base)})
 
 
 def _up_to_a_letter(text: str) -> str:

@@ -63,7 +63,7 @@ def test_degrees_are_refused_for_columns_that_the_scene_names_or_numbers_too(cou
 
 @pytest.mark.parametrize(("name", "second_ns"), [
     ("t [min]", 60 * 10**9), ("t (h)", 3600 * 10**9), ("time_hours", 3600 * 10**9), ("t/ms", 10**6),
-    ("stamp [\u03bcs]", 10**3), ("sec", 10**9), ("time [days]", 86400 * 10**9)])
+    ("stamp [\u03bcs]", 10**3), ("t_h", 3600 * 10**9), ("time [days]", 86400 * 10**9)])
 def test_times_in_other_units_are_nanoseconds_without_rounding(course, name, second_ns):
     stops = course(f"{name},x,y,z\n0.1,0,0,0\n0.3,1,0,0\n1.1,1,0,0\n", attitude="unrotated")
     assert stops.time_ns.tolist() == [0, second_ns // 5, second_ns]
@@ -188,6 +188,14 @@ def test_columns_that_point_other_ways_than_the_frame_are_refused(course, positi
 
 
 # -------------------------------------------------------------------------------------------------------------- doubts
+
+
+@pytest.mark.parametrize(("frame", "name", "told"), [("enu", "heading", True), ("enu", "yaw", False),
+                                                     ("ned", "heading", False), ("enu", "Hdg [deg]", True)])
+def test_a_heading_that_would_be_read_from_east_is_told_of(course, frame, name, told):
+    text = f"t,x,y,z,roll,pitch,{name}\n0,0,0,0,0,0,90\n1,0,0,0,0,0,90\n"
+    messages = course(text, columns=COLUMNS | {"euler_deg": [5, 6, 7]}, frame=frame).messages
+    assert ["clockwise from north" in words for words in messages] == [True] * told
 
 
 def test_what_is_taken_for_granted_of_tum_and_euroc_is_told(course):

@@ -1,5 +1,7 @@
 """What looks wrong in a recorded course but may be meant, in words."""
 
+import re
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -65,3 +67,14 @@ def upside_down(turned: Rotation, about: dict[str, str]) -> list[str]:
     axes = f"trajectory.body ({about['body']})" if "body" in about else f"how the {about['of']} is mounted"
     return [f"the vehicle is upside down at {share:.0%} of the poses; if it was not, look at {axes} and "
             f"trajectory.frame ({about['frame']})"]
+
+
+def compass(layout: Layout, about: dict[str, str]) -> list[str]:
+    """A heading, which mostly counts clockwise from north, in a frame whose yaw counts the other way from east."""
+    cells = layout.cells
+    names = [cells.names[i] for i in cells.columns[3:]] if layout.attitude.startswith("euler") else []
+    called = [name for name in names if re.search(r"heading|hdg|azimuth", name, re.IGNORECASE)]
+    if about["frame"] != "enu" or about["attitude"] != "recorded" or not called:
+        return []
+    return [f"its column '{called[0]}' is read as a yaw, anticlockwise from east, as frame enu has it; a compass's "
+            "headings are clockwise from north, as in frame: ned"]

@@ -17,7 +17,7 @@ from varos_warp.scene.description.vehicle import Trajectory
 from varos_warp.scene.headers import ANGLES, LENGTHS, TIMES, is_number, names_in_remark, parse_name, split_names
 
 Names = tuple[str, ...]
-TIME_NAMES = ("t", "time", "timestamp", "stamp", "sec", "secs", "seconds")
+TIME_NAMES = ("t", "time", "timestamp", "stamp")
 """Names of columns of times, without their unit."""
 POSITIONS: tuple[Names, ...] = (
     ("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"), ("p_x", "p_y", "p_z"), ("pos_x", "pos_y", "pos_z"),
@@ -178,7 +178,7 @@ class _Finder:
         form, unit = FORMATS.get("".join(usual), ("table", None))
         if form == "TUM" and separator not in (None, "\t"):
             form, unit = "table", None  # much like it, but what wrote it is another program
-        unit = None if parse_name(time, TIMES).unit else unit
+        unit = None if {*parse_name(time, TIMES)[1:]} != {None} else unit
         columns = Columns(time=time, time_unit=unit, position=position,
                           quaternion=turn if len(turn) == 4 else None, euler=turn if len(turn) == 3 else None)
         return self.layout(form, columns, separator, len(self.names), turn if len(turn) == len(MATRIX) else ())

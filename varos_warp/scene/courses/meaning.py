@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from varos_warp.scene.headers import ANGLES, LENGTHS, parse_name
+from varos_warp.scene.headers import ANGLES, LENGTHS, is_geographic, parse_name
 
 DIRECTIONS = {
     **dict.fromkeys(("e", "east", "easting", "eastings", "utm_e", "utm_east", "utm_easting"), "east"),
@@ -13,8 +13,6 @@ DIRECTIONS = {
 """Which way a coordinate grows, by its name. Altitude is none: of vehicles in water it is that above the bottom."""
 FRAMES = {"enu": ("east", "north", "up"), "ned": ("north", "east", "down")}
 """Which way the axes of a frame point."""
-GEOGRAPHIC = ("lon", "long", "longitude", "lat", "latitude", "lng")
-"""Names of coordinates that are angles."""
 TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "heading": "yaw", "hdg": "yaw", "azimuth": "yaw"}
 """Which of the three angles one is, by a word of its name."""
 GREEK = {"phi": "roll", "theta": "pitch", "psi": "yaw"}
@@ -42,8 +40,7 @@ def frames_told(names: Sequence[str]) -> list[str]:
 def geographic_position(names: Sequence[str]) -> Found | None:
     """That columns hold longitudes or latitudes, if a name or its unit says so."""
     for name in names:
-        plain = parse_name(name, ANGLES)
-        if plain.unit or plain.unknown in GEOGRAPHIC or {*re.split(r"[\W_\d]+", plain.base)} & {*GEOGRAPHIC}:
+        if is_geographic(name):
             return (f"column '{name}' holds degrees, which are no lengths",
                     "Project the course to metres, to a zone of UTM for example, and give trajectory.origin there.")
     return None

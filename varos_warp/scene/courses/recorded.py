@@ -106,8 +106,9 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
     told = [*doubts.gaps(seconds, step_s, lines), *doubts.whole_times(layout, seconds, step_s),
             *doubts.odd_angles(layout, turned, values[:, 3:]), *doubts.whose_poses(layout, course)]
     place, turned, changes = _poses(scene, layout, seconds, values[:, :3], turned)
-    told += doubts.upside_down(turned, _stated(course, layout))
-    about = {"file": path.name, "format": layout.format, **_stated(course, layout), "poses": len(lines),
+    stated = _stated(course, layout)
+    told += [*doubts.upside_down(turned, stated), *doubts.compass(layout, stated)]
+    about = {"file": path.name, "format": layout.format, **stated, "poses": len(lines),
              "step_s": step_s, **changes}
     time_ns = time_ns - time_ns[0] - start_ns
     return RecordedCourse(path, about, time_ns, place, turned, lines, _used(time_ns, course.duration_s),

@@ -143,3 +143,8 @@ def test_an_empty_height_in_the_first_row_or_before_other_columns_shifts_none(tm
 @pytest.mark.parametrize("row", ["1,5,2,3", "1,2", "1,,2,3", ",2,3"])
 def test_a_row_with_other_separators_or_without_a_place_is_refused(tmp_path, row):
     assert "cannot be read" in refusal(tmp_path, f"x,y,z\n0,0,1\n{row}\n2,2,2\n").message
+
+
+@pytest.mark.parametrize("text", [",,,\n1,2,3\n", ";\n;\n", ",\n", "x,y,z\n,,\n", "\"\n\"\n", "#\n#\n,"])
+def test_lines_of_separators_alone_are_refused(tmp_path, text):
+    assert refusal(tmp_path, text).key in ("terrain.columns", "terrain.file")

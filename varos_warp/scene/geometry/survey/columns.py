@@ -10,7 +10,7 @@ from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.asc import reference_beside
 from varos_warp.scene.geometry.survey.content import Cloud, Reference, Request
 from varos_warp.scene.geometry.survey.crs import refuse_degrees
-from varos_warp.scene.headers import ANGLES, LENGTHS, MARKS, names_in_remark, parse_name, split_names
+from varos_warp.scene.headers import LENGTHS, MARKS, is_geographic, names_in_remark, parse_name, split_names
 
 COMMENTS = ("#", "//", "%", "!")
 NAMES = (
@@ -18,7 +18,6 @@ NAMES = (
     ("y", "n", "north", "northing", "northings", "utm_y", "utm_n", "y_utm", "point_y", "y_coord", "ycoord"),
     ("z", "h", "height", "elev", "elevation", "alt", "altitude", "point_z", "z_coord", "zcoord", "depth"))
 """What columns of x, y and height are called, without their units."""
-DEGREES = {"lon", "long", "longitude", "lat", "latitude", "lng"}
 FEET = re.compile(r"(?<![a-z])(ft|feet|foot|ftus|us_ft)(?![a-z])")
 MISSING = ("", "na", "n/a", "null", "none", "nodata")
 """What a cell without a height holds, besides NaN."""
@@ -39,7 +38,7 @@ class Table:
                     remarks = [*remarks[1 - MOST_REMARKS:], line]
                 elif not line.strip():
                     continue
-                elif self.header is None and not _is_number(next(filter(None, re.split(r"[\s,;]+", line)))):
+                elif self.header is None and not _is_number(next(filter(None, re.split(r"[\s,;]+", line)), "")):
                     self.header, self.skip = line, number
                 else:
                     line = line.strip(" \r\n")  # a tab may end an empty cell
@@ -85,7 +84,7 @@ class Table:
             for names in names_in_remark(remark, self.width, self.delimiter):
                 bare = _bare(names)
                 if (wanted and {*wanted} <= {*bare, *map(str.lower, names)}) or (
-                        not wanted and (None not in _places(bare) or any(map(_of_degrees, names)))):
+                        not wanted and (None not in _places(bare) or any(map(is_geographic, names)))):
                     return names
         for remark in reversed(remarks if asked is None else ()):
             words = re.split(r"[\s,;]+", remark.strip().lstrip(MARKS))
@@ -135,12 +134,6 @@ def _places(bare: list[str]) -> list[int | None]:
     """Numbers, from 0, of the columns of x, y and height; None for one that is not there, or more than once."""
     found = [[i for i, name in enumerate(bare) if name in known] for known in NAMES]
     return [places[0] if len(places) == 1 else None for places in found]
-
-
-def _of_degrees(name: str) -> bool:
-    """Whether a column holds longitudes or latitudes by its name or its unit."""
-    parts = parse_name(name, ANGLES)
-    return bool(parts.unit or DEGREES & {*re.split(r"[\W_\d]+", parts.base)})
 
 
 def read_points(request: Request) -> Cloud:
@@ -232,7 +225,7 @@ def _columns(table: Table) -> list[int]:
     if not table.names or max(columns) >= len(bare):
         return columns
     named = [table.names[i].lower() for i in columns]
-    if degrees := [name for name in named[:2] if _of_degrees(name)]:
+    if degrees := [name for name in named[:2] if is_geographic(name)]:
         refuse_degrees(request, f"a column is called {degrees[0]}")
     if "depth" in bare[columns[2]] and asked.positive is None:
         raise request.error("its heights are called depth, which may grow up or down", "Give down if they are positive "
@@ -247,7 +240,7 @@ def _known_columns(table: Table, bare: list[str]) -> list[int]:
     places = [place for place in _places(bare) if place is not None]
     if len(places) == 3:
         return places
-    if degrees := [name for name in table.names if _of_degrees(name)]:
+    if degrees := [name for name in table.names if is_geographic(name)]:
         refuse_degrees(table.request, f"a column is called {degrees[0].lower()}")
     raise table.request.error(
         f"its header '{', '.join(table.names)[:80]}' does not tell which columns are x, y and height",
