@@ -149,7 +149,15 @@ def _check_reach(scene, parts):
     if rounding <= 0.5 * step:
         return []
     return [f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "
-            f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several scenes"]
+            f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several "
+            f"scenes{_from_a_map(scene, reach)}"]
+
+
+def _from_a_map(scene, distance):
+    """Keys for coordinates of a map, in brackets, where something lies as far away as only those do."""
+    keys = [f"{name}.origin" for name in ("terrain", "trajectory") if getattr(getattr(scene, name), "file", None)]
+    known = keys and distance > OFF_THE_MAP_M
+    return f" ({' and '.join(keys)}: the place in a file's coordinates that becomes 0, 0, 0)" if known else ""
 
 
 def _check_mounts(scene):
@@ -374,10 +382,8 @@ def _towards(scene, boxes, T_w_c, reach, fixed):
     """What brings things in boxes [N, 2, 3] into the sight of a camera: to go there, or to turn it."""
     beside = np.maximum(boxes[:, 0] - T_w_c[:3, 3], T_w_c[:3, 3] - boxes[:, 1]).clip(0.0)
     if (distance := np.linalg.norm(beside, axis=1).min()) > reach:
-        keys = [f"{name}.origin" for name in ("terrain", "trajectory")
-                if distance > OFF_THE_MAP_M and getattr(getattr(scene, name), "file", None)]
-        how = f" ({' and '.join(keys)} take coordinates of a map to 0, 0, 0)" * bool(keys)
-        return "move the camera to them" if fixed else f"move the course to them, or them to the course{how}"
+        return "move the camera to them" if fixed else (
+            f"move the course to them, or them to the course{_from_a_map(scene, distance)}")
     more = "" if fixed else ", or look_at of the trajectory"
     return f"turn the camera towards them (its rotation_euler_deg{more})"
 
