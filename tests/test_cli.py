@@ -602,3 +602,13 @@ def test_a_run_that_is_asked_to_end_does_so_with_status_130_and_whole_files_only
     assert not list(out.rglob(".*.tmp"))
     assert call("run", scene_file, "-o", out, "--device", "cpu", "-q").exit_code == 0
     assert call("validate", out, "-q").exit_code == 0
+
+
+@pytest.mark.parametrize(("imu", "line"), [
+    ("{}", "IMU: 200 Hz, no noise"),
+    ("{rate_hz: 100, noise: {gyroscope_noise_density: 1.7e-4, gyroscope_random_walk: 2.0e-5, "
+     "accelerometer_noise_density: 2.0e-3}}",
+     "IMU: 100 Hz, accelerometer 0.002 m/s^2/sqrt(Hz), random walk 0 m/s^3/sqrt(Hz); gyroscope 0.00017 rad/s/sqrt(Hz), "
+     "random walk 2e-05 rad/s^2/sqrt(Hz)")])
+def test_info_has_a_line_of_the_noise_of_the_imu(scene_file, imu, line):
+    assert line in call("info", scene_file, "--set", f"vehicle.imu={imu}").output.splitlines()

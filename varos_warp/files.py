@@ -30,8 +30,8 @@ def stamp_of(path: Path) -> tuple | None:
 
 
 def beside(path: Path, suffix: str) -> Path | None:
-    """The file beside another that has its name with this suffix, in small letters or capitals; None: there is none."""
-    made = (path.with_suffix(each) for each in (suffix.lower(), suffix.upper()))
+    """The file beside another that has its name with this suffix, in any of three cases of letters, or None."""
+    made = (path.with_suffix(each) for each in (suffix, suffix.lower(), suffix.upper()))
     return next(filter(is_file, made), None)
 
 

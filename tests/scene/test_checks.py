@@ -467,3 +467,25 @@ def test_a_view_behind_the_lens_and_planar_depth_do_not_go_together(kind, told):
                              "render": {"depth_kind": kind}})
     found = [words for words in check_scene(scene, []) if "render.depth_kind: range" in words]
     assert bool(found) == told
+
+
+def test_coordinates_of_a_map_are_taken_to_the_origin_by_keys_that_the_warning_names(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(9.0).reshape(3, 3) - 20.0)
+    (tmp_path / "course.csv").write_text("t,x,y,z\n0,400000,6100000,0\n1,400001,6100000,0\n")
+    s = scene_from_dict({"terrain": {"file": "a.npy", "pixel_m": 1.0, "first_row": "south"}, "surface_depth_m": 80.0,
+                         "trajectory": {"file": "course.csv", "attitude": "unrotated"},
+                         "vehicle": {"lights": [LAMP], "cameras": [{}]}}, tmp_path)
+    told = [text for text in check_scene(s, build_parts(s)) if "sees no surface" in text or "single precision" in text]
+    how = " (terrain.origin and trajectory.origin: the place in a file's coordinates that becomes 0, 0, 0)"
+    assert [text.endswith(how) for text in told] == [True, True]
+
+
+@pytest.mark.parametrize(("density", "told"), [(1.7e-4, False), (2e-3, False), (0.005, True), (0.03, True)])
+def test_a_gyroscope_whose_noise_looks_like_degrees_is_told_of(density, told):
+    """0.005 degrees/s/sqrt(Hz) is what data sheets of the MPU-6050 say: 8.7e-5 rad/s/sqrt(Hz)."""
+    noise = {"gyroscope_noise_density": density}
+    found = [text for text in warnings(terrain=FLAT, vehicle={"cameras": [{"rotation_euler_deg": [-60, 0, 0]}],
+                                                              "imu": {"noise": noise}}) if "gyroscope" in text]
+    assert [text.startswith("vehicle.imu.noise.gyroscope_noise_density: ") for text in found] == [True] * told
+    if told:
+        assert f"if it is in degrees, give {np.radians(density):.3g}" in found[0]

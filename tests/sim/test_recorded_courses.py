@@ -37,7 +37,8 @@ def circle(count=400, step_s=STEP_S, epoch="1403636579", rate=RATE):
 def scene(tmp_path):
     def make(text, blocks=None, **trajectory):
         (tmp_path / "course.txt").write_text(text)
-        return scene_from_dict({"trajectory": {"file": "course.txt", **trajectory}, **(blocks or {})}, tmp_path)
+        course = {"file": "course.txt", "of": "vehicle", **trajectory}
+        return scene_from_dict({"trajectory": course, **(blocks or {})}, tmp_path)
 
     return make
 
@@ -170,9 +171,10 @@ def test_facts_have_root_mean_square_and_peak_of_what_is_felt(scene):
 
 @pytest.mark.parametrize(("body", "told"), [("flu", False), ("rfu", True), ("frd", False)])
 def test_a_vehicle_that_goes_sideways_most_of_the_time_is_told_of(scene, body, told):
-    """Upside down is another matter: that it looks where it goes is all that is asked."""
+    """Upside down is another matter, of which another message tells."""
     messages = simulate(scene(circle(), body=body)).messages
-    assert [("goes sideways" in words) for words in messages] == [True] * told
+    assert [words for words in messages if "upside down" in words] == messages[:body == "frd"]
+    assert [("goes sideways" in words) for words in messages[body == "frd":]] == [True] * told
 
 
 def test_info_says_how_the_file_was_read(scene):

@@ -87,6 +87,7 @@ def print_info(facts: dict) -> None:
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
                    str(light["intensity"])] for i, light in enumerate(facts["lights"])])
+    _print_imu(facts.get("imu"))
     _print_profiles(facts["lights"])
     print_table(["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
@@ -100,6 +101,17 @@ def print_info(facts: dict) -> None:
         seen = ", ".join(body["seen_by"]) or "none, for there is no other"
         print(f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
               f"that see it: {seen}")
+
+
+def _print_imu(imu: dict | None) -> None:
+    """How much the readings of the IMU err."""
+    if imu is None:
+        return
+    noise, units = imu["noise"], {"accelerometer": ("m/s^2", "m/s^3"), "gyroscope": ("rad/s", "rad/s^2")}
+    told = "no noise" if noise is None else "; ".join(
+        f"{sensor} {noise[f'{sensor}_noise_density']:.3g} {unit}/sqrt(Hz), random walk "
+        f"{noise[f'{sensor}_random_walk']:.3g} {change}/sqrt(Hz)" for sensor, (unit, change) in units.items())
+    print(f"IMU: {imu['rate_hz']:g} Hz, {told}")
 
 
 def _print_files(files: list[dict]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import ImuNoise
 
 COMMON = np.pi * np.array([1 / 6, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 5 / 6, 1.0, 3 / 2])
 """What angles in radians mostly are; as degrees they would be odd numbers."""
@@ -15,6 +16,9 @@ ROUNDING = 2e-3
 """How near to one of these an angle is one of them: 3.14 is."""
 NARROWEST_DEG = 5.0
 """Cones that are narrower are rather in other units."""
+
+NOISIEST_GYROSCOPE = 2e-3
+"""Density of noise [rad/s/sqrt(Hz)], 0.11 degrees, above that of all gyroscopes on a chip (0.003 to 0.03 degrees)."""
 
 
 def check_angles(scene: Scene) -> list[str]:
@@ -32,7 +36,19 @@ def check_angles(scene: Scene) -> list[str]:
         if light.kind == "spot" and light.cone_deg < NARROWEST_DEG and not _is_in_radians(light.cone_deg):
             warnings.append(f"vehicle.lights.{i}.cone_deg: {light.cone_deg:g} degrees is a very narrow cone; it is the "
                             "full angle, in degrees")
+    imu = scene.vehicle.imu
+    if imu is not None and imu.noise is not None and (words := odd_gyroscope(imu.noise)):
+        warnings.append(f"vehicle.imu.noise.{words}")
     return warnings
+
+
+def odd_gyroscope(noise: ImuNoise) -> str | None:
+    """That the density of the gyroscopes' noise looks like degrees, in words that begin with its key, if it does."""
+    density = noise.gyroscope_noise_density
+    if density <= NOISIEST_GYROSCOPE:
+        return None
+    return (f"gyroscope_noise_density: {density:.3g} rad/s/sqrt(Hz) is {np.degrees(density):.3g} degrees/s/sqrt(Hz), "
+            f"more than gyroscopes have; if it is in degrees, give {np.radians(density):.3g}")
 
 
 def _is_in_radians(value: Any) -> bool:

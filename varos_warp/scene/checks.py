@@ -31,6 +31,8 @@ GRID, MOST_STOPS = 16, 50
 """Rays along each side of an image, and stops, from which surfaces are looked for."""
 MOST_POSES = 1000
 """Poses of a recorded course that are looked at one by one."""
+OFF_THE_MAP_M = 10e3
+"""Distance from surfaces beyond which one has coordinates of a map and the other has not."""
 FARTHEST_CENTRE = 0.2
 """Share of the width or height that a principal point may be off the middle of an image without a word."""
 FARTHEST_MOUNT_M, FARTHEST_MOUNT = 5.0, 10.0
@@ -147,7 +149,15 @@ def _check_reach(scene, parts):
     if rounding <= 0.5 * step:
         return []
     return [f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "
-            f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several scenes"]
+            f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several "
+            f"scenes{_from_a_map(scene, reach)}"]
+
+
+def _from_a_map(scene, distance):
+    """Keys for coordinates of a map, in brackets, where something lies as far away as only those do."""
+    keys = [f"{name}.origin" for name in ("terrain", "trajectory") if getattr(getattr(scene, name), "file", None)]
+    known = keys and distance > OFF_THE_MAP_M
+    return f" ({' and '.join(keys)}: the place in a file's coordinates that becomes 0, 0, 0)" if known else ""
 
 
 def _check_mounts(scene):
@@ -364,15 +374,16 @@ def _check_sight(scene, parts, poses):
                         f"{where}: D holds nothing there, A little but water; "
                         f"{'' if fixed else f'at {_stop(scene)} {number} '}it is at {_place(first[:3, 3])}, "
                         f"terrain and objects from {_place(low)} to {_place(high)}; "
-                        f"{_towards(boxes, first, reach, fixed)}")
+                        f"{_towards(scene, boxes, first, reach, fixed)}")
     return warnings
 
 
-def _towards(boxes, T_w_c, reach, fixed):
+def _towards(scene, boxes, T_w_c, reach, fixed):
     """What brings things in boxes [N, 2, 3] into the sight of a camera: to go there, or to turn it."""
     beside = np.maximum(boxes[:, 0] - T_w_c[:3, 3], T_w_c[:3, 3] - boxes[:, 1]).clip(0.0)
-    if np.linalg.norm(beside, axis=1).min() > reach:
-        return "move the camera to them" if fixed else "move the course to them, or them to the course"
+    if (distance := np.linalg.norm(beside, axis=1).min()) > reach:
+        return "move the camera to them" if fixed else (
+            f"move the course to them, or them to the course{_from_a_map(scene, distance)}")
     more = "" if fixed else ", or look_at of the trajectory"
     return f"turn the camera towards them (its rotation_euler_deg{more})"
 

@@ -91,24 +91,31 @@ def _alpha(image) -> np.ndarray | None:
 
 
 @contextlib.contextmanager
-def open_image(source: Path | bytes, key: str | None = None) -> Iterator[Image.Image]:
+def open_image(source: Path | bytes, key: str | None = None, limit: str = "TEXTURE_PIXELS",
+               formats: tuple[str, ...] | None = None) -> Iterator[Image.Image]:
     """An image file, or the bytes of one, whose pixels can be decoded without filling the memory.
+
+    Args:
+        source: The file, or its bytes.
+        key: What names it, for messages.
+        limit: Name of the limit of its pixels.
+        formats: Formats that it may have, by Pillow's names; None: all that Pillow knows.
 
     Raises:
         InputError: If it has more pixels than the limit.
     """
     file = None if isinstance(source, bytes) else source
-    with _opened(io.BytesIO(source) if isinstance(source, bytes) else source) as image:
-        check_limit("TEXTURE_PIXELS", image.width * image.height, file=file, key=key)
+    with _opened(io.BytesIO(source) if isinstance(source, bytes) else source, formats) as image:
+        check_limit(limit, image.width * image.height, file=file, key=key)
         yield image
 
 
-def _opened(file) -> Image.Image:
+def _opened(file, formats) -> Image.Image:
     """An image whose size is read, without Pillow's own limit, which is a global: ours is checked next."""
     with _ONE_AT_A_TIME:
         largest, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
-            return Image.open(file)
+            return Image.open(file, formats=formats)
         finally:
             Image.MAX_IMAGE_PIXELS = largest
 

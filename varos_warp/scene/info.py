@@ -31,7 +31,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "meshes": _mesh_info(parts),
         "mesh_files": _file_info(parts),
         **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
-        **_body_info(scene),
+        **_body_info(scene), **_imu_info(scene),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
                     **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
         "trajectory": {"kind": kind, "count": len(stops),
@@ -81,6 +81,12 @@ def _body_info(scene):
     key = f"vehicles.{(scene.vehicles or []).index(scene.vehicle)}.body"
     (info,) = _mesh_info([object_part(scene, body, key)])
     return {"body": info | {"seen_by": [other.id for other in scene.companions.values()]}}
+
+
+def _imu_info(scene):
+    """Rate of the IMU, and the noise of its readings, None where they are exact."""
+    imu = scene.vehicle.imu
+    return {} if imu is None else {"imu": imu.model_dump(mode="json", include={"rate_hz", "noise"})}
 
 
 def water_info(scene: Scene) -> dict:

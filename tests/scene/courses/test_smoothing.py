@@ -59,7 +59,7 @@ def test_a_course_is_smoothed_and_says_by_how_much(course):
     noisy = places + rng.normal(size=places.shape) * 0.01
     text = "".join(f"{t!r} {' '.join(map(repr, p))} 0 0 0 1\n" for t, p in zip(TIMES.tolist(), noisy.tolist(),
                                                                                strict=True))
-    stops = course(text, smoothing_s=1.0)
+    stops = course(text, smoothing_s=1.0, of="vehicle")
     # of white noise up to 50 Hz the mean of gain^2 is left
     share = np.sqrt(np.mean(gain(1.0 / np.linspace(1e-6, 50.0, 200_001), 1.0)**2))
     off = (stops.position - places)[100:-100].std()

@@ -67,7 +67,7 @@ def test_a_table_is_read_by_the_names_of_its_columns(course):
 
 def test_a_table_without_a_header_is_read_by_the_numbers_of_its_columns(course):
     text = TABLE.partition("\n")[2]
-    columns = {"time": 0, "time_unit": "ms", "position": [2, 3, 4], "quaternion": [5, 6, 7, 8]}
+    columns = {"time": 1, "time_unit": "ms", "position": [3, 4, 5], "quaternion": [6, 7, 8, 9]}
     stops = course(text, columns=columns, body="rfu")
     assert stops.time_ns.tolist() == TIMES
     np.testing.assert_array_equal(stops.position, PLACES)
@@ -211,7 +211,7 @@ def test_a_bad_file_is_refused_with_its_line(course, tmp_path, text, line, says)
     ({"position": ["x", "y", "y"]}, "column y is to hold two things"),
     ({"position": ["y", "x", "z"]}, "columns.position is x, y, z, but its names say y, x, z"),
     ({"quaternion": ["qx", "qy", "qz", "qw"]}, "columns.quaternion is w, x, y, z, but its names say x, y, z, w"),
-    ({"time": 8}, "has no column 8"),
+    ({"time": 9}, "has no column 9"),
     ({"time": "s_ms", "time_unit": "ns"}, "column 's_ms' is in ms by its name, in ns by columns.time_unit"),
     ({"quaternion": None, "euler": ["roll_deg", "pitch_deg", "yaw_deg"]}, "columns.euler is in radians, but its names"),
     ({"quaternion": None, "euler_deg": ["roll_rad", "pitch_rad", "yaw_rad"]}, "columns.euler_deg is in degrees"),
@@ -221,7 +221,7 @@ def test_columns_that_do_not_fit_are_refused(course, columns, says):
     text = GOOD.replace("\n", ",1,0,0,0,0,0,0,0,0\n").replace(",1,0,0,0,0,0,0,0,0\n", f",{more}\n", 1)
     given = {"time": "t", "position": ["x", "y", "z"], "quaternion": ["qw", "qx", "qy", "qz"]} | columns
     with pytest.raises(InputError, match=re.escape(says)) as error:
-        course(text if "time" not in columns or columns["time"] != 8 else GOOD, columns=given)
+        course(text if "time" not in columns or columns["time"] != 9 else GOOD, columns=given)
     assert error.value.key == "trajectory.file"
 
 

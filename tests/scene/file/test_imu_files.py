@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from varos_warp.errors import InputError
+from varos_warp.scene.file import load, noise_profiles
 from varos_warp.scene.file.load import load_scene, scene_from_dict, scene_to_dict
 from varos_warp.scene.file.noise_profiles import load_profile
 
@@ -206,3 +207,22 @@ def test_a_profile_of_imu_utils_needs_the_rate_of_the_readings(tmp_path):
         load_profile(path)
     with pytest.warns(UserWarning, match="taken for readings at 100 Hz"):
         assert load_profile(path, 100.0).imu.gyroscope_noise_density == pytest.approx(1.9e-4, rel=1e-3)
+
+
+@pytest.mark.parametrize("density", [1e-4, 0.005])
+def test_a_profile_whose_gyroscope_looks_like_degrees_is_told_of_by_its_file(tmp_path, recwarn, density):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"imu: {{gyroscope_noise_density: {density}}}\n")
+    load_profile(path)
+    told = [str(warning.message) for warning in recwarn if str(warning.message).startswith(f"{path}: gyroscope_noise")]
+    assert len(told) == (density > 2e-3)
+
+
+def test_a_profile_is_parsed_once(tmp_path, monkeypatch):
+    seen, path = [], tmp_path / "mine.yaml"
+    path.write_text("imu: {gyroscope_noise_density: 1.0e-4}\n")
+    parse = noise_profiles.parse_file
+    monkeypatch.setattr(noise_profiles, "parse_file", lambda *args: seen.append(args[0]) or parse(*args))
+    monkeypatch.setattr(load, "parse_file", lambda *args: seen.append(args[0]) or parse(*args))
+    load_profile(path)
+    assert seen == [path]

@@ -1,4 +1,4 @@
-"""From the axes of a file to ours, in float64: world axes, axes of the body, and from what is mounted to its vehicle.
+"""The way from axes of a file to ours, in float64: world axes, axes of the body, and what is mounted on its vehicle.
 
     R_w_v = R_w_f R_f_b R_b_v        f: the file's world axes, b: the body whose attitude R_f_b it has
     p_w_v = R_w_f (p_f - origin) - R_w_v t_v_x        x: what the poses are of, at t_v_x on the vehicle
@@ -15,9 +15,9 @@ from varos_warp.scene.frames import R_V_C, pose_matrix, transform
 SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Swaps the first two axes and turns the third over, which is its own inverse."""
 R_W_F = {"enu": np.eye(3), "ned": SWAP}
-"""From the world axes of a file to ours, x east, y north, z up."""
+"""Rotations from the world axes of a file to ours, x east, y north, z up."""
 R_B_V = {"rfu": np.eye(3), "flu": np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), "frd": SWAP}
-"""From vehicle axes, x right, y forward, z up, to those of a body: its columns are our axes in the body's."""
+"""Rotations from vehicle axes, x right, y forward, z up, to those of a body; their columns are our axes in its."""
 STILL_M_S = 0.01
 """Slower than this the way has no direction [m/s]."""
 

@@ -12,11 +12,10 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.courses.lines import Row
+from varos_warp.scene.headers import NANOSECONDS, is_number
 
-DIGITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-"""Decimals of a time in a unit that are nanoseconds."""
 MOST_NS = 2**63 - 1
-"""Of a time: the year 2262."""
+"""The last time that is read, in the year 2262."""
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}
 """What parts the cells of a row, and what it is called; None: any blanks."""
 
@@ -37,15 +36,6 @@ def split(text: str, separator: str | None) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def is_number(cell: str) -> bool:
-    """Whether a cell is a number, or stands for one that is missing."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
 @dataclass(frozen=True)
 class Cells:
     """Where in a table's rows the numbers are that are wanted."""
@@ -59,9 +49,11 @@ class Cells:
     time: int
     """Column of the time."""
     unit: str
-    """Unit of the time, of `DIGITS`."""
+    """Unit of the time, of `NANOSECONDS`."""
     columns: tuple[int, ...]
     """Columns of all other numbers."""
+    factors: tuple[float, ...]
+    """What each of them is multiplied by: metres, or radians or degrees, in the unit of its column."""
     names: dict[int, str]
     """What columns are called in messages."""
 
@@ -75,14 +67,16 @@ class Cells:
             if not rows:
                 return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(self.columns)))
             texts = [self._plain(row) for row in rows]
-            digits = DIGITS[self.unit]
-            times = [nanoseconds(text.split(self.separator, self.time + 1)[self.time].strip(), digits)
+            size = NANOSECONDS[self.unit]
+            times = [nanoseconds(text.split(self.separator, self.time + 1)[self.time].strip(), size)
                      for text in texts]
             values = np.loadtxt(texts, delimiter=self.separator, usecols=self.columns, comments=None, ndmin=2)
             if not np.isfinite(values).all():
                 raise ValueError
         except ValueError:
             raise self._first_problem(rows) from None
+        if any(factor != 1.0 for factor in self.factors):
+            values = values * self.factors
         return np.array([row.number for row in rows]), np.array(times, np.int64), values
 
     def _plain(self, row: Row) -> str:
@@ -130,27 +124,28 @@ def problem_of(cell: str, unit: str | None) -> tuple[str, str] | None:
         return "is not a number", "Give a number, or leave the row out."
     if not np.isfinite(float(cell)):
         return "is not a finite number", "Give a number, or leave the row out."
-    if unit is not None and abs(float(cell)) >= MOST_NS / 10.0**DIGITS[unit]:
+    if unit is not None and abs(float(cell)) >= MOST_NS / NANOSECONDS[unit]:
         return f"is too large for a time in {unit}", "State its unit in trajectory.columns.time_unit: ns, us or ms."
     return None
 
 
-def nanoseconds(cell: str, digits: int) -> int:
+def nanoseconds(cell: str, size: int) -> int:
     """The nearest nanosecond of a time, never through float64: 1.6e18 ns have more digits than that.
 
     Args:
         cell: The number.
-        digits: Decimals of it that are nanoseconds.
+        size: Nanoseconds in its unit.
 
     Raises:
         ValueError: It is none, or has more than 63 bits.
     """
     whole, _, part = cell.partition(".")
-    plain = cell.isascii() and whole.isdecimal() and (part.isdecimal() or not part)
-    if plain and len(whole) < 20 and len(part) <= digits and (exact := int(whole + part.ljust(digits, "0"))) <= MOST_NS:
-        return exact
+    if cell.isascii() and whole.isdecimal() and (part.isdecimal() or not part) and len(cell) < 40:
+        exact, rest = divmod(int(whole + part) * size, 10**len(part))
+        if not rest and exact <= MOST_NS:
+            return exact
     try:
-        time = Decimal(cell).scaleb(digits)
+        time = Decimal(cell) * size
         if "_" in cell or not abs(time) <= MOST_NS:
             raise ValueError
         return int(time.to_integral_value())

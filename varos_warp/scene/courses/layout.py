@@ -4,30 +4,26 @@ TUM: https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats. EuRoC: http
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from varos_warp.errors import InputError, did_you_mean
-from varos_warp.scene.courses.cells import Cells, is_number, separator_of, split
+from varos_warp.scene.courses import meaning
+from varos_warp.scene.courses.cells import Cells, separator_of
 from varos_warp.scene.courses.lines import REMEDY, Row
 from varos_warp.scene.description.recorded import Columns
 from varos_warp.scene.description.vehicle import Trajectory
+from varos_warp.scene.headers import ANGLES, LENGTHS, TIMES, is_number, names_in_remark, parse_name, split_names
 
 Names = tuple[str, ...]
-UNITS = {"s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms",
-         "milliseconds": "ms", "us": "us", "usec": "us", "µs": "us", "microseconds": "us", "ns": "ns", "nsec": "ns",
-         "nanoseconds": "ns"}
-"""Units that the name of a column of times may end with."""
-TIMES = ("t", "time", "timestamp", "stamp")
+TIME_NAMES = ("t", "time", "timestamp", "stamp")
 """Names of columns of times, without their unit."""
-POSITIONS: dict[Names, str | None] = {
-    ("x", "y", "z"): None, ("tx", "ty", "tz"): None, ("px", "py", "pz"): None, ("p_x", "p_y", "p_z"): None,
-    ("pos_x", "pos_y", "pos_z"): None, ("position_x", "position_y", "position_z"): None,
-    ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z"): None, ("s_x_vw", "s_y_vw", "s_z_vw"): None,
-    ("p_wv_x", "p_wv_y", "p_wv_z"): None,
-    ("n", "e", "d"): "ned", ("north", "east", "down"): "ned", ("e", "n", "u"): "enu", ("east", "north", "up"): "enu"}
-"""Names of the columns of positions, and the frame that they tell."""
+POSITIONS: tuple[Names, ...] = (
+    ("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"), ("p_x", "p_y", "p_z"), ("pos_x", "pos_y", "pos_z"),
+    ("position_x", "position_y", "position_z"), ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z"), ("s_x_vw", "s_y_vw", "s_z_vw"),
+    ("p_wv_x", "p_wv_y", "p_wv_z"))
+"""Names of the columns of positions, besides those that say which way they point (meaning.py)."""
 QUATERNIONS: tuple[Names, ...] = (
     ("qw", "qx", "qy", "qz"), ("q_w", "q_x", "q_y", "q_z"), ("q_rs_w", "q_rs_x", "q_rs_y", "q_rs_z"),
     ("q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"), ("quat_w", "quat_x", "quat_y", "quat_z"),
@@ -42,7 +38,7 @@ FORMATS = {"s_x_vw": ("poses of a dataset", None), "p_wv_x": ("states of a datas
 """Formats that are known by the first name of their positions, and the unit of times whose name has none."""
 ATTITUDE = "^q|quat|roll|pitch|yaw|heading|orient|euler"
 """What names of columns have that may be an attitude."""
-TUM = Columns(time=0, time_unit="s", position=(1, 2, 3), quaternion=(7, 4, 5, 6))
+TUM = Columns(time=1, time_unit="s", position=(2, 3, 4), quaternion=(8, 5, 6, 7))
 TUM_COLUMNS = 8
 KITTI_COLUMNS = 12
 
@@ -52,7 +48,7 @@ class Layout:
     """What a table is, and where its numbers are."""
 
     format: str
-    """In words."""
+    """Its name in words."""
     cells: Cells
     """Its columns are those of the position, then those of the attitude."""
     attitude: str
@@ -63,7 +59,7 @@ class Layout:
     unit_is_stated: bool
     """Whether the file or the scene says in which unit the times are."""
     frame: str | None
-    """World axes that the names of its columns tell."""
+    """World axes that the names of its columns tell; None: they tell none."""
 
     @property
     def is_ours(self) -> bool:
@@ -87,54 +83,60 @@ def layout_of(rows: Sequence[Row], path: Path, course: Trajectory, key: str) -> 
     if first is None:
         raise InputError("has no poses" if rows else "is empty", file=path, key=key, remedy=REMEDY)
     separator = separator_of(first.text)
-    header, names = _header(rows, first, separator, known=course.columns is not None)
-    width = len(names) if names else len(split(first.text, separator))
-    finder = _Finder(path, key, names, header)
+    before = [row for row in rows if row.number < first.number]
+    header, names = _header(before, first, separator, course.columns)
+    width = len(names) if names else len(split_names(first.text, separator))
+    finder = _Finder(path, key, names, header, course)
     if course.columns is not None:
         return finder.layout("table", course.columns, separator, width)
     if names:
         return finder.named(separator)
     if width == TUM_COLUMNS and separator in (None, "\t"):
-        return _Finder(path, key, ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"], None).layout(
+        _check_tum(before, path, key)
+        return _Finder(path, key, ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"], None, course).layout(
             "TUM", TUM, separator, width)
     what = ("are poses of KITTI, which have no times" if width == KITTI_COLUMNS and separator is None else
             "have no header that names the columns, and are not those of TUM: t x y z qx qy qz qw, with blanks between")
     raise InputError(f"rows of {width} numbers {what}", file=path, line=first.number, key=key,
-                     remedy="Name the columns, in a first line or by their numbers from 0 in trajectory.columns.")
+                     remedy="Name the columns, in a first line or by their numbers from 1 in trajectory.columns.")
 
 
-def _header(rows: Sequence[Row], first: Row, separator: str | None, known: bool) -> tuple[Row | None, list[str]]:
+def _header(before: Sequence[Row], first: Row, separator: str | None, columns: Columns | None
+            ) -> tuple[Row | None, list[str]]:
     """The line that names the columns and their names, without #; none where there is no such line.
 
-    In a comment names count only if there is one for each column, and, where blanks part them as they do the words of a
-    remark, if they are usual ones or the scene names some (``known``).
+    That is the first row that is no remark, or the last remark above it that has a usual name for the time and for the
+    position, or all names of ``columns``.
     """
-    names = split(first.text, separator)
-    names = names[:-1] if separator is not None and not names[-1] else names  # what a last separator parts is nothing
+    names = split_names(first.text, separator)
     if not any(map(is_number, names)):
         return first, names
-    before = [row for row in rows if row.number < first.number]
-    if not before:
-        return None, []
-    found = split(before[-1].text.lstrip("#"), separator)
-    usual = separator is not None or known or _base(found[:1]) <= set(TIMES)
-    if len(found) != len(names) or any(map(is_number, found)) or not usual:
-        return None, []
-    return before[-1], found
+    for row in reversed(before):
+        for found in names_in_remark(row.text, len(names), separator):
+            if _names_columns(found, columns):
+                return row, found
+    return None, []
 
 
-def _base(names: Sequence[str]) -> set[str]:
-    return {plain_name(name)[0] for name in names}
+def _names_columns(names: Sequence[str], columns: Columns | None) -> bool:
+    """Whether names are those of columns: usual ones, or all that the scene file has."""
+    asked = [] if columns is None else [name for name in columns.all_of_them if isinstance(name, str)]
+    if asked:
+        return all(name.strip() in names for name in asked)
+    lengths = [parse_name(name, LENGTHS).base for name in names]
+    return any(parse_name(name, TIMES).base in TIME_NAMES for name in names) and bool(
+        meaning.directions_of(names) or any(all(lengths.count(name) == 1 for name in position)
+                                            for position in POSITIONS))
 
 
-def plain_name(name: str) -> tuple[str, str | None]:
-    """A column's name in small letters without its unit, and the unit, if it is one of time."""
-    text = name.strip().lstrip("#%").strip().lower()
-    word, _, rest = re.sub(r"[\[(]", "\0", text, count=1).partition("\0")
-    if rest:
-        return word.strip(" _"), UNITS.get(rest.strip(" ])"))
-    word, _, unit = text.rpartition("_")
-    return (word, UNITS[unit]) if word and unit in UNITS else (text, None)
+def _check_tum(remarks: Sequence[Row], path: Path, key: str) -> None:
+    """Refuse remarks that name the parts of quaternions in another order than TUM has them."""
+    for row in remarks:
+        if (order := meaning.order_of_quaternion(row.text)) not in (None, "xyzw"):
+            raise InputError(f"this remark may say that quaternions are {', '.join(order or '')}, where those of TUM "
+                             "are x, y, z, w", file=path, line=row.number, key=key,
+                             remedy="Say which columns are which by their numbers from 1; trajectory.columns: {time: "
+                                    "1, position: [2, 3, 4], quaternion: [5, 6, 7, 8]} has w first.")
 
 
 @dataclass(frozen=True)
@@ -145,29 +147,39 @@ class _Finder:
     key: str
     names: list[str]
     header: Row | None
+    course: Trajectory
 
     def named(self, separator: str | None) -> Layout:
         """The layout by usual names."""
-        bases = [plain_name(name)[0] for name in self.names]
-        times = [name for name, base in zip(self.names, bases, strict=True) if base in TIMES]
-        positions = [names for names in POSITIONS if {*names} <= {*bases}]
-        turns = [names for names in (*QUATERNIONS, *EULER, MATRIX) if {*names} <= {*bases}]
-        for what, found in (("the time", times), ("a position", positions)):
-            if len(found) != 1:
-                raise self._unclear(f"{'several columns' if found else 'no column'} that may be {what}")
-        wanted = (*positions[0], *(turns or [()])[0])
-        if twice := [name for name in wanted if bases.count(name) > 1]:
-            raise self._error(f"has {bases.count(twice[0])} columns named '{twice[0]}'",
+        times = [name for name in self.names if parse_name(name, TIMES).base in TIME_NAMES]
+        lengths = [parse_name(name, LENGTHS).base for name in self.names]
+        positions = [names for names in POSITIONS if {*names} <= {*lengths}]
+        directed = meaning.directions_of(self.names)
+        turns = [names for names in (*QUATERNIONS, *EULER, MATRIX) if {*names} <= {*lengths}]
+        if not positions and not directed and (found := meaning.geographic_position(self.names)):
+            raise self._error(*found)
+        for what, count in (("the time", len(times)), ("a position", len(positions) + bool(directed))):
+            if count != 1:
+                raise self._unclear(f"{'several columns' if count else 'no column'} that may be {what}")
+        usual = positions[0] if positions else ()
+        if twice := [name for name in (*usual, *(turns or [()])[0]) if lengths.count(name) > 1]:
+            raise self._error(f"has {lengths.count(twice[0])} columns named '{twice[0]}'",
                               "Give each column a name of its own.")
         if len(turns) > 1:
             raise self._unclear("several attitudes")
         if not turns and (near := [name for name in self.names if re.search(ATTITUDE, name, re.IGNORECASE)]):
             raise self._unclear(f"what may be an attitude ({', '.join(near[:4])})")
-        position, turn = (tuple(self.names[bases.index(name)] for name in names) for names in (wanted[:3], wanted[3:]))
-        form, unit = FORMATS.get(wanted[0], ("table", None))
+        position, turn = (tuple(self.names[lengths.index(name)] for name in names)
+                          for names in (usual, (turns or [()])[0]))
+        return self._of_names(times[0], usual[:1], position or directed, turn, separator)
+
+    def _of_names(self, time: str, usual: Names, position: Names, turn: Names, separator: str | None) -> Layout:
+        """The layout by the columns of these names; the first of those of the position tells the format."""
+        form, unit = FORMATS.get("".join(usual), ("table", None))
         if form == "TUM" and separator not in (None, "\t"):
             form, unit = "table", None  # much like it, but what wrote it is another program
-        columns = Columns(time=times[0], time_unit=None if plain_name(times[0])[1] else unit, position=position,
+        unit = None if {*parse_name(time, TIMES)[1:]} != {None} else unit
+        columns = Columns(time=time, time_unit=unit, position=position,
                           quaternion=turn if len(turn) == 4 else None, euler=turn if len(turn) == 3 else None)
         return self.layout(form, columns, separator, len(self.names), turn if len(turn) == len(MATRIX) else ())
 
@@ -177,27 +189,80 @@ class _Finder:
         kind = "matrix" if matrix else next((key for key in ("quaternion", "euler", "euler_deg")
                                              if getattr(columns, key) is not None), "none")
         turn = tuple(matrix) or getattr(columns, kind, None) or ()
-        if kind == "quaternion":
-            self._check_order(turn, "wxyz", "quaternion")
-        self._check_order(columns.position, "xyz", "position")
-        self._check_angles(kind, turn)
         wanted = [columns.time, *columns.position, *turn]
         at = [self._number(column, width) for column in wanted]
         if len({*at}) < len(at):
             twice = next(name for i, name in enumerate(wanted) if at.index(at[i]) < i)
             raise self._error(f"column {twice} is to hold two things", "Name each column once in trajectory.columns.")
-        called = {i: self.names[i] if self.names else f"column {i}" for i in at}
-        unit, stated = self._unit(columns, at[0])
-        cells = Cells(self.path, self.key, separator, width, at[0], unit, tuple(at[1:]), called)
-        frame = POSITIONS.get(tuple(plain_name(self.names[i])[0] for i in at[1:4])) if self.names else None
+        called = {i: self.names[i] if self.names else f"column {i + 1}" for i in at}
+        unit, stated = self._time_unit(columns, at[0])
+        names = [self.names[i] for i in at[1:]] if self.names else []
+        factors, frame = self._meaning(kind, names[:3], names[3:], columns.euler_order)
+        factors = factors or (1.0,) * (len(at) - 1)
+        cells = Cells(self.path, self.key, separator, width, at[0], unit, tuple(at[1:]), factors, called)
         return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame)
 
+    def _meaning(self, kind: str, position: list[str], turn: list[str], order: str
+                 ) -> tuple[tuple[float, ...], str | None]:
+        """What numbers are multiplied by, and the frame that names tell; nothing where there are no names."""
+        if not position:
+            return (), None
+        if found := meaning.geographic_position(position):
+            raise self._error(*found)
+        self._check_order(position, "xyz", "position")
+        frames = meaning.frames_told(position)
+        if not frames or (self.course.frame and self.course.frame not in frames):
+            frame = self.course.frame or "enu"
+            right = meaning.directions_of(position)
+            told = meaning.frames_told(right)[0] if right else "ned"
+            named = f"Say position: [{', '.join(right)}] and trajectory.frame: {told}" if right else (
+                "Name them in that order, or give another trajectory.frame")
+            raise self._error(f"columns of the position are {', '.join(position)}, but of frame {frame} they are "
+                              f"{', '.join(meaning.FRAMES[frame])}", f"{named}.")
+        factors = [self._factor(name, LENGTHS, "length") for name in position]
+        if kind == "quaternion":
+            self._check_order(turn, "wxyz", "quaternion")
+        if not kind.startswith("euler"):
+            return (*factors, *[1.0] * len(turn)), frames[0] if len(frames) == 1 else None
+        if found := meaning.order_of_angles(turn, order, self._body(frames)):
+            raise self._error(*found)
+        factors += [self._factor_of_angle(kind, name) for name in turn]
+        return tuple(factors), frames[0] if len(frames) == 1 else None
+
+    def _body(self, frames: list[str]) -> str | None:
+        """Axes of the body whose angles a table has, as far as they are known here."""
+        if self.course.of not in (None, "vehicle"):
+            return None
+        ned = "ned" in (self.course.frame, *frames[:len(frames) == 1])
+        return self.course.body or ("frd" if ned else "flu")
+
+    def _factor(self, name: str, units: Mapping[str, float], what: str) -> float:
+        """How many metres, or the like, a unit of a column is."""
+        found = parse_name(name, units)
+        if found.unknown:
+            raise self._error(f"column '{name}' is in '{found.unknown}', which is no unit of {what} that is known",
+                              "Write one of its unit in the header, such as [m], [cm] or [ft], or leave it out if it "
+                              "is the metre." if what == "length" else "Write [rad] or [deg].")
+        return units[found.unit] if found.unit else 1.0
+
+    def _factor_of_angle(self, kind: str, name: str) -> float:
+        """How many radians, or degrees, a unit of an angle's column is; refused where it is of the other kind."""
+        said = "rad" if kind == "euler" else "deg"
+        unit = parse_name(name, ANGLES).unit
+        family = ANGLES[unit][0] if unit else next((word for word, other in (("deg", "deg|°"), ("rad", "rad"))
+                                                    if re.search(other, name.lower())), said)
+        if family != said:
+            units, other = ("radians", "euler_deg") if kind == "euler" else ("degrees", "euler")
+            raise self._error(f"columns.{kind} is in {units}, but its names say otherwise: {name}",
+                              f"Name them in columns.{other}.")
+        return self._factor(name, {word: size for word, (_, size) in ANGLES.items()}, "angle")
+
     def _number(self, column: str | int, width: int) -> int:
-        """The number of a column that is named."""
+        """The number from 0 of a column that is named."""
         if isinstance(column, int):
-            if column >= width:
-                raise self._error(f"has no column {column}", f"Its rows have the columns 0 to {width - 1}.")
-            return column
+            if column > width:
+                raise self._error(f"has no column {column}", f"Its rows have the columns 1 to {width}.")
+            return column - 1
         places = [i for i, name in enumerate(self.names) if column.strip() in (name, name.lstrip("#% "))]
         if len(places) == 1:
             return places[0]
@@ -205,35 +270,30 @@ class _Finder:
             raise self._error(f"has {len(places)} columns named '{column}'", "Give each column a name of its own.")
         if not self.names:
             raise self._error(f"has no header with the name '{column}'", "Write a first line with the names of the "
-                              "columns, or give their numbers from 0.")
+                              "columns, or give their numbers from 1.")
         near = did_you_mean(column, self.names)
         raise self._error(f"has no column '{column}'", near or f"Its columns are: {', '.join(self.names)}.")
 
-    def _unit(self, columns: Columns, at: int) -> tuple[str, bool]:
+    def _time_unit(self, columns: Columns, at: int) -> tuple[str, bool]:
         """Unit of the times, and whether it is stated."""
-        named = plain_name(self.names[at])[1] if self.names else None
+        name = self.names[at] if self.names else ""
+        found = parse_name(name, TIMES)
+        if columns.time_unit is None and found.unknown:
+            raise self._error(f"column '{name}' is in '{found.unknown}', which is no unit of time that is known",
+                              "State the unit in trajectory.columns.time_unit: s, ms, us, ns, min or h.")
+        named = TIMES[found.unit] if found.unit else None
         if named and columns.time_unit not in (None, named):
-            raise self._error(f"column '{self.names[at]}' is in {named} by its name, in {columns.time_unit} by "
+            raise self._error(f"column '{name}' is in {named} by its name, in {columns.time_unit} by "
                               "columns.time_unit", "Leave one of them out.")
         unit = columns.time_unit or named
         return unit or "s", unit is not None
 
-    def _check_order(self, columns: Sequence[str | int], letters: str, key: str) -> None:
+    def _check_order(self, columns: Sequence[str], letters: str, key: str) -> None:
         """Refuse names whose last letters say another order than the key asks for."""
-        if not all(isinstance(column, str) for column in columns):
-            return
-        last = "".join(plain_name(str(column))[0][-1:] for column in columns)
+        last = "".join(parse_name(column, LENGTHS).base[-1:] for column in columns)
         if last != letters and sorted(last) == sorted(letters):
             raise self._error(f"columns.{key} is {', '.join(letters)}, but its names say {', '.join(last)}",
                               "Name the columns in that order.")
-
-    def _check_angles(self, kind: str, columns: Sequence[str | int]) -> None:
-        """Refuse angles whose names say another unit."""
-        named = " ".join(column.lower() for column in columns if isinstance(column, str))
-        for key, other, word in (("euler", "euler_deg", "deg|°"), ("euler_deg", "euler", "rad")):
-            if kind == key and re.search(word, named):
-                raise self._error(f"columns.{key} is in {'radians' if kind == 'euler' else 'degrees'}, but its names "
-                                  f"say otherwise: {named}", f"Name them in columns.{other}.")
 
     def _unclear(self, problem: str) -> InputError:
         return self._error(f"has {problem}; its columns are: {', '.join(self.names)}",

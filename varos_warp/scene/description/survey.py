@@ -17,8 +17,8 @@ CLOUDS = (".las", ".laz")
 ENDINGS = (*GRIDS, *TEXTS, *CLOUDS)
 """Endings of files that hold heights, for which a terrain needs no ``kind``."""
 
-BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld")
-"""Endings of files beside a survey that tell where it lies."""
+BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld", ".tif.msk", ".TIF.msk", ".tiff.msk", ".TIFF.msk")
+"""Endings of files beside a survey that tell where it lies, and where it has heights (GDAL's masks)."""
 
 LengthUnit = Literal["m", "ft", "us_ft"]
 Column = str | Annotated[int, Field(ge=1)]
@@ -86,7 +86,7 @@ class Heights(Placed):
 
     @property
     def files(self) -> list[str]:
-        """Return the names of its files."""
+        """The names of its files."""
         return [self.file] if isinstance(self.file, str) else self.file
 
     @model_validator(mode="after")
@@ -108,7 +108,7 @@ class Heights(Placed):
 
 
 def ending(name: str) -> str:
-    """Return the ending of a file's name, in small letters, with its dot."""
+    """The ending of a file's name, in small letters, with its dot."""
     return PurePath(name).suffix.lower()
 
 

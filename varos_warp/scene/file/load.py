@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from varos_warp.errors import InputError
 from varos_warp.scene import plain_yaml
@@ -51,21 +51,6 @@ def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str]] = ()
 def scene_from_dict(data: dict[str, Any], base_dir: str | Path = ".") -> Scene:
     """Scene from the data of a scene file, such as ``scene_to_dict`` gives; files are relative to ``base_dir``."""
     return _validate(Source(data, model=Scene), Path(base_dir))
-
-
-def load_block(path: str | Path, model: type[BaseModel], what: str, remedy: str) -> Any:
-    """Read a file that holds one block other than a scene, such as a noise profile.
-
-    Args:
-        path: YAML file.
-        model: The block.
-        what: Its name in messages.
-        remedy: What to do where there is no such file.
-
-    Raises:
-        InputError: As for `load_scene`.
-    """
-    return _validated(parse_file(Path(path), what, remedy, model))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -127,12 +112,12 @@ def _child(block, part, path, where):
 
 def _validate(source: Source, base_dir: Path) -> Scene:
     folder = Path(base_dir).resolve()
-    scene = _validated(with_noise_files(source, folder), base_dir)
+    scene = validated(with_noise_files(source, folder), base_dir)
     scene._base_dir, scene._source = folder, source
     return scene
 
 
-def _validated(source: Source, base_dir: Path = Path(".")):
+def validated(source: Source, base_dir: Path = Path(".")):
     """The block that a file describes; files that blocks are read from are relative to a folder."""
     try:
         return source.model.model_validate(source.data, context={"base_dir": Path(base_dir)})

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, warn
+from varos_warp.scene.angles import odd_gyroscope
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS, NoiseProfile
 from varos_warp.scene.file.imu_files import file_and_imu, noise_in, tells_of_imu
-from varos_warp.scene.file.load import DATA, load_block
+from varos_warp.scene.file.load import DATA, validated
 from varos_warp.scene.file.yaml_files import parse_file
 
 FOLDER = DATA / "noise"
@@ -29,11 +30,13 @@ def load_profile(name: str | Path, imu_rate_hz: float | None = None) -> NoisePro
     """
     known = named_profiles()
     path, imu = file_and_imu(Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name))
-    what = "noise profile", f"Give a file, or one of: {', '.join(known)}."
-    source = parse_file(path, *what, NoiseProfile)
+    source = parse_file(path, "noise profile", f"Give a file, or one of: {', '.join(known)}.", NoiseProfile)
     if imu or tells_of_imu(source.data):
-        return NoiseProfile(name=path.stem, imu=noise_in(source, imu, imu_rate_hz))
-    profile = load_block(path, NoiseProfile, *what)
+        profile = NoiseProfile(name=path.stem, imu=noise_in(source, imu, imu_rate_hz))
+    else:
+        profile = validated(source)
+    if profile.imu is not None and (words := odd_gyroscope(profile.imu)):
+        warn(f"{path}: {words}")
     return profile if "name" in profile.model_fields_set else profile.model_copy(update={"name": path.stem})
 
 

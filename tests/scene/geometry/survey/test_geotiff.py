@@ -1,7 +1,11 @@
 """GeoTIFF files are read as GDAL reads them (through rasterio), or refused by name."""
 
+import contextlib
 import re
+import tracemalloc
+import zlib
 
+import imagecodecs
 import numpy as np
 import pytest
 import rasterio
@@ -11,6 +15,8 @@ from surveys import EAST, NORTH, UTM_32, plane_grid, write_geotiff
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.survey import Heights
+from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.geometry.files.named import mesh_textures
 from varos_warp.scene.geometry.survey import crs, geotiff, read_survey
 from varos_warp.scene.geometry.survey.content import Request
 
@@ -299,9 +305,11 @@ def test_a_file_that_ends_too_early_is_refused(tmp_path):
     assert "copy" in refusal(path).remedy
 
 
-def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path):
-    import zlib
-
+@pytest.mark.parametrize(("installed", "said"), [(True, "cannot be read as a TIFF"), (False, "more than its size")])
+def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path, monkeypatch, installed, said):
+    """Imagecodecs keeps to the size itself; without it blocks are looked at before they are unpacked."""
+    if not installed:
+        monkeypatch.setattr(geotiff, "find_spec", lambda name: None)
     path = write_geotiff(tmp_path / "a.tif", np.random.default_rng(1).random((100, 100)), compression="deflate")
     with tifffile.TiffFile(path) as file:
         place, count = file.pages[0].dataoffsets[0], file.pages[0].databytecounts[0]
@@ -309,7 +317,26 @@ def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path):
     data = bytearray(path.read_bytes())
     data[place:place + count] = bomb[:count].ljust(count, b"\0")
     path.write_bytes(data)
-    assert "unpacks to more than its size" in refusal(path).message
+    tracemalloc.start()
+    assert said in refusal(path).message
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("compression", ["lzw", "zstd"])
+def test_blocks_of_other_kinds_that_unpack_to_more_than_their_size_take_no_more_memory(tmp_path, compression):
+    path = write_geotiff(tmp_path / "a.tif", np.random.default_rng(1).random((100, 100)), compression=compression)
+    with tifffile.TiffFile(path) as file:
+        place, count = file.pages[0].dataoffsets[0], file.pages[0].databytecounts[0]
+    bomb = getattr(imagecodecs, f"{compression}_encode")(bytes(30_000_000))
+    data = bytearray(path.read_bytes())
+    data[place:place + count] = bomb[:count].ljust(count, b"\0")
+    path.write_bytes(data)
+    tracemalloc.start()
+    with contextlib.suppress(InputError):
+        read(path, region=[EAST, NORTH, EAST + 2, NORTH + 2])
+    assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    tracemalloc.stop()
 
 
 def test_more_pixels_than_the_limit_are_refused(tmp_path, monkeypatch):
@@ -335,3 +362,48 @@ def test_what_gdal_wrote_beside_the_file_is_warned_of_unless_it_is_statistics(tm
     assert read(path).warnings == []
     beside.write_text('<PAMDataset><PAMRasterBand band="1"><NoDataValue>0</NoDataValue></PAMRasterBand></PAMDataset>')
     assert "NoDataValue, which is not read" in read(path).warnings[0]
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.TIF", "a.tiff"])
+def test_a_mask_beside_the_file_tells_where_there_is_nothing(tmp_path, name):
+    path = tmp_path / name
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
+        with rasterio.open(path, "w", driver="GTiff", width=7, height=5, count=1, dtype="float32", crs="EPSG:32632",
+                           transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH)) as file:
+            file.write(asymmetric(holes=False), 1)
+            mask = np.full((5, 7), 255, np.uint8)
+            mask[3, 4] = 0
+            file.write_mask(mask)
+    assert (tmp_path / f"{name}.msk").is_file()
+    assert np.argwhere(np.isnan(by_gdal(path)[..., 2])).tolist() == [[3, 4]]
+    np.testing.assert_allclose(ours(path), by_gdal(path), rtol=0, atol=ROUNDING)
+    course = {"poses": [{"position": [0, 0, 0]}]}
+    scene = scene_from_dict({"terrain": {"file": name}, "trajectory": course}, tmp_path)
+    assert tmp_path / f"{name}.msk" in mesh_textures(scene)
+
+
+def test_a_mask_of_another_size_beside_the_file_is_refused(tmp_path):
+    path = write_by_gdal(tmp_path / "a.tif", asymmetric())
+    tifffile.imwrite(tmp_path / "a.tif.msk", np.zeros((4, 7), np.uint8), metadata=None)
+    assert "a.tif.msk: terrain.file: is a mask of another size" in refusal(path).message
+    (tmp_path / "a.tif.msk").write_bytes(b"no mask")
+    assert "a.tif.msk: terrain.file: cannot be read as a TIFF" in refusal(path).message
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395", "ESRI:102100"])
+def test_mercator_is_refused_with_the_factor_by_which_it_is_wrong(tmp_path, crs):
+    """At 60 degrees the cosine is a half; y = R arsinh(tan(60 degrees))."""
+    y = 6378137.0 * np.arcsinh(np.sqrt(3.0))
+    path = write_by_gdal(tmp_path / "a.tif", asymmetric(), Affine(1, 0, 1.1e6, 0, -1, y), crs=crs)
+    error = refusal(path)
+    assert "2 times too long at its latitude of 60.0 degrees" in error.message
+    assert "EPSG:32632" in error.remedy
+
+
+@pytest.mark.parametrize(("step", "keys", "told"), [(100, {}, True), (100, {"height_scale": 1}, False),
+                                                    (100, {"height_scale": 0.01}, False), (0.2, {}, False)])
+def test_whole_numbers_that_look_like_centimetres_are_told_of(tmp_path, step, keys, told):
+    """Heights that fall by 34 steps over the 3 m of the grid."""
+    path = write_by_gdal(tmp_path / "a.tif", -(step * np.arange(35).reshape(5, 7)).astype(np.int16) - 1)
+    found = [words for words in read(path, **keys).warnings if "height_scale: 0.01" in words]
+    assert len(found) == told

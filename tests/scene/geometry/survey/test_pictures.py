@@ -124,3 +124,32 @@ def test_a_world_file_beside_a_picture_tells_where_it_lies(tmp_path, name):
     assert refusal(path, height_scale=1.0, pixel_m=0.5).key == "terrain.pixel_m"
     (tmp_path / name).write_text("0.5\n0\n0\n0\n400000\n6100000\n")
     assert "six numbers" in refusal(path, height_scale=1.0).message
+
+
+@pytest.mark.parametrize(("dtype", "clear"), [(np.uint8, 102), (np.uint16, 102 * 200)])
+def test_the_grey_that_a_picture_says_is_transparent_is_a_hole(tmp_path, dtype, clear):
+    values = (GREY * (200 if dtype == np.uint16 else 1)).astype(dtype)
+    Image.fromarray(values).save(tmp_path / "a.png", transparency=clear)
+    survey = read(tmp_path / "a.png", pixel_m=1.0, height_scale=1.0)
+    assert survey.facts["missing"] == 1
+    assert survey.vertices[:, 2].tolist() == values[:, :2].ravel().tolist()
+
+
+@pytest.mark.parametrize(("zeros", "keys", "told"), [
+    (3, {}, True), (3, {"nodata": 255.0}, False), (0, {}, False), (48, {}, False), (5, {"height_scale": 2.0}, True),
+    (5, {"height_range_m": [-9.0, -1.0]}, True)])
+def test_many_values_of_zero_are_asked_about(tmp_path, zeros, keys, told):
+    values = np.arange(10, 40, dtype=np.uint8).reshape(5, 6)
+    values.ravel()[:zeros] = 0
+    path = save(tmp_path / "a.png", values)
+    keys = keys if "height_range_m" in keys else {"height_scale": 1.0, **keys}
+    found = [note for note in read(path, pixel_m=1.0, **keys).warnings if "give nodata: 0" in note]
+    assert len(found) == told
+
+
+def test_heights_that_are_all_above_zero_are_asked_about(tmp_path):
+    path = save(tmp_path / "a.npy", GREY + 5.0)
+    place = {"pixel_m": 1.0, "first_row": "north"}
+    assert any("if they are depths, give positive: down" in words for words in read(path, **place).warnings)
+    for keys in ({"positive": "up"}, {"positive": "down"}, {"origin": [0, 0, 30]}, {"height_offset_m": -300.0}):
+        assert not any("depths" in words for words in read(path, **place, **keys).warnings)

@@ -68,6 +68,11 @@ def test_minus_9999_stands_for_none_where_the_header_does_not_say(tmp_path):
     assert np.isnan(asc.read_asc(request(tmp_path / "a.asc")).values).tolist() == [[False, True], [False, False]]
 
 
+def test_a_first_height_that_is_nan_is_no_word_of_the_header(tmp_path):
+    (tmp_path / "a.asc").write_text("ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 1\nnan 2\n3 4\n")
+    assert np.isnan(asc.read_asc(request(tmp_path / "a.asc")).values).tolist() == [[True, False], [False, False]]
+
+
 @pytest.mark.parametrize(("change", "said"), [
     (("ncols 7", "ncols 8"), "5 x 8 heights, but 35 are there"), (("nrows 5", "nrows 4"), "more follow"),
     (("ncols 7", "ncols 7.5"), "ncols is 7.5"), (("cellsize 0.5", "cellsize -0.5"), "not positive and finite"),
@@ -216,3 +221,18 @@ def test_projections_that_say_nothing_are_asked_for_in_little_time(tmp_path, tex
     assert refusal(path).key == "terrain.unit"
     assert time.process_time() - start < 5.0
     assert read(path, unit="m").facts["extent_m"][:2] == [EAST, NORTH]
+
+
+def test_a_prj_file_of_the_mercator_projection_of_maps_is_refused(tmp_path):
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / "a.prj").write_text(
+        'PROJCS["WGS_1984_Web_Mercator_Auxiliary_Sphere",GEOGCS["GCS_WGS_1984"],PROJECTION["Mercator_Auxiliary_Sphere"],'
+        'UNIT["Meter",1.0]]')
+    factor = np.cosh(NORTH / 6378137.0)
+    assert f"{factor:.3g} times too long" in refusal(path).message
+
+
+def test_a_mask_beside_a_grid_that_is_no_geotiff_is_told_of(tmp_path):
+    path = write_asc(tmp_path / "a.asc", plane_grid())
+    (tmp_path / "a.asc.msk").write_bytes(b"")
+    assert any("a.asc.msk is a mask" in words for words in read(path).warnings)

@@ -2,15 +2,15 @@
 
 import contextlib
 import math
-import warnings
 
 import numpy as np
 
 from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
-from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, of_wkt, refuse_degrees
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, of_wkt, refuse_degrees
 from varos_warp.scene.geometry.survey.pictures import to_heights
+from varos_warp.scene.headers import LENGTHS, is_number
 
 NAMES = ("ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value")
 MOST_LINE = 1000
@@ -41,21 +41,20 @@ def read_asc(request: Request) -> Raster:
 
 
 def _heights(file, count: int) -> np.ndarray | None:
-    """Read up to ``count`` numbers; None where text is no number, of which older versions of NumPy only warn."""
+    """Read up to ``count`` numbers; fewer, or None, where text is no number: older versions of NumPy stop there."""
     try:
-        with warnings.catch_warnings(action="error", category=DeprecationWarning):
-            return np.fromfile(file, float, count, sep=" ")
-    except (ValueError, DeprecationWarning):
+        return np.fromfile(file, float, count, sep=" ")
+    except ValueError:
         return None
 
 
 def _header(file, request) -> tuple[dict[str, float], int]:
-    """Return names in small letters with their numbers, and where the heights begin."""
+    """Names in small letters with their numbers, and where the heights begin."""
     header: dict[str, float] = {}
     start = 0
     for line in iter(lambda: file.readline(MOST_LINE), b""):
         words = line.decode("latin-1").removeprefix("\xef\xbb\xbf").split()
-        if words and not words[0][:1].isalpha():
+        if words and (not words[0][:1].isalpha() or is_number(words[0])):  # nan is one
             break
         start = file.tell()
         if not words:
@@ -89,7 +88,7 @@ def _check_header(header, request) -> None:
 
 
 def _transform(header, rows, request) -> np.ndarray:
-    """Return the places of the nodes, the middles of the cells; the first row is the northernmost."""
+    """The places of the nodes, the middles of the cells; the first row is the northernmost."""
     dx, dy = (header.get(name, header.get("cellsize")) for name in ("dx", "dy"))
     x, y = (header[f"{axis}llcenter"] if f"{axis}llcenter" in header else header[f"{axis}llcorner"] + 0.5 * size
             for axis, size in (("x", dx), ("y", dy)))
@@ -131,4 +130,4 @@ def _metres(unit: str) -> float | None:
     with contextlib.suppress(ValueError):
         count = float(unit)
         return 1.0 / count if 0.0 < count < math.inf else None
-    return UNIT_NAMES.get(unit)
+    return LENGTHS.get(unit)

@@ -2,40 +2,50 @@
 
 import re
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.asc import reference_beside
-from varos_warp.scene.geometry.survey.content import Cloud, Request
+from varos_warp.scene.geometry.survey.content import Cloud, Reference, Request
 from varos_warp.scene.geometry.survey.crs import refuse_degrees
+from varos_warp.scene.headers import LENGTHS, MARKS, is_geographic, names_in_remark, parse_name, split_names
 
 COMMENTS = ("#", "//", "%", "!")
 NAMES = (
-    ("x", "e", "east", "easting", "eastings", "x_m", "utm_x", "utm_e", "x_utm", "point_x", "x_coord", "xcoord"),
-    ("y", "n", "north", "northing", "northings", "y_m", "utm_y", "utm_n", "y_utm", "point_y", "y_coord", "ycoord"),
-    ("z", "h", "height", "elev", "elevation", "alt", "altitude", "z_m", "point_z", "z_coord", "zcoord", "depth",
-     "depth_m"))
-"""What columns of x, y and height are called."""
-DEGREES = ("lon", "long", "longitude", "lat", "latitude")
+    ("x", "e", "east", "easting", "eastings", "utm_x", "utm_e", "x_utm", "point_x", "x_coord", "xcoord"),
+    ("y", "n", "north", "northing", "northings", "utm_y", "utm_n", "y_utm", "point_y", "y_coord", "ycoord"),
+    ("z", "h", "height", "elev", "elevation", "alt", "altitude", "point_z", "z_coord", "zcoord", "depth"))
+"""What columns of x, y and height are called, without their units."""
 FEET = re.compile(r"(?<![a-z])(ft|feet|foot|ftus|us_ft)(?![a-z])")
+MISSING = ("", "na", "n/a", "null", "none", "nodata")
+"""What a cell without a height holds, besides NaN."""
 MOST_LINE = 100_000
+MOST_REMARKS = 100
+"""Remarks above the points that are looked at for names, the last ones."""
 
 
 class Table:
-    """How the lines of a text file are divided into columns."""
+    """How the lines of a text file are divided into columns, and what these are called."""
 
     def __init__(self, request: Request):
         self.request, self.header, self.skip, self.delimiter, self.comma = request, None, 0, None, False
+        remarks: list[str] = []
         with request.path.open(encoding="utf-8-sig", errors="replace") as file:
             for number, line in enumerate(iter(lambda: file.readline(MOST_LINE), ""), 1):
-                if not line.strip() or line.lstrip().startswith(COMMENTS):
+                if line.lstrip().startswith(COMMENTS):
+                    remarks = [*remarks[1 - MOST_REMARKS:], line]
+                elif not line.strip():
                     continue
-                if self.header is None and not _is_number(re.split(r"[\s,;]+", line.strip())[0]):
+                elif self.header is None and not _is_number(next(filter(None, re.split(r"[\s,;]+", line)), "")):
                     self.header, self.skip = line, number
-                    continue
-                self._divide(line.strip())
-                return
+                else:
+                    line = line.strip(" \r\n")  # a tab may end an empty cell
+                    self._divide(line)
+                    self.width = len(self.words(line))
+                    self.names = self._names_of_header(line) if self.header else self._names_of(remarks)
+                    return
         raise request.error("there are no points in it", "Give lines of x, y and height.")
 
     def _divide(self, line: str) -> None:
@@ -48,14 +58,63 @@ class Table:
             raise self.request.error("its commas may be decimal commas or stand between columns",
                                      "Write decimal points, or ; between columns.")
 
+    def _names_of_header(self, line: str) -> list[str]:
+        """Names of the columns by the header; where rows have one cell more, the first is R's name of the row."""
+        header = (self.header or "").strip()
+        for names in names_in_remark(header, self.width, self.delimiter):
+            return names
+        names, cells = split_names(header, self.delimiter), line.split(self.delimiter)
+        if len(names) == self.width - 1:
+            if not cells[-1].strip():
+                self.width -= 1  # what a last separator parts is nothing
+                return names
+            if re.fullmatch(r"\s*(\d+|\".*\"|'.*'|[^\W\d]\S*)\s*", cells[0]):
+                return ["", *names]
+        asked = self.request.asked.columns
+        if asked is not None and all(isinstance(column, int) for column in asked):
+            return []
+        raise self.request.error(f"its header '{header[:80]}' does not name {self.width} columns, as many as the rows "
+                                 "have", "Give the numbers of the columns from 1, such as [1, 2, 3].", "columns")
+
+    def _names_of(self, remarks: list[str]) -> list[str]:
+        """Names of the columns by the last remark that tells which are x, y and height; empty where none does."""
+        asked = self.request.asked.columns
+        wanted = [column.lower() for column in asked or () if isinstance(column, str)]
+        for remark in reversed(remarks):
+            for names in names_in_remark(remark, self.width, self.delimiter):
+                bare = _bare(names)
+                if (wanted and {*wanted} <= {*bare, *map(str.lower, names)}) or (
+                        not wanted and (None not in _places(bare) or any(map(is_geographic, names)))):
+                    return names
+        for remark in reversed(remarks if asked is None else ()):
+            words = re.split(r"[\s,;]+", remark.strip().lstrip(MARKS))
+            found = [place for name in _bare(words) for place, known in enumerate(NAMES) if name in known]
+            if len({*found}) == 3 and found[:3] != [0, 1, 2]:
+                raise self.request.error(f"the remark '{remark.strip()[:80]}' may name its columns, which are not x, y "
+                                         "and height in this order", "Give their numbers from 1, such as [2, 1, 3].",
+                                         "columns")
+        return []
+
     def words(self, line: str) -> list[str]:
-        """Return the columns of a line."""
-        return [word.strip().strip('"\'') for word in line.strip().split(self.delimiter)]
+        """The columns of a line."""
+        cells = line.strip(" \r\n").split(self.delimiter)
+        return [word.strip().strip('"\'') for word in cells]
 
     def lines(self, file):
-        """Return the lines with numbers, with decimal points."""
-        lines = (line for line in file if not line.lstrip().startswith(COMMENTS))
-        return (line.replace(",", ".") for line in lines) if self.comma else lines
+        """The lines with numbers, with decimal points.
+
+        Raises:
+            ValueError: A line has more or fewer separators than the first.
+        """
+        for line in file:
+            if not line.strip() or line.lstrip().startswith(COMMENTS):
+                continue
+            if self.delimiter and '"' not in line:
+                count = line.count(self.delimiter) + 1
+                if count != self.width and not (abs(count - self.width) == 1
+                                                and line.rstrip(" \r\n").endswith(self.delimiter)):
+                    raise ValueError(f"the line '{line.strip()[:60]}' has {count} columns, the first {self.width}")
+            yield line.replace(",", ".") if self.comma else line
 
 
 def _is_number(word: str) -> bool:
@@ -64,6 +123,17 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _bare(names: list[str]) -> list[str]:
+    """Names in small letters without their units."""
+    return [parse_name(name, LENGTHS).base.replace(" ", "_") for name in names]
+
+
+def _places(bare: list[str]) -> list[int | None]:
+    """Numbers, from 0, of the columns of x, y and height; None for one that is not there, or more than once."""
+    found = [[i for i, name in enumerate(bare) if name in known] for known in NAMES]
+    return [places[0] if len(places) == 1 else None for places in found]
 
 
 def read_points(request: Request) -> Cloud:
@@ -85,67 +155,103 @@ def read_points(request: Request) -> Cloud:
     if len(points) == 0:
         raise request.error("there are no points in it", "Give lines of x, y and height.")
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return Cloud(points, reference_beside(request, (middle[0], middle[1])), notes)
+    reference = reference_beside(request, (middle[0], middle[1]))
+    return Cloud(points, _with_units_of_header(reference, table, columns), notes)
+
+
+def _with_units_of_header(reference: Reference, table: Table, columns: list[int]) -> Reference:
+    """The reference with the units that the names of the columns end with, which say more than a system.
+
+    Raises:
+        InputError: They are not the same along x and y, or not those of the file beside it, or there is a scale, too.
+    """
+    if not table.names:
+        return reference
+    request, named = table.request, [table.names[i] for i in columns]
+    x, y, z = (parse_name(name, LENGTHS) for name in named)
+    unknown, unknown_height = next(filter(None, (x.unknown, y.unknown)), None), z.unknown
+    sizes = {LENGTHS[axis.unit] for axis in (x, y) if axis.unit}
+    if reference.unit_m is not None and sizes:
+        sizes.add(reference.unit_m)
+    if len(sizes) > 1 and request.asked.unit is None:
+        raise request.error(f"the units of {named[0]} and {named[1]} are not the same, or not that of the .prj file",
+                            "Give the unit of the file: m, ft or us_ft.", "unit")
+    if z.unit and LENGTHS[z.unit] != 1.0 and request.asked.height_scale and request.asked.height_unit is None:
+        raise request.error(f"the heights are in {z.unit} by the name of their column, {named[2]}, and would be scaled "
+                            "besides", "Leave it out, or give height_unit.", "height_scale", request.asked.height_scale)
+    if sizes:
+        reference = replace(reference, unit_m=sizes.pop(), unknown_unit=None)
+    if z.unit:
+        reference = replace(reference, height_unit_m=LENGTHS[z.unit], unknown_height_unit=None)
+    return replace(reference, unknown_unit=(unknown and f"a column has '{unknown}'") or reference.unknown_unit,
+                   unknown_height_unit=(unknown_height and f"{named[2]} has '{unknown_height}'")
+                   or reference.unknown_height_unit)
 
 
 def _numbers(table: Table, columns: list[int]) -> np.ndarray:
-    """Return the numbers of columns, [N, 3]."""
+    """The numbers of columns, [N, 3]; NaN for heights that are missing."""
     request = table.request
     try:
-        with (request.path.open(encoding="utf-8-sig", errors="replace") as file,
-              warnings.catch_warnings(action="ignore", category=UserWarning)):  # of no lines
-            for _ in range(table.skip):
-                file.readline()
-            return np.loadtxt(table.lines(file), delimiter=table.delimiter, usecols=columns, comments=None, ndmin=2,
-                              quotechar='"')
+        try:
+            return _loaded(table, columns, None)
+        except ValueError:  # perhaps of an empty cell; readers in Python are ten times slower
+            return _loaded(table, columns, {columns[2]: _height})
     except (ValueError, IndexError, OverflowError) as error:
-        where = f", counted from 0 after the header in line {table.skip}" if table.skip else ", counted from 0"
-        raise request.error(f"a line cannot be read: {error}{where}", "Give numbers in all lines; those that begin "
-                            "with # are passed over.") from error
+        raise request.error(f"a line cannot be read: {error} (rows count from 0 after the header)",
+                            "Give numbers in all lines; those that begin with # are passed over.") from error
+
+
+def _height(cell: str) -> float:
+    return np.nan if cell.strip().strip('"').lower() in MISSING else float(cell)
+
+
+def _loaded(table: Table, columns: list[int], converters) -> np.ndarray:
+    with (table.request.path.open(encoding="utf-8-sig", errors="replace") as file,
+          warnings.catch_warnings(action="ignore", category=UserWarning)):  # of no lines
+        for _ in range(table.skip):
+            file.readline()
+        return np.loadtxt(table.lines(file), delimiter=table.delimiter, usecols=columns, comments=None, ndmin=2,
+                          quotechar='"', converters=converters)
 
 
 def _columns(table: Table) -> list[int]:
-    """Return the numbers, from 0, of the columns of x, y and height."""
-    asked, request = table.request.asked.columns, table.request
-    names = [word.lower() for word in table.words(table.header)] if table.header else []
-    if names:
-        _check_header(names, request)
-    bare = [re.sub(r"[\[(].*", "", name).strip().replace(" ", "_") for name in names]
-    if asked is not None:
-        columns = [_column(column, i, names, bare, request) for i, column in enumerate(asked)]
+    """The numbers, from 0, of the columns of x, y and height."""
+    asked, request = table.request.asked, table.request
+    bare = _bare(table.names)
+    if asked.columns is not None:
+        columns = [_column(column, i, table.names, bare, request) for i, column in enumerate(asked.columns)]
     else:
-        columns = _known_columns(table, bare) if names else [0, 1, 2]
-    height = bare[columns[2]] if columns[2] < len(bare) else ""
-    if height.startswith("depth") and request.asked.positive is None:
+        columns = _known_columns(table, bare) if table.names else [0, 1, 2]
+    if not table.names or max(columns) >= len(bare):
+        return columns
+    named = [table.names[i].lower() for i in columns]
+    if degrees := [name for name in named[:2] if is_geographic(name)]:
+        refuse_degrees(request, f"a column is called {degrees[0]}")
+    if "depth" in bare[columns[2]] and asked.positive is None:
         raise request.error("its heights are called depth, which may grow up or down", "Give down if they are positive "
                             "below the surface, or up.", "positive")
+    if (feet := [name for name in named if FEET.search(name)]) and asked.unit is None and asked.height_unit is None:
+        raise request.error(f"a column is called {feet[0]}", "Give the unit of the file: m, ft or us_ft.", "unit")
     return columns
 
 
 def _known_columns(table: Table, bare: list[str]) -> list[int]:
-    """Return the numbers, from 0, of the columns whose names tell that they are x, y and height."""
-    found = [[i for i, name in enumerate(bare) if name in known] for known in NAMES]
-    if any(len(places) != 1 for places in found):
-        raise table.request.error(
-            f"its header '{table.header.strip()[:80]}' does not tell which columns are x, y and height",
-            "Name them or give their numbers from 1, such as [x, y, z] or [1, 2, 3].", "columns")
-    return [places[0] for places in found]
-
-
-def _check_header(names: list[str], request: Request) -> None:
-    """Refuse columns of degrees, and of feet where the unit is not given."""
-    if request.asked.columns is None and (degrees := [name for name in names if re.split(r"\W", name)[0] in DEGREES]):
-        refuse_degrees(request, f"a column is called {degrees[0]}")
-    feet = [name for name in names if FEET.search(name)]
-    if feet and request.asked.unit is None and request.asked.height_unit is None:
-        raise request.error(f"a column is called {feet[0]}", "Give the unit of the file: m, ft or us_ft.", "unit")
+    """The numbers, from 0, of the columns whose names tell that they are x, y and height."""
+    places = [place for place in _places(bare) if place is not None]
+    if len(places) == 3:
+        return places
+    if degrees := [name for name in table.names if is_geographic(name)]:
+        refuse_degrees(table.request, f"a column is called {degrees[0].lower()}")
+    raise table.request.error(
+        f"its header '{', '.join(table.names)[:80]}' does not tell which columns are x, y and height",
+        "Name them or give their numbers from 1, such as [x, y, z] or [1, 2, 3].", "columns")
 
 
 def _column(column, i, names, bare, request) -> int:
-    """Return the number, from 0, of a column that the block names."""
+    """The number, from 0, of a column that the block names."""
     if isinstance(column, int):
         return column - 1
-    for known in (names, bare):
+    for known in ([name.lower() for name in names], bare):
         if known.count(column.lower()) == 1:
             return known.index(column.lower())
     there = f"there are: {', '.join(names)}" if names else "it has no header"

@@ -17,7 +17,7 @@ class Request:
     path: Path
     asked: Heights
     key: str
-    """Of the block, ``terrain``, for messages."""
+    """The key of the block, ``terrain``, for messages."""
 
     def error(self, problem: str, remedy: str, name: str = "file", value: Any = None) -> InputError:
         """Make a refusal of the file that names one of the block's keys."""

@@ -5,14 +5,15 @@ They are told by keys of GeoTIFF (OGC 19-008r4), which LAS files have, too, and 
 """
 
 import bisect
+import math
 import re
 from collections.abc import Iterator
 from functools import cache
 from importlib import resources
 
 from varos_warp.scene.geometry.survey.content import Reference, Request
+from varos_warp.scene.headers import FOOT, US_FOOT
 
-FOOT, US_FOOT = 0.3048, 1200.0 / 3937.0
 UNITS = {"m": 1.0, "ft": FOOT, "us_ft": US_FOOT}
 """Metres in a unit of scene files."""
 EPSG_UNITS = {9001: 1.0, 9002: FOOT, 9003: US_FOOT, 9014: 6 * FOOT, 9036: 1000.0}
@@ -21,25 +22,49 @@ DEPTHS = (5336, 5612, 5614, 5706, 5715, 5734, 5739, 5789, 5831, *range(5861, 586
           8051, 8053, 8358, 9287, 9288, 9672, 10150, 10151, 10349, 10364, *range(10370, 10380), *range(10547, 10553),
           10649, 10650, 10678)
 """EPSG codes of vertical systems that count downwards."""
-UNIT_NAMES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "metres": 1.0, "meters": 1.0, "ft": FOOT, "foot": FOOT,
-              "feet": FOOT, "international foot": FOOT, "us survey foot": US_FOOT, "us_ft": US_FOOT, "us-ft": US_FOOT,
-              "ftus": US_FOOT, "foot_us": US_FOOT, "fathom": 6 * FOOT, "cm": 0.01, "centimetre": 0.01,
-              "centimeter": 0.01, "mm": 0.001, "millimetre": 0.001, "km": 1000.0, "kilometre": 1000.0}
-"""Metres in a unit by what GDAL and others call it."""
+MERCATORS = (3857, 3785, 3395, 900913, 102100, 102113, 54004)
+"""Codes of Mercator projections whose scale is that of the equator, of EPSG, Google and Esri."""
+MERCATOR_NAMES = tuple(f"EPSG:{code}" for code in MERCATORS)
+MERCATOR = re.compile(r"(pseudo|web|world)[ _-]?mercator|mercator[ _-]auxiliary[ _-]sphere|google[ _-]maps", re.I)
+"""What they are called."""
+EARTH_M = 6378137.0
+"""Radius of the sphere of web maps."""
+SOME_ZONE = "EPSG:32632 for UTM zone 32 north, or another zone"
 
 
 def refuse_degrees(request: Request, name: str, middle: tuple[float, float] | None = None):
     """Refuse longitudes and latitudes, and tell the UTM zone of the middle, if that is known and there is one."""
-    target = "EPSG:32632 for UTM zone 32 north"
-    if middle is not None and abs(middle[0]) <= 180.0 and abs(middle[1]) <= 84.0:
-        zone = min(int((middle[0] + 180.0) // 6.0) + 1, 60)
-        side = "south" if middle[1] < 0.0 else "north"
-        target = f"EPSG:{(32700 if side == 'south' else 32600) + zone} for UTM zone {zone} {side}"
-    stem, suffix = request.path.stem, request.path.suffix
-    raise request.error(
-        f"its coordinates are degrees ({name}), which are no lengths",
-        f"Project it to metres, {target}: gdalwarp -t_srs {target.split()[0]} {stem}{suffix} utm.tif for grids, "
-        "pdal or QGIS for points.")
+    target = (middle and _utm(*middle)) or SOME_ZONE
+    raise request.error(f"its coordinates are degrees ({name}), which are no lengths", _project(request, target))
+
+
+def refuse_mercator(request: Request, name: str, middle: tuple[float, float] | None):
+    """Refuse a Mercator projection whose scale is that of the equator, and tell by how much it is wrong in the middle.
+
+    On a sphere of radius R a metre of ground at y = R arsinh(tan(latitude)) is cosh(y / R) = 1 / cos(latitude) long.
+    """
+    by, target = "", SOME_ZONE
+    if middle is not None and abs(middle[1]) < 4.0 * EARTH_M and abs(middle[0]) <= math.pi * EARTH_M:
+        latitude = math.degrees(math.atan(math.sinh(middle[1] / EARTH_M)))
+        by = f": {math.cosh(middle[1] / EARTH_M):.3g} times too long at its latitude of {latitude:.1f} degrees"
+        target = _utm(math.degrees(middle[0] / EARTH_M), latitude) or target
+    raise request.error(f"its coordinates are in the Mercator projection of maps ({name}), which are no lengths on the "
+                        f"ground{by}", _project(request, target))
+
+
+def _utm(longitude: float, latitude: float) -> str | None:
+    """The UTM zone of a place in words, if there is one."""
+    if not (abs(longitude) <= 180.0 and abs(latitude) <= 84.0):
+        return None
+    zone = min(int((longitude + 180.0) // 6.0) + 1, 60)
+    side = "south" if latitude < 0.0 else "north"
+    return f"EPSG:{(32700 if side == 'south' else 32600) + zone} for UTM zone {zone} {side}"
+
+
+def _project(request: Request, target: str) -> str:
+    code = target.partition(" ")[0]
+    return (f"Project it to metres, {target}: gdalwarp -t_srs {code} {request.path.name} utm.tif for grids, pdal or "
+            "QGIS for points.")
 
 
 # ----------------------------------------------------------------------------------------------------- keys of GeoTIFF
@@ -63,6 +88,8 @@ def of_geokeys(keys: dict[int, object], request: Request, middle: tuple[float, f
         refuse_degrees(request, f"EPSG:{keys[2048]}" if 2048 in keys else name or "a geographic system", middle)
     if model == 3:
         raise request.error("its coordinates are geocentric", "Project it to metres, to a zone of UTM for example.")
+    if code in MERCATORS or MERCATOR.search(name or ""):
+        refuse_mercator(request, f"EPSG:{code}" if known else name or str(code), middle)
     unit, unknown = _unit(keys, 3076, 3077, 3072)
     height, unknown_height = _unit(keys, 4099, None, 4096)
     if unknown and not known and name:
@@ -76,7 +103,7 @@ def _is_depth(name: str) -> bool:
 
 
 def _unit(keys, key, size_key, system_key) -> tuple[float | None, str | None]:
-    """Return the metres in the unit that a key names, else in that of the system, and what is named if unknown."""
+    """The metres in the unit that a key names, else in that of the system, and what is named if unknown."""
     code, system = keys.get(key), keys.get(system_key)
     if code is None:
         if system is None:
@@ -89,7 +116,7 @@ def _unit(keys, key, size_key, system_key) -> tuple[float | None, str | None]:
 
 
 def unit_of_system(code: object) -> float | None:
-    """Return the metres in a unit of a projected or vertical system by its EPSG code; None if it is not known."""
+    """The metres in a unit of a projected or vertical system by its EPSG code; None if it is not known."""
     if not isinstance(code, int):
         return None
     first, last, metres = _systems()
@@ -99,7 +126,7 @@ def unit_of_system(code: object) -> float | None:
 
 @cache
 def _systems() -> tuple[list[float], list[float], list[float]]:
-    """Return the first and last codes of runs of systems, and the metres in their unit."""
+    """The first and last codes of runs of systems, and the metres in their unit."""
     text = (resources.files("varos_warp") / "data" / "epsg_units.csv").read_text(encoding="utf-8")
     rows = [list(map(float, line.split(","))) for line in text.splitlines()[3:]]
     first, last, metres = zip(*rows, strict=True)
@@ -107,7 +134,7 @@ def _systems() -> tuple[list[float], list[float], list[float]]:
 
 
 def geokeys(directory, doubles, text: str) -> dict[int, object]:
-    """Return the values of the keys of a GeoKeyDirectory, its numbers and its text, without what is damaged."""
+    """The values of the keys of a GeoKeyDirectory, its numbers and its text, without what is damaged."""
     keys: dict[int, object] = {}
     for key, place, count, value in zip(*[iter(directory[4:])] * 4, strict=False):
         if place == 0:
@@ -141,12 +168,12 @@ class Node:
             waiting += node.nodes
 
     def inside(self, *names: str) -> list["Node"]:
-        """Return the nodes of these names right inside this one."""
+        """The nodes of these names right inside this one."""
         return [node for node in self.nodes if node.name in names]
 
 
 def parse_wkt(text: str) -> Node:
-    """Return a node around a well-known text; brackets that are not closed end with the text."""
+    """A node around a well-known text; brackets that are not closed end with the text."""
     root = Node("")
     stack = [root]
     for match in TOKEN.finditer(text[:MOST_TEXT]):
@@ -179,6 +206,9 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
                                 "for example.")
         return Reference(unknown_unit="its projection is of no kind that is known")
     system = projected or local
+    method = " ".join(node.values[0] for node in system.find("PROJECTION", "METHOD") if node.values)
+    if (name := _name_of_node(system)) in MERCATOR_NAMES or MERCATOR.search(f"{system.values[:1]} {method}"):
+        refuse_mercator(request, name or method, middle)
     unit, unknown = _unit_of_node(system)
     vertical = next(root.find("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"), None)
     height, unknown_height = _unit_of_node(vertical) if vertical else (None, None)
@@ -188,7 +218,7 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
 
 
 def _name_of_node(node: Node) -> str | None:
-    """Return EPSG's number of a system, else its name."""
+    """EPSG's number of a system, else its name."""
     for authority in node.inside("AUTHORITY", "ID"):
         if len(authority.values) >= 2 and authority.values[0].upper() == "EPSG":
             return f"EPSG:{authority.values[1]}"
@@ -196,7 +226,7 @@ def _name_of_node(node: Node) -> str | None:
 
 
 def _unit_of_node(node: Node) -> tuple[float | None, str | None]:
-    """Return the metres in the unit of a system, and its name if that is no number."""
+    """The metres in the unit of a system, and its name if that is no number."""
     units = node.inside("UNIT", "LENGTHUNIT") or [unit for axis in node.inside("AXIS")
                                                   for unit in axis.inside("UNIT", "LENGTHUNIT")]
     name = (node.values or ["its system"])[0]

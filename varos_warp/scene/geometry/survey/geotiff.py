@@ -1,7 +1,8 @@
 """GeoTIFF (OGC 19-008r4): heights of one band, where they lie, and their unit; and TIFF files that say nothing of that.
 
-tifffile decodes the pixels, with imagecodecs where they are packed by LZW or Zstandard. A node of the grid is the
-middle of a pixel, as GDAL has it: half a pixel from the corner that a tie point of RasterPixelIsArea names.
+tifffile decodes the pixels, with imagecodecs if it is installed, as it must be for LZW and Zstandard. A node
+of the grid is the middle of a pixel, as GDAL has it: half a pixel from the corner that a tie point of RasterPixelIsArea
+names.
 """
 
 import contextlib
@@ -10,14 +11,17 @@ import math
 import re
 import zlib
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
-from varos_warp.scene.geometry.survey.crs import MOST_TEXT, UNIT_NAMES, geokeys, of_geokeys
+from varos_warp.scene.geometry.survey.crs import MOST_TEXT, geokeys, of_geokeys
 from varos_warp.scene.geometry.survey.pictures import placed, to_heights
+from varos_warp.scene.headers import LENGTHS
 
 logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
 logging.getLogger("tifffile").propagate = False
@@ -47,6 +51,10 @@ def read_geotiff(request: Request) -> Raster:
             tags = {number: page.tags.valueof(number) for number in TAGS}
             values = _pixels(page, request)
             mask = None if mask is None else _mask(mask, request)
+        outside = beside(request.path, f"{request.path.suffix}.msk")
+        if outside is not None:
+            more = _mask_beside(replace(request, path=outside), values.shape)
+            mask = more if mask is None else mask | more
         return _placed(values, mask, tags, request)
     except InputError:
         raise
@@ -66,7 +74,7 @@ def _unread(error: Exception, request: Request) -> InputError:
 
 
 def _pages(file, request):
-    """Return the page with the heights, and the one with their mask or None; overviews are passed over."""
+    """The page with the heights, and the one with their mask or None; overviews are passed over."""
     page, mask, others = file.pages.first, None, 0
     for other in file.pages[1:MOST_PAGES]:
         kind = other.tags.valueof(254, 0)
@@ -80,7 +88,7 @@ def _pages(file, request):
 
 
 def _pixels(page, request) -> np.ndarray:
-    """Return the values of the one band, [rows, columns]."""
+    """The values of the one band, [rows, columns]."""
     _check_pixels(page, request)
     if page.samplesperpixel != 1 or page.imagedepth != 1 or page.photometric not in (0, 1):
         what = "a palette" if page.photometric == 3 else f"{page.samplesperpixel} bands"
@@ -96,9 +104,28 @@ def _pixels(page, request) -> np.ndarray:
 
 
 def _mask(page, request) -> np.ndarray:
-    """Return where a mask says that there is nothing, bool [rows, columns]."""
+    """Where a mask says that there is nothing, bool [rows, columns]."""
+    if page.samplesperpixel != 1:
+        raise request.error(f"its mask has {page.samplesperpixel} bands", REWRITE)
     _check_pixels(page, request)
     return np.asarray(page.asarray(squeeze=True)).reshape(page.imagelength, page.imagewidth) == 0
+
+
+def _mask_beside(request: Request, shape: tuple[int, ...]) -> np.ndarray:
+    """Where GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(request.path) as file:
+            mask = _mask(file.pages.first, request)
+    except InputError:
+        raise
+    except Exception as error:  # tifffile raises many kinds
+        raise _unread(error, request) from error
+    if mask.shape != shape:
+        raise request.error("is a mask of another size than the heights beside it",
+                            "Write both anew: gdal_translate in.tif out.tif.")
+    return mask
 
 
 def _check_pixels(page, request) -> None:
@@ -109,20 +136,22 @@ def _check_pixels(page, request) -> None:
     rows, columns = page.tile[-2:] if page.is_tiled else (min(page.rowsperstrip, page.imagelength), page.imagewidth)
     check_limit("HEIGHTS", rows * columns, file=request.path, key=f"{request.key}.file")
     most = rows * -(-columns * page.samplesperpixel * page.bitspersample // 8) + 1
+    # imagecodecs unpacks no more than it is asked for; what tifffile has where that is not installed does
+    unbounded = page.compression in DEFLATE and find_spec("imagecodecs") is None
     file = page.parent.filehandle
     if len(page.dataoffsets) < (1 if page.is_contiguous else math.prod(page.chunked)):
         raise request.error("it lacks blocks of its pixels", "The file is damaged.")
     for place, count in zip(page.dataoffsets, page.databytecounts, strict=True):
         if place + count > file.size:
             raise request.error("it ends before its last pixels", "The transfer may have broken off; copy it again.")
-        if page.compression in DEFLATE and count:
+        if unbounded and count:
             file.seek(place)
             if len(zlib.decompressobj().decompress(file.read(count), most)) >= most:
                 raise request.error("a block of its pixels unpacks to more than its size", "The file is damaged.")
 
 
 def _nodata(text) -> float | None:
-    """Return GDAL's value for none."""
+    """GDAL's value for none."""
     with contextlib.suppress(ValueError):
         return None if text is None else float(str(text).strip(" \0").replace(",", "."))
     return None
@@ -132,7 +161,7 @@ def _nodata(text) -> float | None:
 
 
 def _placed(values, mask, tags, request) -> Raster:
-    """Return values as heights where the file says that they lie."""
+    """Values as heights where the file says that they lie."""
     T, told = placed(values.shape, request, _transform(tags, request))
     keys = geokeys(*_directory(tags)) if tags[34735] else {}
     middle = tuple(T @ (0.5 * (values.shape[1] - 1), 0.5 * (values.shape[0] - 1), 1.0))
@@ -152,7 +181,7 @@ def _directory(tags):
 
 
 def _numbers(value, count: int, request) -> np.ndarray | None:
-    """Return the numbers of a tag, at least ``count`` of them; None if there is no such tag."""
+    """The numbers of a tag, at least ``count`` of them; None if there is no such tag."""
     if value is None:
         return None
     numbers = np.atleast_1d(np.array(value, float))
@@ -162,7 +191,7 @@ def _numbers(value, count: int, request) -> np.ndarray | None:
 
 
 def _transform(tags, request) -> np.ndarray | None:
-    """Return the places of the middles of the pixels, [2, 3]; None if the file has none."""
+    """The places of the middles of the pixels, [2, 3]; None if the file has none."""
     matrix, scale = _numbers(tags[34264], 16, request), _numbers(tags[33550], 2, request)
     tie = _numbers(tags[33922], 6, request)
     if matrix is not None:
@@ -197,14 +226,14 @@ def _rows(directory):
 
 
 def _items(metadata: str) -> dict[str, str]:
-    """Return the entries of GDAL's metadata that have a role, such as the scale of the values, by their roles."""
+    """The entries of GDAL's metadata that have a role, such as the scale of the values, by their roles."""
     found = re.findall(r"<Item\b([^<>]{0,500})>([^<]*)<", metadata[:MOST_TEXT])
     roles = [(re.search(r"\brole=[\"'](\w+)[\"']", attributes), value.strip()) for attributes, value in found]
     return {role[1]: value for role, value in roles if role}
 
 
 def _scaled(heights: np.ndarray, items: dict[str, str], request: Request) -> np.ndarray:
-    """Return values with the scale and the offset that GDAL writes down for the band."""
+    """Values with the scale and the offset that GDAL writes down for the band."""
     try:
         scale, offset = float(items.get("scale", 1.0)), float(items.get("offset", 0.0))
     except ValueError:
@@ -215,9 +244,9 @@ def _scaled(heights: np.ndarray, items: dict[str, str], request: Request) -> np.
 
 
 def _with_unit_of_band(reference: Reference, items: dict[str, str]) -> Reference:
-    """Return the reference with the unit that GDAL writes down for a band, which says more than a system."""
+    """The reference with the unit that GDAL writes down for a band, which says more than a system."""
     name = items.get("unittype")
     if not name:
         return reference
-    known = UNIT_NAMES.get(name.lower())
+    known = LENGTHS.get(name.lower())
     return replace(reference, height_unit_m=known, unknown_height_unit=None if known else f"the unit '{name}'")

@@ -26,24 +26,24 @@ class Holes(NamedTuple):
 
 
 def spacing(T: np.ndarray) -> tuple[float, float]:
-    """Return the distance of neighbouring nodes along a row and down a column."""
+    """The distance of neighbouring nodes along a row and down a column."""
     return float(np.hypot(*T[:, 0])), float(np.hypot(*T[:, 1]))
 
 
 def places(T: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return x, y of nodes, float64 [..., 2]."""
+    """X, y of nodes, float64 [..., 2]."""
     return np.stack([T[i, 0] * columns + T[i, 1] * rows + T[i, 2] for i in (0, 1)], axis=-1)
 
 
 def extent(raster: Raster) -> np.ndarray:
-    """Return xmin, ymin, xmax, ymax of the nodes."""
+    """Xmin, ymin, xmax, ymax of the nodes."""
     rows, columns = raster.values.shape
     corners = places(raster.T, np.array([0, 0, rows - 1, rows - 1]), np.array([0, columns - 1, 0, columns - 1]))
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 
 
 def window(raster: Raster, region: tuple[float, float, float, float]) -> Raster:
-    """Return the part of a grid whose nodes lie in a region xmin, ymin, xmax, ymax; empty where none does."""
+    """The part of a grid whose nodes lie in a region xmin, ymin, xmax, ymax; empty where none does."""
     slack = ON_A_NODE * min(spacing(raster.T))
     low, high = np.subtract(region[:2], slack), np.add(region[2:], slack)
     corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
@@ -89,7 +89,7 @@ def mosaic(rasters: list[Raster], names: list[str], key: str) -> Raster:
 
 
 def thinned(raster: Raster, resolution: float) -> tuple[Raster, tuple[int, int]]:
-    """Return means of blocks of nodes about as wide as ``resolution``, and how many nodes they have along each side.
+    """Means of blocks of nodes about as wide as ``resolution``, and how many nodes they have along each side.
 
     A block has a mean if at least half of its nodes have heights. Nodes beyond the last whole block are left out.
     """
@@ -118,7 +118,7 @@ def holes(there: np.ndarray, T: np.ndarray) -> Holes:
 
 
 def mesh_of(raster: Raster, key: str) -> tuple[np.ndarray, np.ndarray, Holes]:
-    """Return vertices float64 [V, 3] and faces int32 [F, 3], counter-clockwise seen from above, and the holes."""
+    """Vertices float64 [V, 3] and faces int32 [F, 3], counter-clockwise seen from above, and the holes."""
     z, T = raster.values, raster.T
     valid = ~np.isnan(z)
     there = valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, 1:] & valid[1:, :-1]

@@ -51,7 +51,7 @@ def read_las(request: Request) -> Cloud:
 
 
 def _points(request: Request) -> tuple[np.ndarray, int, Counter, list]:
-    """Return the points [N, 3], how many the header tells, how many were read and are noise, and the other records."""
+    """The points [N, 3], how many the header tells, how many were read and are noise, and the other records."""
     import laspy
 
     kept, counts = [np.zeros((0, 3))], Counter()
@@ -90,7 +90,7 @@ def _check_sizes(request: Request) -> bool:
 
 
 def _chunks(file, start: int, size: int) -> int:
-    """Return the number of chunks that the table of a LAZ file tells, whose place stands before the points."""
+    """The number of chunks that the table of a LAZ file tells, whose place stands before the points."""
     file.seek(start)
     (place,) = struct.unpack("<q", file.read(8).ljust(8, b"\xff"))
     if place == -1:  # written in one go: it stands at the end
@@ -103,7 +103,7 @@ def _chunks(file, start: int, size: int) -> int:
 
 
 def _chosen(chunk, request) -> tuple[np.ndarray, int]:
-    """Return the points [N, 3] of a chunk, and how many are left out as noise."""
+    """The points [N, 3] of a chunk, and how many are left out as noise."""
     kind = np.asarray(chunk.classification)
     bad = np.asarray(chunk.withheld, bool)
     bad |= np.isin(kind, NOISE) if request.asked.classes is None else False

@@ -1,14 +1,12 @@
 """Grids that do not say where they lie: PNG pictures and NumPy arrays; and what grey means as heights."""
 
-import warnings
-
 import numpy as np
-from PIL import Image
 
 from varos_warp.errors import InputError
 from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Request
+from varos_warp.scene.images import open_image
 
 
 def read_picture(request: Request) -> Raster:
@@ -18,20 +16,20 @@ def read_picture(request: Request) -> Raster:
         InputError: It is damaged or coloured, or its keys do not say what grey means and how far apart pixels are.
     """
     try:
-        with warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning):  # the limit is ours
-            with Image.open(request.path, formats=["PNG"]) as image:
-                check_limit("HEIGHTS", image.width * image.height, file=request.path, key=f"{request.key}.file")
-                if image.mode not in ("L", "I;16", "I;16B", "I"):
-                    raise request.error(f"is a coloured picture (mode {image.mode}), not heights",
-                                        "Give a grey PNG of 8 or 16 bits, a GeoTIFF or an NPY file.")
-                values = np.asarray(image)
+        with open_image(request.path, f"{request.key}.file", limit="HEIGHTS", formats=("PNG",)) as image:
+            if image.mode not in ("L", "I;16", "I;16B", "I"):
+                raise request.error(f"is a coloured picture (mode {image.mode}), not heights",
+                                    "Give a grey PNG of 8 or 16 bits, a GeoTIFF or an NPY file.")
+            values = np.asarray(image)
+            clear = image.info.get("transparency")  # of the chunk tRNS: the grey that is not there
     except InputError:
         raise
     except Exception as error:  # Pillow raises many kinds
         raise request.error(f"cannot be read as a PNG: {error}", "The file may be damaged; export it again.") from error
     if values.dtype.kind == "i":  # Pillow keeps 16 bits in 32
         values = values.astype(np.uint16)
-    return Raster(to_heights(values, None, request, measured=False), placed(values.shape, request)[0])
+    mask = None if clear is None else values == clear
+    return Raster(to_heights(values, None, request, measured=False, mask=mask), placed(values.shape, request)[0])
 
 
 def read_array(request: Request) -> Raster:
@@ -57,7 +55,7 @@ def read_array(request: Request) -> Raster:
 
 
 def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = None) -> tuple[np.ndarray, bool]:
-    """Return the places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
+    """The places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
 
     Args:
         shape: Rows and columns.
@@ -74,7 +72,7 @@ def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = N
 
 
 def world_file(request: Request) -> np.ndarray | None:
-    """Return the places of the middles of the pixels by the world file beside a picture, [2, 3]; None without one.
+    """The places of the middles of the pixels by the world file beside a picture, [2, 3]; None without one.
 
     It has six numbers: what x and y grow by along a row, what they grow by down a column, and the middle of the first
     pixel.
@@ -96,7 +94,7 @@ def world_file(request: Request) -> np.ndarray | None:
 
 
 def centred(shape: tuple[int, ...], request: Request) -> np.ndarray:
-    """Return the places of nodes about the middle of their grid, float64 [2, 3], as the keys of the block say."""
+    """The places of nodes about the middle of their grid, float64 [2, 3], as the keys of the block say."""
     asked = request.asked
     if asked.pixel_m is None:
         raise request.error("the file does not say where it lies", "Give the distance of neighbouring nodes in metres, "
@@ -109,7 +107,7 @@ def centred(shape: tuple[int, ...], request: Request) -> np.ndarray:
 
 def to_heights(values: np.ndarray, nodata: float | None, request: Request, *, measured: bool,
                mask: np.ndarray | None = None) -> np.ndarray:
-    """Return values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
+    """Values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
 
     Args:
         values: As the file holds them.

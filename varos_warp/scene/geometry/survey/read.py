@@ -25,8 +25,12 @@ READERS: dict[str, Callable[[Request], Raster | Cloud]] = {
     **dict.fromkeys(TEXTS, read_points), **dict.fromkeys(CLOUDS, read_las)}
 FILLS = (-9999.0, -99999.0, -32768.0, -32767.0, 32767.0, 9999.0, 99999.0, 1e5, -1e5)
 """Numbers that many programs write where they know no height."""
+MANY_ZEROS = 0.1
+"""Share of values that are 0 from which they may well stand for none."""
+STEEPEST = 2.0
+"""Range of heights in widths of a survey, beyond which heights are rather in another unit."""
 FARTHEST_M = 1e9
-"""Of coordinates and heights; beyond, the unit or the value for none is wrong."""
+"""The largest coordinate or height; beyond, the unit or the value for none is wrong."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str 
 
 
 def _joined(found: list, paths: list[Path], key: str) -> tuple[Raster | Cloud, str | None]:
-    """Return what files hold as one grid or as points, and the name of their system or None."""
+    """What files hold as one grid or as points, and the name of their system or None."""
     if len({type(each) for each in found}) > 1:
         raise InputError("grids and points cannot be joined", file=paths[0], key=f"{key}.file",
                          remedy="Name files of one kind, or join meshes with `varos-warp preprocess`.")
@@ -96,7 +100,10 @@ def _read(request: Request) -> Raster | Cloud:
 
 
 def _unread(path: Path) -> list[str]:
-    """Return a warning of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
+    """Warnings of what GDAL or ArcGIS wrote beside a grid, if it says more than the grid itself."""
+    mask = path.with_name(f"{path.name}.msk")
+    if ending(path.name) in GRIDS and ending(path.name) not in GEOTIFFS and mask.is_file():
+        return [f"{mask.name} is a mask, which is read beside GeoTIFF only; gdal_translate to .tif writes it so"]
     beside = path.with_name(f"{path.name}.aux.xml")
     if ending(path.name) not in GRIDS or not beside.is_file():
         return []
@@ -111,7 +118,7 @@ def _unread(path: Path) -> list[str]:
 
 
 def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
-    """Return coordinates and heights in metres, up, with the offset, in the region.
+    """Coordinates and heights in metres, up, with the offset, in the region.
 
     Raises:
         InputError: The unit or the sign is not known, or nothing is left.
@@ -133,13 +140,36 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
     common = [fill for fill in FILLS if fill in (float(np.nanmin(heights)), float(np.nanmax(heights)))]
     if common and asked.nodata is None:
         read.notes.append(f"values of {common[0]:g} look as if they stood for none; if so give nodata: {common[0]:g}")
+    if isinstance(read, Raster):
+        read.notes.extend([*_zeros(heights, asked), *_steep(read, factor, asked)])
     heights *= factor
     heights += asked.height_offset_m
     return _checked(read, heights, request)
 
 
+def _zeros(heights: np.ndarray, asked: Heights) -> list[str]:
+    """A note of many values that are 0 in a grid without any that stands for none."""
+    black = asked.height_range_m[0] if asked.height_range_m else 0.0
+    share = np.count_nonzero(heights == black) / heights.size
+    if asked.nodata is not None or np.isnan(heights).any() or not MANY_ZEROS <= share < 1.0:
+        return []
+    return [f"{share:.0%} of its values are 0; if they stand for none give nodata: 0"]
+
+
+def _steep(read: Raster, factor: float, asked: Heights) -> list[str]:
+    """A note of whole numbers that differ by more metres than a sea floor does, as those in centimetres do."""
+    low, high = np.nanmin(read.values), np.nanmax(read.values)
+    wide = float(np.ptp(grid.extent(read).reshape(2, 2), axis=0).max())
+    tall = abs(factor) * (high - low)
+    given = asked.height_scale is not None or asked.height_range_m is not None
+    if given or tall <= STEEPEST * wide or not (np.isnan(read.values) | (read.values % 1.0 == 0.0)).all():
+        return []
+    return [f"its heights are whole numbers and differ by {tall:.3g} m over {wide:.3g} m; if they are in cm give "
+            "height_scale: 0.01"]
+
+
 def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
-    """Return what lies in a region xmin, ymin, xmax, ymax."""
+    """What lies in a region xmin, ymin, xmax, ymax."""
     if isinstance(read, Raster):
         return grid.window(read, region)
     places = read.points[:, :2]
@@ -148,7 +178,7 @@ def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
 
 
 def _checked(read, heights, request):
-    """Return the same, if all of it lies where a sea floor can."""
+    """The same, if all of it lies where a sea floor can."""
     far = float(np.nanmax(np.abs(heights)))
     if far > FARTHEST_M:
         raise request.error(f"a height is {far:.3g} m", "Give nodata if this stands for none, or the unit.", "nodata")
@@ -159,7 +189,7 @@ def _checked(read, heights, request):
 
 
 def _units(reference, request) -> tuple[float, float]:
-    """Return the metres in a unit of x and y, and in a unit of the heights."""
+    """The metres in a unit of x and y, and in a unit of the heights."""
     asked = request.asked
     choices = "Give m, ft or us_ft."
     if asked.unit is not None:
@@ -195,7 +225,7 @@ def _downwards(reference, request) -> bool:
 
 
 def _surface_of_grid(raster: Raster, asked: Heights, path: Path, key: str):
-    """Return vertices, faces and facts of a grid."""
+    """Vertices, faces and facts of a grid."""
     read, block = raster, (1, 1)
     if asked.resolution_m is not None:
         raster, block = grid.thinned(raster, asked.resolution_m)
@@ -213,7 +243,7 @@ def _surface_of_grid(raster: Raster, asked: Heights, path: Path, key: str):
 
 
 def _surface_of_points(cloud: Cloud, asked: Heights, path: Path, key: str):
-    """Return vertices, faces and facts of scattered points."""
+    """Vertices, faces and facts of scattered points."""
     points = cloud.points if asked.resolution_m is None else scattered.block_means(cloud.points, asked.resolution_m)
     alone = scattered.merge_stacked(points)
     try:
@@ -231,12 +261,16 @@ def _facts(vertices, holes) -> dict:
 
 
 def _doubts(facts: dict, asked: Heights) -> list[str]:
-    """Return warnings of what looks wrong."""
+    """Warnings of what looks wrong."""
     found, (xmin, ymin, xmax, ymax), (low, high) = [], facts["extent_m"], facts["heights_m"]
     wide = max(xmax - xmin, ymax - ymin)
     if max(abs(xmin), abs(xmax)) <= 360.0 and max(abs(ymin), abs(ymax)) <= 90.0 and high - low > 5.0 * wide:
         found.append(f"its heights differ by {high - low:.3g} m over {wide:.3g} m: its coordinates may be degrees, "
                      "which must be projected to metres, or its heights have another unit")
+    stated = asked.positive or asked.height_range_m or (asked.origin and asked.origin[2])
+    if low > 0.0 and not stated:
+        found.append(f"its heights are all above 0, {low:.3g} to {high:.3g} m; if they are depths, give "
+                     "positive: down")
     if facts["holes"]:
         what = "preprocess fills those that are narrow enough" if asked.preprocess else (
             "they are left open (preprocess: {fill_holes_m: WIDTH} fills them)")

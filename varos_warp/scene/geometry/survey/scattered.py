@@ -44,7 +44,7 @@ def grid_of(points: np.ndarray) -> Raster | None:
 
 
 def _steps(values: np.ndarray) -> tuple[np.ndarray, float, float] | None:
-    """Return the number of the step that each value lies on, int [N], the first value and the step; None without."""
+    """The number of the step that each value lies on, int [N], the first value and the step; None without."""
     distinct = np.unique(values)
     gaps = np.diff(distinct)
     rounding = 8.0 * np.spacing(np.abs(distinct).max())
@@ -62,7 +62,7 @@ def _steps(values: np.ndarray) -> tuple[np.ndarray, float, float] | None:
 
 
 def block_means(points: np.ndarray, size: float) -> np.ndarray:
-    """Return the mean of the points in each square of side ``size``, whose corners are multiples of it, [M, 3]."""
+    """The mean of the points in each square of side ``size``, whose corners are multiples of it, [M, 3]."""
     square = np.floor(points[:, :2] / size)
     order = np.lexsort(square.T)
     square = square[order]
@@ -121,13 +121,13 @@ def triangulate(points: np.ndarray, longest: float | None, key: str) -> tuple[np
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:
-    """Return the areas [F] of triangles [F, 3, 2], positive if they run counter-clockwise."""
+    """The areas [F] of triangles [F, 3, 2], positive if they run counter-clockwise."""
     (ax, ay), (bx, by) = (corners[:, i].T - corners[:, 0].T for i in (1, 2))
     return 0.5 * (ax * by - ay * bx)
 
 
 def _delaunay(local: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return faces int32 [F, 3] and for each side of them the face beyond it, -1 for none, [F, 3]."""
+    """Faces int32 [F, 3] and for each side of them the face beyond it, -1 for none, [F, 3]."""
     def compute():
         try:
             found = Delaunay(local)

@@ -1,0 +1,135 @@
+"""Headers of tables from elsewhere: names of columns, and the units that they end with.
+
+A unit stands in brackets (``x [mm]``, ``t(s)``) or behind a sign (``x_mm``, ``time/s``, ``x..mm.`` as R writes it).
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+FOOT, US_FOOT = 0.3048, 1200.0 / 3937.0
+LENGTHS = {
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet", "international foot"), FOOT),
+    **dict.fromkeys(("us survey foot", "us_ft", "us-ft", "ftus", "foot_us"), US_FOOT),
+    **dict.fromkeys(("in", "inch", "inches"), FOOT / 12), **dict.fromkeys(("yd", "yard", "yards"), 3 * FOOT),
+    **dict.fromkeys(("fathom", "fathoms", "ftm"), 6 * FOOT),
+    **dict.fromkeys(("dm", "decimetre", "decimeter", "decimetres", "decimeters"), 0.1),
+    **dict.fromkeys(("cm", "centimetre", "centimeter", "centimetres", "centimeters"), 0.01),
+    **dict.fromkeys(("mm", "millimetre", "millimeter", "millimetres", "millimeters"), 0.001),
+    **dict.fromkeys(("km", "kilometre", "kilometer", "kilometres", "kilometers"), 1000.0),
+    **dict.fromkeys(("nmi", "nautical mile", "nautical miles"), 1852.0)}
+"""Metres in a unit of length by its name."""
+NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "min": 60 * 10**9, "h": 3600 * 10**9,
+               "d": 86400 * 10**9}
+"""Nanoseconds in a unit of time."""
+TIMES = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "usecs", "\xb5s", "\u03bcs", "micros", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"), "ns"),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), "min"),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), "h"), **dict.fromkeys(("d", "day", "days"), "d")}
+"""Units of time, of `NANOSECONDS`, by their names."""
+ANGLES: dict[str, tuple[str, float]] = {
+    **dict.fromkeys(("rad", "rads", "radian", "radians"), ("rad", 1.0)), "mrad": ("rad", 1e-3),
+    **dict.fromkeys(("deg", "degs", "degree", "degrees", "\xb0", "\xba"), ("deg", 1.0)), "cdeg": ("deg", 0.01),
+    **dict.fromkeys(("gon", "gradian", "gradians"), ("deg", 0.9))}
+"""Units of angle by their names: radians or degrees, and how many of them a unit is."""
+GEOGRAPHIC = {"lon", "long", "longitude", "lat", "latitude", "lng"}
+"""Words in the names of coordinates that are angles."""
+NOT_BEHIND_A_SIGN = ("in",)
+"""Names of units that are rather something else behind a sign."""
+MARKS = "#%!/; \t"
+"""What a remark begins with."""
+LONGEST_REMARK = 20_000
+"""Letters of a remark beyond which it names no columns."""
+NAME = re.compile(r'"[^"]*"|\'[^\']*\'|[^\s\[({]+(?:\s*[\[({][^\])}]{0,40}[\])}])?\S*|\S+')
+"""A name where blanks stand between them, with the unit in brackets behind it."""
+
+
+class Name(NamedTuple):
+    """The name of a column, and what it says of its unit."""
+
+    base: str
+    """The name in small letters, without the unit."""
+    unit: str | None = None
+    """One of those that were looked for; None: the name has none."""
+    unknown: str | None = None
+    """What stands in brackets in its place; None: nothing does."""
+
+
+def parse_name(text: str, units: Mapping[str, object]) -> Name:
+    """The parts of a column's name, where its unit would be one of ``units``."""
+    text = text.strip().lstrip("#%").strip().lower()
+    if bracketed := re.search(r"^([^\[({]*)[\[({]([^\])}]*)", text):
+        base, inside = _up_to_a_letter(bracketed[1]), bracketed[2].strip()
+        return Name(base, inside) if inside in units else Name(base, None, inside or None)
+    whole = _up_to_a_letter(text)
+    start = len(whole)
+    while start and whole[start - 1].isalnum():
+        start -= 1
+    base, unit = _up_to_a_letter(whole[:start]), whole[start:]
+    if unit == "ft" and base[-3:] in ("_us", " us", "-us"):
+        base, unit = _up_to_a_letter(base[:-3]), "us_ft"
+    if base and unit in units and unit not in NOT_BEHIND_A_SIGN:
+        return Name(base, unit)
+    return Name(text)
+
+
+def is_geographic(name: str) -> bool:
+    """Whether a column holds longitudes or latitudes, or other angles, by its name or its unit."""
+    parts = parse_name(name, ANGLES)
+    return bool(parts.unit or GEOGRAPHIC & {parts.unknown, *re.split(r"[\W_\d]+", parts.base)})
+
+
+def _up_to_a_letter(text: str) -> str:
+    """A text without signs at its end; no pattern, which would take long for as many signs as some files have."""
+    end = len(text)
+    while end and not text[end - 1].isalnum():
+        end -= 1
+    return text[:end]
+
+
+def split_names(text: str, separator: str | None) -> list[str]:
+    """The names in a header that has this between them; None: blanks, but for those before a unit in brackets."""
+    if separator is None:
+        names = [match[0] for match in NAME.finditer(text)]
+    else:
+        try:
+            names = next(csv.reader([text], delimiter=separator), [])
+        except csv.Error:
+            names = text.split(separator)
+        names = names[:-1] if names and not names[-1].strip() else names  # what a last separator parts is nothing
+    return [name.strip().strip("\"'").strip() for name in names]
+
+
+def names_in_remark(text: str, width: int, separator: str | None) -> Iterator[list[str]]:
+    """All that a remark may name the columns of a table as: as many names as it has, none of them a number.
+
+    Args:
+        text: The remark with its mark; a word with a colon before the names counts as none.
+        width: Columns of the table.
+        separator: What stands between its cells; names may have another between them.
+    """
+    if len(text) > LONGEST_REMARK:
+        return
+    text = text.strip().lstrip(MARKS)
+    without = re.sub(r"^[^:\[(,;\t]{1,40}:\s*", "", text)
+    for words in dict.fromkeys((text, without)):
+        for between in dict.fromkeys((separator, ",", ";", "\t", None)):
+            if between is not None and between not in words:
+                continue
+            names = split_names(words, between)
+            if len(names) == width and not any(map(is_number, names)):
+                yield names
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, or stands for one that is missing."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
