@@ -195,7 +195,7 @@ class DeviceScene:
         return names
 
     def _upload_geometry(self, parts: list[Part | Instances]):
-        """Meshes of what stands still, without and with holes, and of each instance; arrays per face."""
+        """The mesh of what stands still and those of instances, with arrays per face."""
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
         numbers = {name: number for number, name in enumerate(self.part_names)}
@@ -204,7 +204,7 @@ class DeviceScene:
         in_mesh = [part for shape in shapes if self.joins_copies or isinstance(shape, Part)
                    for part in ([shape] if isinstance(shape, Part) else shape.parts())]
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
-            jobs = [pool.submit(self._upload_meshes, in_mesh), pool.submit(self._upload_materials, single, copied),
+            jobs = [pool.submit(self._upload_mesh, in_mesh), pool.submit(self._upload_materials, single, copied),
                     pool.submit(self._upload_normals, [*shapes, *self.moving])]
         for job in jobs:
             job.result()
@@ -219,21 +219,16 @@ class DeviceScene:
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
         self.data.face_page = self._array(face_pages(with_faces), wp.int32)
 
-    def _upload_meshes(self, parts: list[Part]):
-        """One mesh of the parts without holes, and one of those with."""
-        whole, cut = ([part for part in parts if part.has_holes == holes] for holes in (False, True))
-        self.data.first_masked_face = sum(len(part.faces) for part in whole)
-        self.meshes = [self._joined(some) for some in (whole, cut)]
-        self.data.mesh, self.data.masked_mesh = (0 if mesh is None else mesh.id for mesh in self.meshes)
-
-    def _joined(self, parts: list[Part]) -> wp.Mesh | None:
-        """One mesh of several parts; None of none."""
+    def _upload_mesh(self, parts: list[Part]):
+        """One mesh of several parts, if there are any."""
         if not parts:
-            return None
+            return
         starts = np.cumsum([0] + [len(part.vertices) for part in parts])
         vertices = np.concatenate([part.vertices for part in parts]) - self.origin
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-        return self._mesh(vertices, faces)
+        self.mesh = self._mesh(vertices, faces)
+        self.data.mesh = self.mesh.id
+        self.data.first_cut_face = sum(len(part.faces) for part in parts if not part.has_holes)
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):
         # by their boxes, joined or not, so that a copy looks the same on every device

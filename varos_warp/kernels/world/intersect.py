@@ -34,11 +34,9 @@ class SceneData:
     """
 
     mesh: wp.uint64
-    """Of what has no holes; 0 if there is no such thing, or all objects are instances."""
-    masked_mesh: wp.uint64
-    """Of what has holes, cut by masks; its faces come next in the arrays per face. 0 if there is none."""
-    first_masked_face: int
-    """Number of faces of ``mesh``."""
+    """Of what stands still and is no instance; 0 if there is no such thing."""
+    first_cut_face: int
+    """Of the faces of ``mesh``, the first that a mask may cut; those that none cuts come before."""
     instance_bvh: wp.uint64
     """Over what moves, wherever it is while a shutter is open, and then over the copies."""
     moving: wp.array(dtype=Instance)
@@ -46,7 +44,7 @@ class SceneData:
     instances: wp.array(dtype=Instance)
     """Copies."""
     face_part: wp.array(dtype=wp.int32)
-    """Part that a face of the two meshes belongs to, shape [F]."""
+    """Part that a face of the mesh belongs to, shape [F]."""
     materials: wp.array(dtype=Material)
     """Per part."""
     shading_normals: wp.array(dtype=wp.vec3)
@@ -204,7 +202,7 @@ def solid_hit(scene: SceneData, mesh: wp.uint64, first_face: int, part: int, o: 
         if part < 0:
             of = scene.face_part[face]
         hit.bary = wp.vec2(query.u, query.v)
-        if not in_hole(scene, face, of, hit.bary):
+        if face < scene.first_cut_face or not in_hole(scene, face, of, hit.bary):
             hit.t = begin + query.t
             hit.face = query.face
             hit.n = query.normal
@@ -271,49 +269,35 @@ def make_in_instances(masks: bool):
     return nearest_instance, any_instance
 
 
-@cache
-def make_locate(masks: bool):
-    """The function ``locate(scene, d, found)``."""
-
-    @wp.func
-    def locate(scene: SceneData, d: wp.vec3, found: Hit):
-        """Complete a hit: its point in the world, the origin of secondary rays, and its part."""
-        hit = found
-        # from the triangle, not from o + t d: its rounding error does not grow with the ray's length
-        if hit.instance < 0:
-            mesh = scene.mesh
-            face = hit.face
-            if wp.static(masks):
-                if hit.face >= scene.first_masked_face:
-                    mesh = scene.masked_mesh
-                    face -= scene.first_masked_face
-            hit.p = wp.mesh_eval_position(mesh, face, hit.bary[0], hit.bary[1])
-            offset = offset_distance(mesh, face, hit.p)
-            hit.part = scene.face_part[hit.face]
-        else:
-            copy = get_instance(scene, hit.instance)
-            p = wp.mesh_eval_position(copy.mesh, hit.face, hit.bary[0], hit.bary[1])
-            hit.p = copy.scale * (copy.R * p) + copy.p
-            offset = copy.scale * offset_distance(copy.mesh, hit.face, p) + 4.0e-6 * wp.max(wp.abs(hit.p))
-            hit.n = copy.R * hit.n
-            hit.part = copy.part
-            hit.face += copy.first_face
-        hit.n = wp.where(wp.dot(hit.n, d) > 0.0, -hit.n, hit.n)
-        hit.start = hit.p + offset * hit.n
-        return hit
-
-    return locate
+@wp.func
+def locate(scene: SceneData, d: wp.vec3, found: Hit):
+    """Complete a hit: its point in the world, the origin of secondary rays, and its part."""
+    hit = found
+    # from the triangle, not from o + t d: its rounding error does not grow with the ray's length
+    if hit.instance < 0:
+        hit.p = wp.mesh_eval_position(scene.mesh, hit.face, hit.bary[0], hit.bary[1])
+        offset = offset_distance(scene.mesh, hit.face, hit.p)
+        hit.part = scene.face_part[hit.face]
+    else:
+        copy = get_instance(scene, hit.instance)
+        p = wp.mesh_eval_position(copy.mesh, hit.face, hit.bary[0], hit.bary[1])
+        hit.p = copy.scale * (copy.R * p) + copy.p
+        offset = copy.scale * offset_distance(copy.mesh, hit.face, p) + 4.0e-6 * wp.max(wp.abs(hit.p))
+        hit.n = copy.R * hit.n
+        hit.part = copy.part
+        hit.face += copy.first_face
+    hit.n = wp.where(wp.dot(hit.n, d) > 0.0, -hit.n, hit.n)
+    hit.start = hit.p + offset * hit.n
+    return hit
 
 
 @cache
 def make_rays(instances: bool, masks: bool = False):
     """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, with or without instances and masks.
 
-    The stack of the query over instances would cost scenes without any a tenth of their speed. What has holes is a mesh
-    of its own, so that rays in the rest of a scene stop at the first thing they meet.
+    The stack of the query over instances would cost scenes without any a tenth of their speed.
     """
     nearest_instance, any_instance = make_in_instances(masks)
-    locate = make_locate(masks)
 
     @wp.func
     def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
@@ -324,19 +308,18 @@ def make_rays(instances: bool, masks: bool = False):
         hit.instance = -1
         count_ray(scene)
         if scene.mesh != wp.uint64(0):
-            query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
-            if query.result:
-                hit.t = query.t
-                hit.face = query.face
-                hit.bary = wp.vec2(query.u, query.v)
-                hit.n = query.normal
-        if wp.static(masks):
-            if scene.masked_mesh != wp.uint64(0):
-                solid = solid_hit(scene, scene.masked_mesh, scene.first_masked_face, -1, o, d, hit.t)
+            if wp.static(masks):
+                solid = solid_hit(scene, scene.mesh, 0, -1, o, d, FAR)
                 if solid.face >= 0:
                     hit = solid
-                    hit.face += scene.first_masked_face
                     hit.instance = -1
+            else:
+                query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
+                if query.result:
+                    hit.t = query.t
+                    hit.face = query.face
+                    hit.bary = wp.vec2(query.u, query.v)
+                    hit.n = query.normal
         if wp.static(instances):
             hit = nearest_instance(scene, o, d, hit)
         if hit.face >= 0:
@@ -354,13 +337,12 @@ def make_rays(instances: bool, masks: bool = False):
         d = offset / distance
         if scene.mesh != wp.uint64(0):
             if any_hit(scene.mesh, p, d, distance):
-                return False
-        if wp.static(masks):
-            if scene.masked_mesh != wp.uint64(0):
-                if any_hit(scene.masked_mesh, p, d, distance):
-                    solid = solid_hit(scene, scene.masked_mesh, scene.first_masked_face, -1, p, d, distance)
+                if wp.static(masks):
+                    solid = solid_hit(scene, scene.mesh, 0, -1, p, d, distance)
                     if solid.face >= 0:
                         return False
+                else:
+                    return False
         if wp.static(instances):
             return not any_instance(scene, p, d, distance)
         return True
