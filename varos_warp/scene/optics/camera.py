@@ -31,6 +31,8 @@ def channel_number(name: str) -> int:
 PINHOLE = Lens()
 BORDER, BAND = 65, 64
 """Places along each side of an image at which a lens is asked whether it ends, and rows that are looked at at once."""
+TRIED_PX = 4
+"""Distance of the rows and columns on which the inverse in float32 is tried; on the border, that of the places is 1."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,28 @@ class CameraModel:
         sides = [np.stack(np.broadcast_arrays(x, y), -1) for x, y in (
             (across, 0.0), (across, float(height)), (0.0, down), (float(width), down))]
         return self.lens.model != "none" and not np.isfinite(self.directions(np.concatenate(sides))).all()
+
+    def lens_settles(self, width: int, height: int, halvings: int, steps: int) -> bool:
+        """Whether kernels find in float32 what its lens sees all over an image, by a fixed number of steps.
+
+        Args:
+            width: Width of an image in which the lens does not end [pixels].
+            height: Height of it [pixels].
+            halvings: Number of halvings, as for `Lens.settles`.
+            steps: Number of Newton's steps, likewise.
+        """
+        if self.lens.is_closed_form:
+            return True
+        inner = np.meshgrid(np.arange(0, width, TRIED_PX), np.arange(0, height, TRIED_PX))
+        along, down = np.arange(width + 1), np.arange(height + 1)
+        sides = [np.broadcast_arrays(*side) for side in ((along, 0), (along, height), (0, down), (width, down))]
+        points = np.concatenate([np.stack([x.ravel(), y.ravel()], -1) for x, y in (inner, *sides)])
+        f, c = self.K[[0, 1], [0, 1]], self.K[:2, 2]
+        return self.lens.settles((points - c) / f, self.lens_reach(width, height), halvings, steps)
+
+    def lens_reach(self, width: int, height: int) -> float:
+        """Tangent or angle of the axis that no point of an image exceeds; see `Lens.reach`."""
+        return self.lens.reach((np.array([[0.0, 0.0], [width, height]]) - self.K[:2, 2]) / self.K[[0, 1], [0, 1]])
 
     def lens_end(self, width: int, height: int) -> LensEnd | None:
         """Where its lens ends within an image; None if it does not."""

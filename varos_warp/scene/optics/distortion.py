@@ -35,6 +35,10 @@ def canonical(model: str) -> str:
     return next((name for name, others in ALIASES.items() if model in others), model)
 
 
+SETTLED = 1e-6
+"""How far, over 1 and the distance from the centre, an inverse in float32 is off at most: several of its roundings."""
+
+
 @dataclass(frozen=True)
 class Lens:
     """Between directions in air, camera axes, and points of the image plane."""
@@ -51,6 +55,11 @@ class Lens:
     @cached_property
     def _law(self) -> BrownConrady | Rational | KannalaBrandt | DoubleSphere:
         return LAWS[self.model](self.k)
+
+    @property
+    def is_closed_form(self) -> bool:
+        """Whether directions follow from image points without steps."""
+        return self.model in ("none", DOUBLE_SPHERE)
 
     @property
     def limit(self) -> float:
@@ -81,6 +90,21 @@ class Lens:
             return self.limit
         # between the places tried, a little more
         return min(1.1 * self._law.measure(float(angle)), self._law.radial_end)
+
+    def settles(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> bool:
+        """Whether a fixed number of steps in float32 leads to the directions seen at all points [N, 2].
+
+        Args:
+            xy: Points of the image plane, at which the lens sees something.
+            reach: What `reach` gives for them.
+            halvings: Number of halvings of the interval up to there.
+            steps: Number of Newton's steps that follow.
+        """
+        target = xy.astype(np.float32)
+        with np.errstate(all="ignore"):  # where steps lead anywhere
+            found = self._law.short_directions(target, reach, halvings, steps).astype(float)
+            off = np.abs(self.image_plane(found) - target).max(-1)
+        return bool((off <= SETTLED * (1.0 + np.hypot(target[:, 0], target[:, 1]))).all())
 
     def edge(self, azimuth: np.ndarray) -> np.ndarray:
         """Points [..., 2] of the image plane at which it ends, by azimuths [...] [rad]; NaN or infinite if nowhere."""
