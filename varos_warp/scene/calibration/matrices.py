@@ -115,8 +115,8 @@ def _of_whole_image(names: Names) -> None:
         entry = names.one((word,))
         if entry is not None and entry.whole() not in (0, 1):
             entry.refuse("bins pixels, for which K is not", "Write the camera_info of the full resolution.")
-    region = names.one(("roi",))
-    for word in ("x_offset", "y_offset") if region is not None else ():
-        if word in region and region[word].whole() != 0:
+    region, whole = names.one(("roi",)), _resolution(names, "") or (0, 0)
+    for word, uncut in zip(("x_offset", "y_offset", "width", "height"), (0, 0, *whole), strict=True):
+        if region is not None and word in region and region[word].whole() not in (0, uncut):
             region[word].refuse("cuts a region out of the image, for which K is not",
-                                "Write the camera_info of the full resolution.")
+                                "Write the camera_info of the full resolution, with 0 in all of roi.")
