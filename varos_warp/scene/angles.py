@@ -8,6 +8,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.lights.profiles import read_profile
+from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water.phase.mixture import Mixture
+from varos_warp.scene.water.phase.tabulated import Tabulated
 
 COMMON = np.pi * np.array([1 / 6, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 5 / 6, 1.0, 3 / 2])
 """What angles in radians mostly are; as degrees they would be odd numbers."""
@@ -15,6 +19,8 @@ ROUNDING = 2e-3
 """How near to one of these an angle is one of them: 3.14 is."""
 NARROWEST_DEG = 5.0
 """Cones that are narrower are rather in other units."""
+HALF_TURN = 3.2
+"""Tables by angle that end below are rather in radians: pi, rounded up."""
 
 
 def check_angles(scene: Scene) -> list[str]:
@@ -32,7 +38,22 @@ def check_angles(scene: Scene) -> list[str]:
         if light.kind == "spot" and light.cone_deg < NARROWEST_DEG and not _is_in_radians(light.cone_deg):
             warnings.append(f"vehicle.lights.{i}.cone_deg: {light.cone_deg:g} degrees is a very narrow cone; it is the "
                             "full angle, in degrees")
-    return warnings
+    return warnings + _check_tables(scene)
+
+
+def _check_tables(scene: Scene) -> list[str]:
+    """Warnings of files whose angles to the axis, or of scattering, end where half a turn in radians does."""
+    ends = {}
+    for i, light in enumerate(scene.vehicle.lights):
+        if light.kind == "profile" and (path := scene.resolve(light.file)).suffix.lower() != ".ies":
+            profile = read_profile(path, f"{scene.key_of_light(light)}.file")
+            ends[f"vehicle.lights.{i}.file"] = float(np.degrees(profile.polar[-1]))
+    phase = optical_properties(scene).phase
+    for part in [each for _, each in phase.parts] if isinstance(phase, Mixture) else [phase]:
+        if isinstance(part, Tabulated):
+            ends[f"water: {part.name}"] = part.last_deg
+    return [f"{key}: its angles are {end:.4g} degrees at most, which looks like radians; the file is read in degrees"
+            for key, end in ends.items() if end <= HALF_TURN]
 
 
 def _is_in_radians(value: Any) -> bool:

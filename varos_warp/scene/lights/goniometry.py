@@ -115,7 +115,7 @@ def even_planes(profile: Profile) -> np.ndarray:
     """Intensities [planes, polar] in even steps of the azimuth from 0 on, which hold its own planes if few can."""
     steps = np.rint(100.0 * np.degrees(profile.azimuth)).astype(int)
     planes = 36_000 // int(np.gcd.reduce([36_000, *steps]))
-    exact = np.allclose(100.0 * np.degrees(profile.azimuth), steps, atol=100.0 * SAME_DEG)
+    exact = np.allclose(100.0 * np.degrees(profile.azimuth), steps, rtol=0.0, atol=100.0 * SAME_DEG)
     if planes > MOST_PLANES or not exact:
         planes = MOST_PLANES
     even = 2.0 * np.pi * np.arange(planes) / planes

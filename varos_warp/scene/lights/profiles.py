@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.angle_table import AngleTable, column_names, read_rows
+from varos_warp.scene.angle_table import AngleTable, CsvFile, read_csv
 from varos_warp.scene.lights.goniometry import WIDEST_GAP_DEG, NotMeasured, Profile, full_turn, profile_of
 from varos_warp.scene.lights.ies import read_ies
 
 TABLE = AngleTable("profile of a lamp", "intensity", "An intensity is 0 or more.", "A lamp must shine somewhere.")
+FULL_TURN = 6.3
+"""Azimuths that end below are rather in radians: twice pi, rounded up."""
 AROUND = ("polar_deg", "azimuth_deg", "intensity")
 """Columns of a lamp that is not the same all around its axis."""
 
@@ -32,15 +34,16 @@ def read_profile(path: Path, key: str) -> Profile:
         except NotMeasured as problem:
             raise InputError(str(problem), file=path, key=key, remedy=(
                 "Export it anew, or write it as CSV with the columns polar_deg,azimuth_deg,intensity.")) from None
-    if "azimuth_deg" in column_names(path, key, TABLE.what):
-        return _read_around(path, key)
-    angle_deg, intensity, _ = TABLE.read(path, key)
+    table = read_csv(path, key, TABLE.what)
+    if "azimuth_deg" in table.names:
+        return _read_around(table)
+    angle_deg, intensity, _ = TABLE.of(table)
     return Profile(np.radians(angle_deg), np.zeros(1), intensity[None], "CSV")
 
 
-def _read_around(path: Path, key: str) -> Profile:
-    """A CSV file of intensities at every pair of some angles to the axis and some half planes around it."""
-    rows, lines = read_rows(path, key, TABLE.what, AROUND)
+def _read_around(table: CsvFile) -> Profile:
+    """The profile of intensities at every pair of some angles to the axis and some half planes around it."""
+    (rows, lines), path, key = table.rows(AROUND), table.path, table.key
 
     def wrong(problem, at, column, remedy):
         return InputError(problem, file=path, line=lines[at], key=key, value=float(rows[at, column]), remedy=remedy)
@@ -74,7 +77,8 @@ def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.nda
                          remedy="Give every azimuth the same polar angles.")
     gap = np.diff(azimuth_deg, append=azimuth_deg[0] + 360.0).max()
     if len(polar_deg) < 2 or (gap > WIDEST_GAP_DEG and len(azimuth_deg) > 1):
+        radians = " These look like radians: give degrees." if azimuth_deg[-1] < FULL_TURN else ""
         raise InputError("has one angle to the axis" if len(polar_deg) < 2 else
                          f"has no azimuth in a gap of {gap:g} degrees", file=path, key=key,
                          remedy="Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
-                                f"{WIDEST_GAP_DEG:g} apart.")
+                                f"{WIDEST_GAP_DEG:g} apart.{radians}")
