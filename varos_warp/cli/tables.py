@@ -47,7 +47,8 @@ def print_plan(result: dict, plan) -> None:
     if plan.error is not None:
         rows.append(["in all", "", *_percent(plan.error), "noise squared plus the sum of the others squared, its root"])
     print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "reason"], rows)
-    print("errors: predicted relative RMSE of an image")
+    samples = " without the noise of the samples that are given" * (plan.error is None)
+    print(f"errors: predicted relative RMSE of an image{samples}")
     print("models:", *(f"  {name}: {part}" for name, part in result.get("models", {}).items()), sep="\n")
     cost = result.get("cost")
     if cost:
@@ -57,7 +58,7 @@ def print_plan(result: dict, plan) -> None:
 
 
 def _percent(error) -> list[str]:
-    return ["", "", ""] if error is None else [f"{100 * e:.2f}" for e in error]
+    return ["", "", ""] if error is None else [f"{100 * e:.2f}" if e else "0" for e in error]
 
 
 def print_info(facts: dict) -> None:

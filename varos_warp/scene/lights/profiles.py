@@ -4,14 +4,19 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
+from varos_warp.files import require_file
 from varos_warp.scene.angle_table import AngleTable, CsvFile, read_csv
+from varos_warp.scene.description import LAMPS
 from varos_warp.scene.lights.goniometry import WIDEST_GAP_DEG, NotMeasured, Profile, full_turn, profile_of
 from varos_warp.scene.lights.ies import read_ies
 
 TABLE = AngleTable("profile of a lamp", "intensity", "An intensity is 0 or more.", "A lamp must shine somewhere.")
 FULL_TURN = 6.3
 """Azimuths that end below are rather in radians: twice pi, rounded up."""
+FOREIGN = {".ldt": "EULUMDAT", ".xml": "XML (TM-33 and its like)", ".uld": "DIALux's", ".rolf": "Relux's",
+           ".cib": "TM14"}
+"""Formats of lamps that are not read, by the ends of their names."""
 AROUND = ("polar_deg", "azimuth_deg", "intensity")
 """Columns of a lamp that is not the same all around its axis."""
 
@@ -34,6 +39,13 @@ def read_profile(path: Path, key: str) -> Profile:
         except NotMeasured as problem:
             raise InputError(str(problem), file=path, key=key, remedy=(
                 "Export it anew, or write it as CSV with the columns polar_deg,azimuth_deg,intensity.")) from None
+    if format_ := FOREIGN.get(path.suffix.lower()):
+        raise InputError(f"is a lamp in a format that is not read, {format_}", file=path, key=key, remedy=(
+            "Convert it to IES LM-63 (.ies), as DIALux, Relux and free converters of EULUMDAT do, or write it as CSV "
+            "with the columns angle_deg,intensity or polar_deg,azimuth_deg,intensity."))
+    if not path.suffix:  # no file, rather a lamp of ours
+        require_file(path, TABLE.what, did_you_mean(path.name, LAMPS) or (
+            f"Give the path of a file, or a lamp that comes with the package: {', '.join(LAMPS)}."), key)
     table = read_csv(path, key, TABLE.what)
     if "azimuth_deg" in table.names:
         return _read_around(table)
