@@ -139,6 +139,8 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
     ("  principled: {density: 0.125, color: [0.1, 0.2, 0.3], absorption_color: [0, 0.4, 1], anisotropy: 0.8}",
      "  jerlov: 3c", "water.jerlov", 8, "Give {type: 3C}."),
     ("  principled: {density: 0.125, color: [0.1, 0.2, 0.3], absorption_color: [0, 0.4, 1], anisotropy: 0.8}",
+     "  jerlov: 2C", "water.jerlov", 8, "Give {type: I}, or one of IA, IB, II, III, 1C"),
+    ("  principled: {density: 0.125, color: [0.1, 0.2, 0.3], absorption_color: [0, 0.4, 1], anisotropy: 0.8}",
      "  jerlov: {type: ic}", "water.jerlov.type", 8, "Did you mean 'IC'?"),
     ("  waypoints:\n    - {position: [0, 0, 0], look_at: [0, 5, 0]}", "  file: a.txt\n  frame: nwu",
      "trajectory.frame", 13, "Give enu, which leaves the axes as they are"),

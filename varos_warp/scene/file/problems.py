@@ -224,13 +224,18 @@ def _should_be(path: tuple, e: dict, known: list[Entry], as_block: str | None) -
 
 
 def _as_block(path: tuple, value: Any, source: Source) -> str | None:
-    """The block that a word was given for, if it is a choice of one of the block's keys."""
+    """The block that a word was given for, if it is a choice of one of the block's keys or the block needs one."""
+    needed = None
     for model in _models_at(path, source) if isinstance(value, str) else ():
         for name, field in model.model_fields.items():
             choices = [str(choice) for choice in typing.get_args(field.annotation)]
-            if typing.get_origin(field.annotation) is typing.Literal and (choice := same_name(value, choices)):
+            if typing.get_origin(field.annotation) is not typing.Literal:
+                continue
+            if choice := same_name(value, choices):
                 return f"Give {{{name}: {choice}}}."
-    return None
+            if field.is_required() and len(choices) > 1:
+                needed = f"Give {{{name}: {choices[0]}}}, or one of {', '.join(choices[1:])}."
+    return needed
 
 
 def _item(schema: dict, number: int) -> dict | None:
