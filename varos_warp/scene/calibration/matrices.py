@@ -52,7 +52,7 @@ def cameras_of(block: Entry) -> Iterator[tuple[str, "Names"]]:
 
 
 def read_camera(names: "Names", side: str) -> Calibration:
-    """What a block says of one of its cameras.
+    """The calibration of one camera of a block.
 
     Raises:
         InputError: It is not had here, or something is missing or contradicts itself.
@@ -110,7 +110,7 @@ def _resolution(names: Names, side: str) -> tuple[int, int] | None:
 
 
 def _of_whole_image(names: Names) -> None:
-    """ROS: K and D are of the whole image, of which binning and a region of interest leave a part."""
+    """Refuse binning and regions of interest of ROS, which leave a part of the image that K and D are of."""
     for word in ("binningx", "binningy"):
         entry = names.one((word,))
         if entry is not None and entry.whole() not in (0, 1):

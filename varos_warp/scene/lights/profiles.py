@@ -22,12 +22,12 @@ AROUND = ("polar_deg", "azimuth_deg", "intensity")
 
 
 def read_profile(path: Path, key: str) -> Profile:
-    """How a lamp shines, as a file tells.
+    """The profile of a lamp in a file.
 
     Args:
         path: A file whose name ends in .ies is read as IES LM-63, any other as CSV with angle_deg and intensity, or
             polar_deg, azimuth_deg and intensity.
-        key: That names it, for messages.
+        key: Key of the scene that names the file, for messages.
 
     Raises:
         InputError: The file is missing, or is no profile of a lamp.
@@ -81,7 +81,7 @@ def _read_around(table: CsvFile) -> Profile:
 
 
 def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.ndarray, intensity: np.ndarray) -> None:
-    """Every direction has its intensity, and half planes are all around."""
+    """Refuse a table in which a direction has no intensity, or whose half planes are not all around."""
     missing = np.argwhere(np.isnan(intensity))
     if len(missing):
         azimuth, polar = azimuth_deg[missing[0, 0]], polar_deg[missing[0, 1]]

@@ -40,12 +40,12 @@ class Vignetting:
     """Fall of the light towards the corners: cos^4 of the angle to the axis at the lens, or a polynomial."""
 
     kind: str = "cos4"
-    """cos4 or polynomial."""
+    """Law of the fall: cos4 or polynomial."""
     coefficients: tuple[float, ...] = ()
-    """Of 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image."""
+    """Numbers a of 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image."""
 
     def polynomial(self, r2: np.ndarray) -> np.ndarray:
-        """Value [...], which may be below 0, at the squares of r."""
+        """Values [...] of the polynomial, which may be below 0, at the squares of r."""
         return np.ones_like(r2) + sum(a * r2 ** (i + 1) for i, a in enumerate(self.coefficients))
 
 
@@ -53,14 +53,14 @@ class Rays(NamedTuple):
     """Rays in the water; NaN and weight 0 where none is seen."""
 
     origin: np.ndarray
-    """[..., 3] [m]: on the port's outer surface, or the lens."""
+    """Points [..., 3] [m] on the port's outer surface, or the lens."""
     direction: np.ndarray
-    """Unit vectors [..., 3]."""
+    """Unit vectors [..., 3] along the rays."""
     weight: np.ndarray
     """Radiance at the sensor over that in the water [...]: transmittance / n^2 behind a port; and vignetting."""
 
     def moved(self, T: np.ndarray) -> "Rays":
-        """In the axes to which T [4, 4] maps."""
+        """The same rays in the axes to which T [4, 4] maps."""
         return Rays(self.origin @ T[:3, :3].T + T[:3, 3], self.direction @ T[:3, :3].T, self.weight)
 
 
@@ -70,11 +70,11 @@ class LensEnd(NamedTuple):
     pixels: int
     """Pixels whose centres see nothing for it, whatever a port hides."""
     share: float
-    """Of all pixels."""
+    """Share of all pixels that these are."""
     radius_px: float
-    """Distance of the nearest of its edge from the principal point."""
+    """Distance from the principal point to the nearest place of the lens's edge [pixels]."""
     half_angle: float
-    """Of the cone that it sees, in air if there is a port [rad]."""
+    """Half angle of the cone that the lens sees, in air if there is a port [rad]."""
 
 
 @dataclass(frozen=True)
@@ -86,14 +86,14 @@ class CameraModel:
     lens: Lens = PINHOLE
     port: Port | None = None
     n_water: tuple[float, float, float] = (SEA, SEA, SEA)
-    """Behind the port, R, G, B."""
+    """Refractive index of the water behind the port, for R, G and B."""
     vignetting: Vignetting | None = None
     size: tuple[int, int] | None = None
     """Width and height of the image [pixels]; None: K is that of its middle."""
 
     @property
     def is_pinhole(self) -> bool:
-        """Without port and distortion: K says it all."""
+        """Whether there is neither port nor distortion, so that K says it all."""
         return self.port is None and self.lens.model == "none"
 
     @property

@@ -17,7 +17,7 @@ from varos_warp.scene.optics.perspective import BrownConrady, Rational, along, t
 
 BROWN_CONRADY, RATIONAL, KANNALA_BRANDT, DOUBLE_SPHERE = "brown_conrady", "rational", "kannala_brandt", "double_sphere"
 LAWS = {BROWN_CONRADY: BrownConrady, RATIONAL: Rational, KANNALA_BRANDT: KannalaBrandt, DOUBLE_SPHERE: DoubleSphere}
-"""What each model is made of."""
+"""The law of each model."""
 FISHEYES = (KANNALA_BRANDT, DOUBLE_SPHERE)
 """Models that may see behind themselves."""
 ALIASES = {
@@ -41,10 +41,10 @@ SETTLED = 1e-6
 
 @dataclass(frozen=True)
 class Lens:
-    """Between directions in air, camera axes, and points of the image plane."""
+    """The way between directions in air, camera axes, and points of the image plane."""
 
     model: str = "none"
-    """none, brown_conrady, rational, kannala_brandt or double_sphere."""
+    """Name of the model: none, brown_conrady, rational, kannala_brandt or double_sphere."""
     k: tuple[float, ...] = ()
     """Coefficients in OpenCV's order; of the double sphere xi and alpha."""
 
@@ -68,7 +68,7 @@ class Lens:
 
     @property
     def half_angle(self) -> float:
-        """Of the cone that it sees [rad]."""
+        """Half angle of the cone that it sees [rad]."""
         return 0.5 * np.pi if self.model == "none" else self._law.half_angle
 
     @property

@@ -10,7 +10,7 @@ from varos_warp.scene.optics.roots import solve_increasing, solve_shortly
 
 
 class Fisheye(ABC):
-    """What both share: they are measured by the angle to the axis, and rise up to where they end."""
+    """A lens that is measured by the angle to the axis, and whose image rises up to where it ends."""
 
     @property
     @abstractmethod

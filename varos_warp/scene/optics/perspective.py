@@ -66,7 +66,7 @@ class Perspective(ABC):
 
     @property
     def half_angle(self) -> float:
-        """Of the cone that the lens sees [rad]."""
+        """Half angle of the cone that the lens sees [rad]."""
         return float(np.arctan(self.limit))
 
     def measure(self, angle: float) -> float:
