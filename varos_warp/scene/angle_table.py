@@ -91,7 +91,7 @@ class AngleTable:
         return self.of(read_csv(path, key, self.what))
 
     def of(self, file: CsvFile) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        """The same of a file that was read.
+        """Angles [degrees], values, and the numbers of their lines, of a file that was opened by `read_csv`.
 
         Raises:
             InputError: It is no such table.

@@ -16,7 +16,7 @@ GRID = 16
 FARTHEST_CENTRE = 0.2
 """Share of the width or height that a principal point may be off the middle of an image without a word."""
 FARTHEST_SWAPPED = 0.05
-"""The same, where with width and height swapped it is much nearer to the middle."""
+"""Share of the width or height that it may be off where with both swapped it is much nearer to the middle."""
 
 
 def check_cameras(scene: Scene) -> list[str]:
