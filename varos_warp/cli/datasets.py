@@ -100,7 +100,7 @@ def export(dataset: Folder,
     Readings with noise are exported with it.
     """
     from varos_warp.dataset.export import export as write
-    from varos_warp.dataset.export.job import NO_NOISE
+    from varos_warp.dataset.export.shared.job import NO_NOISE
 
     chosen = [part.strip() for each in camera or () for part in each.split(",")]
     job = write(dataset, to, out, images, chosen, quiet, raw, start_ns)
