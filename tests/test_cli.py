@@ -18,9 +18,11 @@ from typer.testing import CliRunner
 
 from varos_warp import cli
 from varos_warp.cli import options
+from varos_warp.cli.tables import print_plan
 from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError, RunFailed
+from varos_warp.render.planner.decisions import Decision, Plan
 
 
 @pytest.fixture(autouse=True)
@@ -110,6 +112,19 @@ def test_plan_prints_what_the_planner_says(scene_file):
     found = json.loads(result.stdout)
     assert (found["spp"], found["max_scatterings"], found["reasons"]) == (8, None, ["a test"])
     assert "a test" in call("plan", scene_file, "--device", "cpu", "-q").output
+
+
+def test_an_error_that_is_none_and_one_that_is_not_predicted_are_told_apart_from_a_small_one(capsys):
+    """Paths are right but for their noise, and that of samples that are given nobody predicts."""
+    given = [Decision("integrator", "path", "given", (0.0, 0.0, 0.0)), Decision("spp", "2", "given")]
+    print_plan({}, Plan(2, None, decisions=given))
+    said = capsys.readouterr().out
+    assert "0.00" not in said
+    assert "relative RMSE of an image without the noise of the samples that are given\n" in said
+    print_plan({}, Plan(2, None, decisions=[Decision("spp", "64", "", (0.02, 0.00004, 0.01))]))
+    said = capsys.readouterr().out
+    assert "0.00 " in said
+    assert "relative RMSE of an image\n" in said
 
 
 def test_plan_and_run_warn_of_what_info_warns_of(scene_file, tmp_path):

@@ -143,6 +143,18 @@ def test_a_wrong_option_of_an_export_is_named_as_an_option(dataset, tmp_path, gi
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("given", "said"), [
+    ("page", "--out = 'page': is no name of an HTML file. Such as page/report.html."),
+    ("page.pdf", "is no name of an HTML file. Such as page.html."),
+    (".", "--out = '.': is a folder. Such as report.html"),
+    ("nowhere/page.html", "--out = 'nowhere': there is no such folder. Make it, or name another one.")])
+def test_a_report_is_an_html_file_in_a_folder_that_is_there(dataset, tmp_path, given, said, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert said in refused("report", dataset, "-o", given)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 @pytest.mark.parametrize("given", [["L0,R0"], ["L0", "R0"], ["L0, R0", "L0"]])
 def test_cameras_of_an_export_are_taken_with_commas_or_one_by_one_and_each_once(dataset, tmp_path, given):
     options = [word for each in given for word in ("--camera", each)]
@@ -167,6 +179,16 @@ def test_a_wrong_option_of_preprocess_is_named_as_an_option(mesh, given, said, m
     monkeypatch.chdir(mesh.parent)
     assert said in refused("preprocess", mesh, "-q", *given.split())
     assert sorted(path.name for path in mesh.parent.iterdir()) == ["mesh.ply"]
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ("unit=mm", "survey.unit = 'mm': is not one of the choices. Known here: m, ft, us_ft."),
+    ("foo=3", "survey.foo: unknown key. Known here: "),
+    ("classes=3", "survey.classes = 3: should be a list of whole numbers"),
+    ("region=3", "survey.region = 3: should be a list of 4 numbers")])
+def test_a_wrong_key_of_a_survey_is_told_as_in_a_scene(tmp_path, given, said):
+    (tmp_path / "a.xyz").write_text("0 0 1\n1 0 2\n0 1 2\n1 1 2\n")
+    assert said in refused("preprocess", tmp_path / "a.xyz", "-q", "-o", tmp_path / "x.ply", "--survey", given)
 
 
 def test_preprocess_does_not_write_over_its_meshes_nor_read_folders(mesh, tmp_path):

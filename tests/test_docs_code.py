@@ -18,10 +18,12 @@ from varos_warp.cli import app
 from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.noise_profile import NoiseProfile
-from varos_warp.scene.description.vehicle import Vehicle
+from varos_warp.scene.description.optics import resized
+from varos_warp.scene.description.vehicle import Camera, Vehicle
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.file.schema import find_key
 from varos_warp.scene.file.templates import TEMPLATES
+from varos_warp.scene.frames import camera_pose, euler_to_matrix
 from varos_warp.scene.geometry.build import build_parts
 
 ROOT = Path(__file__).parents[1]
@@ -104,6 +106,31 @@ def test_the_survey_of_the_tutorial_becomes_the_floor_that_it_says(tmp_path, mon
     assert part.survey["crs"] == "EPSG:32632"
     assert (part.survey["holes"], part.survey["hole_area_m2"]) == (1, 5 * 6 * 0.25)
     assert len(part.vertices) == 80 * 120 - 4 * 5
+
+
+def test_extrinsics_of_kalibr_put_a_camera_where_they_say():
+    """As the page turns them, the camera of a scene sees points of the IMU where T_cam_imu has them."""
+    space: dict = {}
+    exec(compile(blocks(ROOT / "docs" / "cameras.md", "python")[0], "cameras.md", "exec"), space)
+    camera = Camera(position=space["position"], rotation_euler_deg=space["rotation_euler_deg"])
+    T_cam_imu = np.linalg.inv(camera_pose(camera, np.eye(4))) @ space["T_v_imu"]
+    np.testing.assert_allclose(T_cam_imu, space["T_cam_imu"], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("turned", "axes"), [([0, 0, 90], np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])),
+                                              ([-90, 0, 0], np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]))])
+def test_rotations_of_imus_are_those_that_the_page_says(turned, axes):
+    """The columns are the IMU's axes in vehicle axes: x forward, y left, z up, and those of a camera."""
+    np.testing.assert_allclose(euler_to_matrix(turned), axes, atol=1e-15)
+
+
+def test_a_smaller_measured_camera_of_the_page_is_the_same_view():
+    of_page = [Camera(**camera) for text in blocks(ROOT / "docs" / "cameras.md", "yaml")
+               for camera in yaml.safe_load(text)["vehicle"]["cameras"] if camera["id"] == "R0"]
+    whole, small = of_page
+    expected = resized(whole, *small.resolution)
+    np.testing.assert_allclose([x for _, x in small.intrinsics], [x for _, x in expected.intrinsics], rtol=1e-12)
+    assert small.distortion == whole.distortion
 
 
 # ------------------------------------------------------------------------------------------------------- scene files

@@ -21,6 +21,7 @@ ORDER = {
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
+    "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "planner"],
     "dataset": ["reader", "write", "export", "validate", "report", "run"],

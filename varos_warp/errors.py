@@ -4,6 +4,7 @@ Bad input ends it with status 2, images that could not be made with status 1.
 """
 
 import difflib
+import re
 import sys
 import warnings
 from collections.abc import Iterable
@@ -37,8 +38,17 @@ class InputError(ValueError):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     """The remedy for a name that is not known, if one that is known is much like it."""
-    near = difflib.get_close_matches(word, list(known), 1)
-    return f"Did you mean '{near[0]}'?" if near else None
+    names = list(known)
+    near = same_name(word, names) or next(iter(difflib.get_close_matches(word, names, 1)), None)
+    return f"Did you mean '{near}'?" if near else None
+
+
+def same_name(word: str, known: Iterable[str]) -> str | None:
+    """The one of some names that differs by case, blanks, hyphens and underscores between letters at most."""
+    def bare(name: str) -> str:
+        return re.sub(r"(?<=\w)[\s_-]+(?=\w)", "", name).lower()
+
+    return next((name for name in known if bare(name) == bare(word)), None)
 
 
 def counted(count: float, name: str) -> str:

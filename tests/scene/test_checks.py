@@ -489,3 +489,48 @@ def test_a_gyroscope_whose_noise_looks_like_degrees_is_told_of(density, told):
     assert [text.startswith("vehicle.imu.noise.gyroscope_noise_density: ") for text in found] == [True] * told
     if told:
         assert f"if it is in degrees, give {np.radians(density):.3g}" in found[0]
+
+
+@pytest.mark.parametrize(("resolution", "swapped"), [([480, 640], True), ([512, 640], True), ([640, 480], False)])
+def test_swapped_sides_of_an_image_are_noticed(resolution, swapped):
+    """Of which the principal point of an image of 640 x 480 would be in the middle the other way round."""
+    camera = {"id": "M0", "resolution": resolution, "intrinsics": {"fx": 543.3, "fy": 542.4, "cx": 322.2, "cy": 236.9}}
+    texts = warnings(terrain=FLAT, vehicle={"cameras": [camera]})
+    says = [text for text in texts if "are width and height of resolution swapped?" in text]
+    assert len(says) == swapped
+
+
+def test_a_camera_that_stands_on_its_side_is_not_taken_for_a_swapped_one():
+    camera = {"id": "M0", "resolution": [480, 640], "intrinsics": {"fx": 543.3, "fy": 542.4, "cx": 236.9, "cy": 322.2}}
+    assert not [text for text in warnings(terrain=FLAT, vehicle={"cameras": [camera]}) if "swapped" in text]
+
+
+def test_a_principal_point_outside_of_the_image_is_noticed():
+    camera = {"id": "M0", "resolution": [640, 480], "intrinsics": {"fx": 543.3, "fy": 542.4, "cx": 3222, "cy": 236.9}}
+    assert any("principal point" in text for text in warnings(terrain=FLAT, vehicle={"cameras": [camera]}))
+
+
+LAMP_TABLES = {
+    "angle_deg,intensity\n0,1\n0.5,0.8\n1.5708,0\n": "1.571 degrees at most",
+    "angle_deg,intensity\n0,1\n30,0.8\n90,0\n": None,
+    "polar_deg,azimuth_deg,intensity\n0,0,1\n1.5,0,0\n": "1.5 degrees at most",
+}
+
+
+@pytest.mark.parametrize(("text", "says"), LAMP_TABLES.items())
+def test_a_table_of_a_lamp_whose_angles_look_like_radians_is_noticed(tmp_path, text, says):
+    (tmp_path / "lamp.csv").write_text(text)
+    texts = warnings(tmp_path=tmp_path, terrain=FLAT, vehicle={"lights": [LAMP | {"kind": "profile",
+                                                                                  "file": "lamp.csv"}]})
+    found = [text for text in texts if "radians" in text]
+    assert len(found) == (says is not None)
+    assert not says or (says in found[0] and found[0].startswith("vehicle.lights.0.file"))
+
+
+def test_a_phase_function_whose_angles_look_like_radians_is_noticed(tmp_path):
+    (tmp_path / "vsf.csv").write_text("angle_deg,p\n0.01,100\n1,1\n3.14,0.1\n")
+    phase = {"kind": "tabulated", "file": "vsf.csv"}
+    water = {"coefficients": {"sigma_s": [0.1, 0.1, 0.1], "sigma_a": [0.1, 0.1, 0.1], "phase": phase}}
+    (text,) = (text for text in warnings(tmp_path=tmp_path, terrain=FLAT, water=water) if "radians" in text)
+    assert text.startswith("water: ")
+    assert "3.14 degrees at most" in text

@@ -8,7 +8,7 @@ import typer
 from varos_warp.cli.app import verb
 from varos_warp.cli.options import Folder, Frames, Json, NewFolder, Quiet, parse_frames
 from varos_warp.cli.tables import print_json, print_table
-from varos_warp.errors import counted
+from varos_warp.errors import InputError, counted
 
 
 @verb
@@ -48,11 +48,28 @@ def report(dataset: Folder, out: Annotated[Path | None, typer.Option(
     from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.dataset.report import write_report
 
+    if out is not None:
+        _check_page(out)
     page = write_report(Dataset(dataset), out or dataset / "report.html", quiet)
     if json_:
         print_json({"report": str(page)})
     elif not quiet:
         print(page)
+
+
+def _check_page(out: Path) -> None:
+    """Refuse what is no name of an HTML file, and one in a folder that is not there.
+
+    Raises:
+        InputError: Before anything is read.
+    """
+    if out.is_dir() or out.suffix.lower() not in (".html", ".htm"):
+        page = out / "report.html" if out.is_dir() or not out.suffix else out.with_suffix(".html")
+        raise InputError("is a folder" if out.is_dir() else "is no name of an HTML file", key="--out", value=str(out),
+                         remedy=f"Such as {page}.")
+    if not out.parent.is_dir():
+        raise InputError("there is no such folder", key="--out", value=str(out.parent),
+                         remedy="Make it, or name another one.")
 
 
 @verb
@@ -83,7 +100,7 @@ def export(dataset: Folder,
     Readings with noise are exported with it.
     """
     from varos_warp.dataset.export import export as write
-    from varos_warp.dataset.export.job import NO_NOISE
+    from varos_warp.dataset.export.shared.job import NO_NOISE
 
     chosen = [part.strip() for each in camera or () for part in each.split(",")]
     job = write(dataset, to, out, images, chosen, quiet, raw, start_ns)

@@ -47,7 +47,8 @@ def print_plan(result: dict, plan) -> None:
     if plan.error is not None:
         rows.append(["in all", "", *_percent(plan.error), "noise squared plus the sum of the others squared, its root"])
     print_table(["decision", "choice", "red [%]", "green [%]", "blue [%]", "reason"], rows)
-    print("errors: predicted relative RMSE of an image")
+    samples = " without the noise of the samples that are given" * (plan.error is None)
+    print(f"errors: predicted relative RMSE of an image{samples}")
     print("models:", *(f"  {name}: {part}" for name, part in result.get("models", {}).items()), sep="\n")
     cost = result.get("cost")
     if cost:
@@ -57,25 +58,43 @@ def print_plan(result: dict, plan) -> None:
 
 
 def _percent(error) -> list[str]:
-    return ["", "", ""] if error is None else [f"{100 * e:.2f}" for e in error]
+    return ["", "", ""] if error is None else [f"{100 * e:.2f}" if e else "0" for e in error]
 
 
 def print_info(facts: dict) -> None:
     """The facts of `scene_info` as tables, with those of `course_facts` in ``trajectory``."""
-    water, trajectory = facts["water"], facts["trajectory"]
+    _print_course(facts)
+    _print_recorded(facts["trajectory"])
+    _print_dataset(facts["dataset"])
+    _print_water(facts["water"])
+    _print_cameras(facts)
+    _print_lights(facts["lights"])
+    _print_imu(facts.get("imu"))
+    _print_meshes(facts)
+
+
+def _print_course(facts: dict) -> None:
+    """Name, course and vehicle, in one line."""
+    trajectory, vehicle = facts["trajectory"], facts["vehicle"]
     pattern = f" ({trajectory['pattern']})" if "pattern" in trajectory else ""
     last, target = trajectory["count"] - 1, trajectory["heads_for"]
     part = "" if target is None else f" (on the way to {trajectory['kind'].removesuffix('s')} {target} of 0 to {last})"
-    body = f" with {facts['vehicle']['thrusters']} thrusters" if facts["vehicle"].get("thrusters") else ""
+    body = f" with {vehicle['thrusters']} thrusters" if vehicle.get("thrusters") else ""
     print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
-          f"{trajectory['duration_s']:.1f} s{part}, vehicle of {facts['vehicle']['mass_kg']:g} kg{body}")
-    _print_recorded(trajectory)
-    _print_dataset(facts["dataset"])
+          f"{trajectory['duration_s']:.1f} s{part}, vehicle of {vehicle['mass_kg']:g} kg{body}")
+
+
+def _print_water(water: dict) -> None:
+    """Coefficients by channel, and the phase function."""
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
     print_table([f"water (g = {water['g']:.4g})", "red", "green", "blue"],
                  [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
     _print_phase(water["phase"])
+
+
+def _print_cameras(facts: dict) -> None:
+    """Intrinsics, mounts and shutters."""
     print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
                  [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
                    f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
@@ -84,11 +103,18 @@ def print_info(facts: dict) -> None:
     print_table(["shutter of", "exposure [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
                  [[s["id"], f"{1e3 * s['exposure_s']:g}", f"{1e3 * s['readout_s']:g}", f"{s['streak_px']:.3g}",
                    f"{s['skew_px']:.3g}"] for s in facts["shutters"]])
+
+
+def _print_lights(lights: list[dict]) -> None:
+    """Where lights are and how bright, and what files say of them."""
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
-                   str(light["intensity"])] for i, light in enumerate(facts["lights"])])
-    _print_imu(facts.get("imu"))
-    _print_profiles(facts["lights"])
+                   str(light["intensity"])] for i, light in enumerate(lights)])
+    _print_profiles(lights)
+
+
+def _print_meshes(facts: dict) -> None:
+    """Meshes and the files they are of, the survey, and the body of the vehicle."""
     print_table(["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),

@@ -11,12 +11,72 @@ from varos_warp.files import read_text
 
 
 @dataclass(frozen=True)
+class CsvFile:
+    """The lines of a CSV file that are neither empty nor comments, in cells."""
+
+    path: Path
+    key: str
+    """The key that names the file, for messages."""
+    what: str
+    """What the file is, for messages."""
+    lines: list[tuple[int, list[str]]]
+    """Number and cells of each line."""
+
+    @property
+    def names(self) -> list[str]:
+        """What the first line names its columns; nothing if the file is empty."""
+        return [name.strip() for name in self.lines[0][1]] if self.lines else []
+
+    def rows(self, columns: tuple[str, ...]) -> tuple[np.ndarray, list[int]]:
+        """Numbers in some columns, float64 [rows, columns], and the numbers of their lines; two at least.
+
+        Args:
+            columns: Their names, as in the first line; other columns are left.
+
+        Raises:
+            InputError: A column is missing, or something is no number.
+        """
+        missing = [name for name in columns if name not in self.names]
+        if missing:
+            raise InputError(f"has no column {' and '.join(missing)}", file=self.path, key=self.key,
+                             remedy=f"Its first line names the columns: {','.join(columns)}.")
+        at = [self.names.index(name) for name in columns]
+        rows = [[_number(self.path, self.key, line, name, row[i] if i < len(row) else "")
+                 for name, i in zip(columns, at, strict=True)] for line, row in self.lines[1:]]
+        if len(rows) < 2:
+            raise InputError(f"has {counted(len(rows), 'row')} of numbers", file=self.path, key=self.key,
+                             remedy=f"A {self.what} has two at least.")
+        return np.array(rows), [line for line, _ in self.lines[1:]]
+
+
+def read_csv(path: Path, key: str, what: str) -> CsvFile:
+    """The lines of a CSV file but for empty ones and those that begin with #.
+
+    Args:
+        path: The file.
+        key: The key that names it, for messages.
+        what: What it is, for messages.
+
+    Raises:
+        InputError: The file is missing, or is no CSV file.
+    """
+    text = read_text(path, what, "Paths are relative to the scene file; export it as CSV.", key)
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1)
+             if line.strip(", \t") and not line.startswith("#")]
+    try:
+        return CsvFile(path, key, what, [(i, next(csv.reader([line]))) for i, line in lines])
+    except csv.Error as error:
+        raise InputError(f"is no CSV file: {error}", file=path, key=key, remedy="Export it as CSV.") from None
+
+
+@dataclass(frozen=True)
 class AngleTable:
     """What a file holds: columns ``angle_deg``, increasing from 0 to 180, and one more; others are left."""
 
     what: str
-    """For messages."""
+    """What the file is, for messages."""
     column: str
+    """The name of the other column."""
     not_negative: str
     """Remedy for a negative value."""
     not_all_0: str
@@ -28,9 +88,17 @@ class AngleTable:
         Raises:
             InputError: The file is missing, or is no such table.
         """
-        rows, numbers = read_rows(path, key, self.what, ("angle_deg", self.column))
+        return self.of(read_csv(path, key, self.what))
+
+    def of(self, file: CsvFile) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        """Angles [degrees], values, and the numbers of their lines, of a file that was opened by `read_csv`.
+
+        Raises:
+            InputError: It is no such table.
+        """
+        rows, numbers = file.rows(("angle_deg", self.column))
         angle_deg, values = rows.T
-        self._check(path, key, numbers, angle_deg, values)
+        self._check(file.path, file.key, numbers, angle_deg, values)
         return angle_deg, values, numbers
 
     def _check(self, path: Path, key: str, lines: list[int], angle_deg: np.ndarray, values: np.ndarray):
@@ -47,54 +115,6 @@ class AngleTable:
                 raise InputError(problem, file=path, line=lines[i], key=key, value=float(found[i]), remedy=remedy)
         if not values.any():
             raise InputError(f"{self.column} is 0 everywhere", file=path, key=key, remedy=self.not_all_0)
-
-
-def column_names(path: Path, key: str, what: str) -> list[str]:
-    """What the first line of a CSV file names; nothing if it is empty. Arguments as for `read_rows`.
-
-    Raises:
-        InputError: The file is missing, or no text.
-    """
-    lines = _lines(path, key, what)
-    return [name.strip() for name in lines[0][1]] if lines else []
-
-
-def read_rows(path: Path, key: str, what: str, columns: tuple[str, ...]) -> tuple[np.ndarray, list[int]]:
-    """Numbers in some columns of a CSV file, float64 [rows, columns], and the numbers of their lines; two at least.
-
-    Args:
-        path: Of the file; empty lines, those that begin with # and other columns are left.
-        key: That names it, for messages.
-        what: It is, for messages.
-        columns: Their names, as in the file's first line.
-
-    Raises:
-        InputError: The file is missing, or is no such table.
-    """
-    header = column_names(path, key, what)
-    missing = [name for name in columns if name not in header]
-    if missing:
-        raise InputError(f"has no column {' and '.join(missing)}", file=path, key=key,
-                         remedy=f"Its first line names the columns: {','.join(columns)}.")
-    at = [header.index(name) for name in columns]
-    lines = _lines(path, key, what)[1:]
-    rows = [[_number(path, key, line, name, row[i] if i < len(row) else "")
-             for name, i in zip(columns, at, strict=True)] for line, row in lines]
-    if len(rows) < 2:
-        raise InputError(f"has {counted(len(rows), 'row')} of numbers", file=path, key=key,
-                         remedy=f"A {what} has two at least.")
-    return np.array(rows), [line for line, _ in lines]
-
-
-def _lines(path: Path, key: str, what: str) -> list[tuple[int, list[str]]]:
-    """Number and cells of every line that is neither empty nor a comment."""
-    text = read_text(path, what, "Paths are relative to the scene file; export it as CSV.", key)
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1)
-             if line.strip(", \t") and not line.startswith("#")]
-    try:
-        return [(i, next(csv.reader([line]))) for i, line in lines]
-    except csv.Error as error:
-        raise InputError(f"is no CSV file: {error}", file=path, key=key, remedy="Export it as CSV.") from None
 
 
 def _number(path: Path, key: str, line: int, column: str, cell: str) -> float:

@@ -9,6 +9,10 @@ from pydantic import BaseModel
 
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import ImuNoise
+from varos_warp.scene.lights.profiles import read_profile
+from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water.phase.mixture import Mixture
+from varos_warp.scene.water.phase.tabulated import Tabulated
 
 COMMON = np.pi * np.array([1 / 6, 1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 5 / 6, 1.0, 3 / 2])
 """What angles in radians mostly are; as degrees they would be odd numbers."""
@@ -16,6 +20,8 @@ ROUNDING = 2e-3
 """How near to one of these an angle is one of them: 3.14 is."""
 NARROWEST_DEG = 5.0
 """Cones that are narrower are rather in other units."""
+HALF_TURN = 3.2
+"""Tables by angle that end below are rather in radians: pi, rounded up."""
 
 NOISIEST_GYROSCOPE = 2e-3
 """Density of noise [rad/s/sqrt(Hz)], 0.11 degrees, above that of all gyroscopes on a chip (0.003 to 0.03 degrees)."""
@@ -39,7 +45,22 @@ def check_angles(scene: Scene) -> list[str]:
     imu = scene.vehicle.imu
     if imu is not None and imu.noise is not None and (words := odd_gyroscope(imu.noise)):
         warnings.append(f"vehicle.imu.noise.{words}")
-    return warnings
+    return warnings + _check_tables(scene)
+
+
+def _check_tables(scene: Scene) -> list[str]:
+    """Warnings of files whose angles to the axis, or of scattering, end where half a turn in radians does."""
+    ends = {}
+    for i, light in enumerate(scene.vehicle.lights):
+        if light.kind == "profile" and (path := scene.resolve(light.file)).suffix.lower() != ".ies":
+            profile = read_profile(path, f"{scene.key_of_light(light)}.file")
+            ends[f"vehicle.lights.{i}.file"] = float(np.degrees(profile.polar[-1]))
+    phase = optical_properties(scene).phase
+    for part in [each for _, each in phase.parts] if isinstance(phase, Mixture) else [phase]:
+        if isinstance(part, Tabulated):
+            ends[f"water: {part.name}"] = part.last_deg
+    return [f"{key}: its angles are {end:.4g} degrees at most, which looks like radians; the file is read in degrees"
+            for key, end in ends.items() if end <= HALF_TURN]
 
 
 def odd_gyroscope(noise: ImuNoise) -> str | None:

@@ -7,34 +7,28 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.angles import check_angles
+from varos_warp.scene.camera_checks import GRID, check_cameras
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.frames import camera_pose, intrinsics, transform
+from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
 from varos_warp.scene.hull import vehicle_radius
-from varos_warp.scene.info import camera_info
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.lights.records import light_position
 from varos_warp.scene.optics.camera import camera_model
-from varos_warp.scene.optics.distortion import FISHEYES
-from varos_warp.scene.optics.shutter import row_offsets_s
 from varos_warp.scene.water import optical_properties
 
-PIXEL_BYTES, MANY_BYTES = 400, 4 * 2**30
-"""Memory of a pixel while A is rendered, and how much of it is worth a warning (docs/stability.md)."""
 NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
-GRID, MOST_STOPS = 16, 50
-"""Rays along each side of an image, and stops, from which surfaces are looked for."""
+MOST_STOPS = 50
+"""Stops from which surfaces are looked for."""
 MOST_POSES = 1000
 """Poses of a recorded course that are looked at one by one."""
 OFF_THE_MAP_M = 10e3
 """Distance from surfaces beyond which one has coordinates of a map and the other has not."""
-FARTHEST_CENTRE = 0.2
-"""Share of the width or height that a principal point may be off the middle of an image without a word."""
 FARTHEST_MOUNT_M, FARTHEST_MOUNT = 5.0, 10.0
 """How far from the vehicle's origin something on it may be: metres, or radii of the vehicle if they are more."""
 
@@ -59,8 +53,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
     made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
     found = [*made, *check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
-             *_check_reach(scene, parts), *_check_mounts(scene), *_check_cameras(scene), *_check_planar_depth(scene),
-             *_check_shutters(scene),
+             *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene), *_check_exposure(scene),
              *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
              *_check_lamps_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
@@ -176,83 +169,9 @@ def _check_mounts(scene):
     return warnings
 
 
-def _check_planar_depth(scene):
-    """Cameras that see behind their lens, where planar depth is below 0."""
-    if "D" not in scene.render.outputs or scene.render.depth_kind != "z":
-        return []
-    warnings = []
-    for i, camera in enumerate(scene.vehicle.cameras):
-        width, height = camera.resolution
-        x, y = np.meshgrid((np.arange(GRID) + 0.5) * width / GRID, (np.arange(GRID) + 0.5) * height / GRID)
-        behind = camera_model(camera).rays(np.stack([x, y], -1)).direction[..., 2] <= 0.0
-        if behind.any():
-            warnings.append(f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the "
-                            "lens, where planar depth is below 0 and D holds nothing; give render.depth_kind: range")
-    return warnings
-
-
-def _check_cameras(scene):
-    warnings = []
-    for i, camera in enumerate(scene.vehicle.cameras):
-        key, K = f"vehicle.cameras.{i} ({camera.id})", intrinsics(camera)
-        width, height = camera.resolution
-        if width * height * PIXEL_BYTES > MANY_BYTES:
-            size = width * height * PIXEL_BYTES / 2**30
-            warnings.append(f"{key}: {width} x {height} pixels take about {size:.0f} GiB of memory while A is rendered")
-        measured = camera.intrinsics is not None
-        if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005 and not measured:
-            warnings.append(f"{key}: pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and "
-                            "sensor_mm differ in shape")
-        fov = camera_info(camera)["horizontal_fov_deg"]
-        fisheye = camera.distortion is not None and camera.distortion.model in FISHEYES
-        if not 5.0 <= fov <= (360.0 if fisheye else 130.0):
-            keys = "intrinsics and resolution" if measured else "focal_mm and sensor_mm"
-            warnings.append(f"{key}: a horizontal field of view of {fov:.0f} degrees; check {keys}")
-        off = np.abs(K[:2, 2] / camera.resolution - 0.5)
-        if off.max() > FARTHEST_CENTRE:
-            warnings.append(f"{key}: its principal point is {100 * off[0]:.0f} % of the width and {100 * off[1]:.0f} % "
-                            "of the height off the middle; are intrinsics and resolution of the same image?")
-        if 0.0 < camera.f_stop < 0.7:
-            warnings.append(f"{key}: no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter")
-        if camera.f_stop > 0.0 and 1e3 * camera.focus_m <= camera.focal_mm:
-            warnings.append(f"{key}: focus_m lies within the focal length; it is in metres")
-    for name, value in scene.render.exposure:
-        if isinstance(value, float) and not 1e-4 <= value <= 1e4:
-            warnings.append(f"render.exposure.{name}: a gain of {value:g} makes the picture black or white")
-    return warnings
-
-
-def _check_shutters(scene):
-    """Exposures that no camera makes, and strobes that a shutter misses."""
-    warnings, period = [], 1.0 / scene.render.frame_rate_hz
-    for i, camera in enumerate(scene.vehicle.cameras):
-        for name, seconds in camera.shutter or ():
-            if seconds > period * (1.0 + 1e-9):
-                warnings.append(f"vehicle.cameras.{i} ({camera.id}): shutter.{name} = {seconds:g} is longer than the "
-                                f"{period:.4g} s from frame to frame, which no camera can do")
-        warnings += _check_strobes(scene.vehicle.lights, camera)
-    return warnings
-
-
-def _check_strobes(lights, camera):
-    """Which rows are exposed while a strobe is on."""
-    warnings, offset = [], row_offsets_s(camera)
-    half = 0.5 * camera.shutter.exposure_s if camera.shutter else 0.0
-    for i, light in enumerate(lights):
-        if light.strobe is None:
-            continue
-        begin, end = light.strobe.delay_s - 0.5 * light.strobe.on_s, light.strobe.delay_s + 0.5 * light.strobe.on_s
-        seconds = np.minimum(offset + half, end) - np.maximum(offset - half, begin)
-        rows = np.flatnonzero(seconds > 0.0 if half else (begin <= offset) & (offset < end))
-        if not rows.size:
-            warnings.append(f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
-                            f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} "
-                            "s: it never sees it")
-        elif len(rows) < len(offset):
-            warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
-                            f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
-                            "times")
-    return warnings
+def _check_exposure(scene):
+    return [f"render.exposure.{name}: a gain of {value:g} makes the picture black or white"
+            for name, value in scene.render.exposure if isinstance(value, float) and not 1e-4 <= value <= 1e4]
 
 
 def _check_lights(scene, poses):

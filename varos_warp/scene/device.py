@@ -15,7 +15,7 @@ from varos_warp.errors import InputError
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.optics import Coefficients, Optics, OpticsSpec
+from varos_warp.kernels.world.optics import HALVINGS, NEWTON_STEPS, Coefficients, Optics, OpticsSpec
 from varos_warp.kernels.world.texture import Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -375,7 +375,9 @@ def optics_spec(camera: Camera) -> OpticsSpec:
     if camera.distortion is None and camera.port is None:
         return OpticsSpec()
     model = camera_model(camera)
-    spec = OpticsSpec(model.lens.model, ends=model.lens_ends_within(*camera.resolution))
+    ends = model.lens_ends_within(*camera.resolution) or not model.lens_settles(*camera.resolution, HALVINGS,
+                                                                                NEWTON_STEPS)
+    spec = OpticsSpec(model.lens.model, ends=ends)
     if model.port is None:
         return spec
     return replace(spec, port=camera.port.kind, dispersion=len(set(model.n_water)) > 1, rim=model.port.has_rim)
@@ -386,8 +388,8 @@ def optics_record(camera: Camera) -> Optics:
     model, record = camera_model(camera), Optics()
     if camera.distortion is not None:
         record.k = Coefficients(*model.lens.k, *[0.0] * (Coefficients._length_ - len(model.lens.k)))
-        record.reach = model.lens.reach((np.array([[0.0, 0.0], camera.resolution]) - model.K[:2, 2])
-                                        / model.K[[0, 1], [0, 1]])
+        reach = model.lens_reach(*camera.resolution)
+        record.reach = min(reach, model.lens.limit) if optics_spec(camera).ends else reach  # which holds steps back
     if isinstance(model.port, FlatPort):
         record.axis, record.distance = wp.vec3(*model.port.normal), model.port.distance_m
     if isinstance(model.port, DomePort):

@@ -10,7 +10,7 @@ from readback import ROUNDING, rows
 from standins import make_scene
 
 from varos_warp.dataset.export import colmap, export
-from varos_warp.dataset.export.seed import COUNT
+from varos_warp.dataset.export.shared.seed import COUNT
 from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.file.load import load_scene
 
@@ -66,7 +66,7 @@ def test_there_are_no_more_points_than_asked_for_and_the_same_every_time(written
     first, second = (path / "sparse/0/points3D.txt" for path in (out / "colmap", tmp_path / "again"))
     assert first.read_bytes() == second.read_bytes()
     assert len(rows(first)) <= COUNT
-    monkeypatch.setattr("varos_warp.dataset.export.seed.COUNT", 60)
+    monkeypatch.setattr("varos_warp.dataset.export.shared.seed.COUNT", 60)
     export(written, "colmap", tmp_path / "few")
     assert len(rows(tmp_path / "few/sparse/0/points3D.txt")) == 60  # three of each of 20 images
 

@@ -212,6 +212,15 @@ def test_what_a_format_cannot_say_is_refused_and_nothing_is_left(lenses, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_refused_camera_is_told_with_those_that_the_format_can_state(lenses, tmp_path):
+    """Of all cameras of the dataset; TUM takes pinholes without a port."""
+    data = Dataset(lenses)
+    pinholes = [name for name in data.cameras if data.camera_model(name).is_pinhole]
+    names = ", ".join(pinholes)
+    with pytest.raises(InputError, match=f"can; it can state {names}: choose with --camera {pinholes[0]}"):
+        export(lenses, "tum", tmp_path / "out", cameras=["F0"])
+
+
 def test_dataset_json_says_how_to_rebuild_the_rays(lenses):
     """From the entry alone; points of D then lie on the floor, to half a step of D along the axis."""
     data = Dataset(lenses)

@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 from varos_warp import cli
 from varos_warp.dataset import files
-from varos_warp.dataset.export import FORMATS, export, job
+from varos_warp.dataset.export import FORMATS, export
+from varos_warp.dataset.export.shared import job
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.dataset.run.produce import produce

@@ -35,6 +35,14 @@ def test_frames_come_by_place_from_either_end_and_by_slices(data):
     assert data[5].camera == "L0"
 
 
+@pytest.mark.parametrize(("name", "says"), [
+    ("imu", "Did you mean 'imu0'?"), ("hull", "There are: L0, R0, vehicle, imu0")])
+def test_poses_of_an_unknown_name_are_refused_with_those_there_are(data, name, says):
+    with pytest.raises(InputError) as refused:
+        data.poses(name)
+    assert says in refused.value.message
+
+
 @pytest.mark.parametrize("index", [10, -11])
 def test_a_place_beyond_the_ends_is_an_index_error(data, index):
     with pytest.raises(IndexError, match="10 frames"):

@@ -277,8 +277,8 @@ def decoded(picture: str) -> np.ndarray:
 
 
 def test_a_mesh_that_is_no_longer_what_it_was_is_not_drawn(data):
+    assert scene_parts(data).missing is None
     again = Dataset(data.root)
-    assert scene_parts(again).missing is None
     again.meta["scene"] = again.meta["scene"] | {"objects": [{"kind": "mesh", "file": "nowhere.obj"}]}
     assert "nowhere.obj" in scene_parts(again).missing
 

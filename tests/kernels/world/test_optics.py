@@ -145,6 +145,33 @@ def test_where_a_lens_ends_there_is_no_ray_as_on_the_host(lens, port):
     assert (off[far] < 2e-6 + slack[far]).all()
 
 
+TURNING = {
+    "almost folds": [-0.4696, 0.0995, -0.0318, 0.0267, 0.0345],
+    "far off its axis": [-0.25, 0.1, 0.08, -0.06, 0.0],
+}
+"""Lenses that do not end within the paper's image, but where six of Newton's steps do not lead to each direction."""
+
+
+@pytest.mark.parametrize("k", TURNING.values(), ids=TURNING)
+def test_a_lens_that_almost_folds_is_followed_to_the_corner(k):
+    """Directions agree as far as float32 tells image points apart, 0.001 px."""
+    view = Camera(distortion={"model": "brown_conrady", "k": k}, rotation_euler_deg=[-15, 5, 30])
+    model, image = camera_model(view), (1.0 - rng_array(3, (20_000, 2)) ** 3) * np.float32([1280, 720])
+    image = np.concatenate([image, np.float32([1280, 720]) - image])
+    assert not model.lens_ends_within(1280, 720)
+    _, d, weight = shoot(view, image, np.zeros(image.shape))
+    expected = model.rays(image).direction
+    moved = [model.rays(image + 1e-3 * np.array(step)).direction for step in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+    slack = np.nanmax([np.linalg.norm(each - expected, axis=-1) for each in moved], 0)
+    assert (weight == 1.0).all()
+    assert (np.linalg.norm(d - expected, axis=-1) < 2e-6 + slack).all()
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_lens_far_from_any_fold_keeps_its_short_inverse(lens):
+    assert not optics_spec(camera_of("none", lens)).ends
+
+
 def test_a_ray_that_misses_the_pane_weighs_nothing():
     """A fisheye of 195 degrees behind flat glass."""
     view = replace_port(camera_of("flat", "kannala_brandt", focal_mm=1.3))

@@ -167,6 +167,11 @@ def test_a_message_of_ros_as_it_is_printed(tmp_path):
     assert read(tmp_path, ECHO) == ((FX, FY, CX, CY), {"model": "rational", "k": EIGHT}, SIZE)
 
 
+def test_a_region_that_is_the_whole_image_cuts_nothing(tmp_path):
+    whole = matrix(roi={"x_offset": 0, "y_offset": 0, "width": 640, "height": 512, "do_rectify": False})
+    assert read(tmp_path, whole) == read(tmp_path, matrix())
+
+
 def test_the_name_that_ros_gives_a_camera_may_be_asked_for(tmp_path):
     text = ros("plumb_bob", FIVE)
     assert read(tmp_path, text, "narrow_stereo") == read(tmp_path, text)
@@ -271,6 +276,9 @@ BAD = {
     "plumb_bob of eight": (ros("plumb_bob", EIGHT), "has 8 coefficients, but plumb_bob has 4 or 5"),
     "binned": (matrix(binning_x=2), "binning_x = 2: bins pixels"),
     "cropped": (matrix(roi={"x_offset": 4, "y_offset": 0}), "roi.x_offset = 4: cuts a region"),
+    "cropped at its corner": (matrix(roi={"x_offset": 0, "y_offset": 0, "width": 320, "height": 512}),
+                              "roi.width = 320: cuts a region"),
+    "cropped below": (matrix(roi={"width": 640, "height": 256}), "roi.height = 256: cuts a region"),
     "rows and columns": (ros("plumb_bob", FIVE).replace("cols: 3", "cols: 4", 1), "has 9 numbers, but rows"),
     "none of these": ("a: 1\n", "holds no camera of a form that is read here"),
     "text": ("just words\n", "holds no camera of a form that is read here"),

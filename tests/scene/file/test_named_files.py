@@ -69,6 +69,8 @@ def test_what_is_found_after_loading_is_told_with_file_line_and_value_of_the_sce
     floor.touch()
     assert refusal(path, require_files) == ("HERE/scene.yaml:6: terrain.file.1 = 'flor.obj': there is no such mesh "
                                             "file (HERE/flor.obj). Did you mean 'floor.obj'?")
+    folder = refusal(path, require_files, ["terrain.file=."])
+    assert "there is no such mesh file: this is a folder" in folder
     assert refusal(path, require_files, ["terrain.file=flor.obj"]).startswith("--set terrain.file=flor.obj: terrain.")
     lamp = refusal(path, lambda scene: distribution(scene.lights[0], scene))
     assert lamp.startswith("HERE/scene.yaml:11: vehicle.lights.0.file = 'lamp.csv': there is no such")

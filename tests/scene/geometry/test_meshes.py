@@ -139,7 +139,8 @@ def test_a_missing_file_a_folder_and_an_unknown_format_are_refused(tmp_path):
     (tmp_path / "folder.ply").mkdir()
     assert "folder" in refusal(tmp_path / "folder.ply").message
     (tmp_path / "a.blend").write_text("x")
-    assert ".dae, .obj" in refusal(tmp_path / "a.blend").message
+    assert ".dae, .obj" in (said := refusal(tmp_path / "a.blend").message)
+    assert "Open it in Blender and export it: File > Export > glTF 2.0 (.glb)" in said
 
 
 @pytest.mark.parametrize("suffix", ["dae", "obj", "ply", "stl", "glb"])

@@ -69,6 +69,7 @@ def test_files_of_one_lamp_are_one_distribution(tmp_path, name, text):
     ("a.csv", "angle_deg,intensity\n10,1\n0,1\n", "does not increase"),
     ("a.ies", "IESNA\n1 2 3", "no line TILT=NONE"),
     ("a.ies", "TILT=NONE\n1 2 3", "ends within"),
+    ("a.ldt", "x", "not read, EULUMDAT. Convert it to IES LM-63"), ("a.XML", "<x/>", "not read, XML"),
     (None, "", "there is no such")])
 def test_files_that_are_no_profile_are_refused(tmp_path, name, text, why):
     if name:
@@ -79,6 +80,16 @@ def test_files_that_are_no_profile_are_refused(tmp_path, name, text, why):
     with pytest.raises(InputError, match=why) as refused:
         check_scene(scene, [])
     assert refused.value.key == "vehicle.lights.0.file"
+
+
+@pytest.mark.parametrize(("file", "says"), [
+    ("led-flood", "Did you mean 'led_flood'?"), ("torch", "a lamp that comes with the package: led_flood.")])
+def test_names_that_are_no_lamp_of_the_package_are_told_which_there_are(tmp_path, file, says):
+    scene = scene_from_dict({"vehicle": {"lights": [{"kind": "profile", "file": file}]},
+                             "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
+    with pytest.raises(InputError) as refused:
+        check_scene(scene, [])
+    assert says in refused.value.message
 
 
 def test_a_light_that_equals_another_is_named_by_its_own_key():

@@ -77,6 +77,7 @@ GOOD = table([0, 45, 90], [0, 90, 180, 270], np.arange(12.0).reshape(4, 3))
     ([*GOOD[:4], "-1,90,1", *GOOD[5:]], "polar_deg is not between"),
     ([*GOOD[:4], "0,361,1", *GOOD[5:]], "azimuth_deg is not between"),
     (table([0, 45], [0, 90, 180], np.ones((3, 2)) + np.eye(3, 2)), "no azimuth in a gap of 180 degrees"),
+    (table([0, 0.8], [0, 1.57, 3.14, 4.71], np.ones((4, 2)) + np.eye(4, 2)), "These look like radians: give degrees"),
     (table([45], [0, 90, 180, 270], np.ones((4, 1))), "one angle to the axis"),
     (table([0, 45], [0, 90, 180, 270], np.zeros((4, 2))), "0 everywhere"),
 ])

@@ -15,8 +15,8 @@ from importlib import import_module
 from pathlib import Path
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export import moving, shutters
-from varos_warp.dataset.export.job import EXPORTED, Clocked, Job
+from varos_warp.dataset.export.shared import moving, shutters
+from varos_warp.dataset.export.shared.job import EXPORTED, Clocked, Job
 from varos_warp.errors import InputError, did_you_mean
 
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")

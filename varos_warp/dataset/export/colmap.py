@@ -13,8 +13,8 @@ from contextlib import closing
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion
-from varos_warp.dataset.export.seed import seeds
+from varos_warp.dataset.export.shared.job import Job, lens_of, numbers, quaternion
+from varos_warp.dataset.export.shared.seed import seeds
 from varos_warp.scene.frames import inverse
 from varos_warp.scene.optics.camera import GREEN
 from varos_warp.scene.optics.ports import FlatPort

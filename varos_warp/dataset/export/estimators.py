@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job, lens_of
+from varos_warp.dataset.export.shared.job import Job, lens_of
 from varos_warp.scene.frames import inverse
 from varos_warp.scene.optics.shutter import offsets_of_rows_s
 

@@ -7,7 +7,7 @@ Depth has the units of KITTI's depth benchmark, 256 to the metre and 0 for none.
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job, baseline, lens_of, numbers, seconds
+from varos_warp.dataset.export.shared.job import Job, baseline, lens_of, numbers, seconds
 from varos_warp.scene.frames import inverse
 
 IMAGES = "AD"

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import png
-from varos_warp.dataset.export.job import Job, baseline, lens_of, quaternion, to_units
-from varos_warp.dataset.export.moving import lights_of_others
+from varos_warp.dataset.export.shared.job import Job, baseline, lens_of, quaternion, to_units
+from varos_warp.dataset.export.shared.moving import lights_of_others
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
 

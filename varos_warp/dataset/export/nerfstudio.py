@@ -7,8 +7,8 @@
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job, lens_of
-from varos_warp.dataset.export.seed import seeds
+from varos_warp.dataset.export.shared.job import Job, lens_of
+from varos_warp.dataset.export.shared.seed import seeds
 from varos_warp.errors import InputError
 
 IMAGES = "AD"

@@ -14,7 +14,7 @@ from operator import itemgetter
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Clocked, Job
+from varos_warp.dataset.export.shared.job import Clocked, Job
 from varos_warp.dataset.layout import READINGS, STATES
 
 IMAGES = "ABCDSPF"

@@ -5,7 +5,7 @@ Depth is 5000 to the metre, so 16 bit end at 13.107 m; what is farther becomes 0
 
 import numpy as np
 
-from varos_warp.dataset.export.job import Job, lens_of, numbers, quaternion, seconds
+from varos_warp.dataset.export.shared.job import Job, lens_of, numbers, quaternion, seconds
 
 IMAGES = "AD"
 HOLDS = "one camera"

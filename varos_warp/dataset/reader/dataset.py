@@ -16,7 +16,7 @@ from varos_warp.dataset.reader import rows, schema
 from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, did_you_mean
 from varos_warp.files import is_file
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import OUTPUTS
@@ -313,8 +313,18 @@ class Dataset:
         return files.read_numbers(self.layout.camera_file(self._camera(camera), "_timestamps.csv"), 1)[0]
 
     def poses(self, name: str | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera, a sensor, ``vehicle`` or one of `moving`."""
-        table = files.read_numbers(self.layout.poses(name or self.cameras[0], "transformation_matrix"), 13)
+        """Times int64 [N] and T_w_x float64 [N, 4, 4] of a camera, a sensor, ``vehicle`` or one of `moving`.
+
+        Raises:
+            InputError: If there is no such thing, or its poses cannot be read.
+        """
+        path = self.layout.poses(name or self.cameras[0], "transformation_matrix")
+        if name and not path.is_file():
+            known = [*self.cameras, "vehicle", *self.meta["sensors"], *self.moving]
+            if name not in known:
+                raise InputError("nothing of this name has poses", key="name", value=name,
+                                 remedy=did_you_mean(name, known) or f"There are: {', '.join(known)}.")
+        table = files.read_numbers(path, 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
         T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
         return table[0], T

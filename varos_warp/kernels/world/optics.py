@@ -14,7 +14,7 @@ HALVINGS, NEWTON_STEPS = wp.constant(8), wp.constant(6)
 """Of the inverse of a distortion: an interval of 1/256 of the whole, then all digits of float32. Close to a fold that
 takes six steps, elsewhere three."""
 STEPS_TO_EDGE = wp.constant(12)
-"""Of a lens that ends within the image: each halves what is missing at its edge."""
+"""Of a lens that ends within the image or almost: each halves what is missing at its edge."""
 SEEN_WITHIN = wp.constant(1.0e-5)
 """How far, over 1 and the distance from the centre, the inverse may be off where a lens sees something."""
 Coefficients = wp.types.vector(8, float)
@@ -33,7 +33,7 @@ class OpticsSpec:
     rim: bool = False
     """Some rays miss the port's glass by its size."""
     ends: bool = False
-    """The lens ends within the image, and there are image points that see nothing."""
+    """The lens ends within the image, so that points see nothing, or almost: the inverse is held back and checked."""
 
     @property
     def bends(self) -> bool:

@@ -53,16 +53,24 @@ CONES_DEG = (20.0, 179.0)
 
 def unavailable(scene: Scene) -> str | None:
     """Why the cameras of a scene have no field; None if they have one. Reads the files of lights and water."""
-    water, lights = optical_properties(scene), scene.lights
-    for light in lights:
+    return _no_lights(scene) or _no_water(scene) or _no_shape(scene)
+
+
+def _no_lights(scene: Scene) -> str | None:
+    """Why there is no field for the kinds of light of a scene; None: there may be one."""
+    for light in scene.lights:
         if light.kind not in LIGHT_KINDS:
             return f"a light is of kind {light.kind!r}, and the field is known for {', '.join(LIGHT_KINDS)} only"
         if light.strobe:
             return "a light is a strobe, and the field is known for lights that shine all the time"
         if radius_of(light):
             return "a lamp is a disk (radius_m), and the field is known for points only"
-    if not lights:
-        return "there are no lights"
+    return None if scene.lights else "there are no lights"
+
+
+def _no_water(scene: Scene) -> str | None:
+    """Why there is no field for the water of a scene; None: there may be one."""
+    water = optical_properties(scene)
     if not water.sigma_s.any():
         return "the water does not scatter"
     if not MOST_BACKWARD_G <= water.g <= SHARPEST_G:
@@ -70,8 +78,13 @@ def unavailable(scene: Scene) -> str | None:
                 f"{MOST_BACKWARD_G} to {SHARPEST_G}")
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
+    return None
+
+
+def _no_shape(scene: Scene) -> str | None:
+    """Why there is no field for how the lights of a scene shine; None: there is one."""
     narrow, wide = CONES_DEG
-    for light in lights:
+    for light in scene.lights:
         shape = distribution(light, scene)
         if not shape.is_round:
             return (f"the intensity of a lamp ({light.file}) changes around its axis, and the field is known for lamps "

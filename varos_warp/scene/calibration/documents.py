@@ -15,9 +15,9 @@ from varos_warp.files import read_text
 from varos_warp.scene import plain_yaml
 
 MOST_NUMBERS = 1000
-"""Of an entry that is a list; a matrix of intrinsics has nine."""
+"""Largest count of numbers in an entry that is a list; a matrix of intrinsics has nine."""
 DEEPEST = 20
-"""Elements within elements of an XML file."""
+"""Largest depth of elements within elements of an XML file."""
 
 
 class _Loader(plain_yaml.PlainLoader):
@@ -43,8 +43,9 @@ class Entry:
     key: str = ""
     line: int | None = None
     lines: Any = None
-    """Of every key, by its path."""
+    """Line of every key in the file, by its path; None where lines are not known."""
     path: tuple = ()
+    """Keys that lead to the entry."""
 
     def refuse(self, problem: str, remedy: str | None = None) -> NoReturn:
         """Raise an `InputError` about it."""
@@ -61,24 +62,24 @@ class Entry:
         return Entry(self.value[name], self.file, ".".join(map(str, path)), line, self.lines, path)
 
     def items(self) -> Iterator[tuple[str, "Entry"]]:
-        """Its entries by name; nothing if it is no block."""
+        """The entries of a block by name; nothing if the value is no block."""
         for name in self.value if isinstance(self.value, dict) else ():
             yield str(name), self[name]
 
     def need(self, name: str) -> "Entry":
-        """An entry of it, which must be there."""
+        """The entry of a name, which must be there."""
         if name not in self:
             self.refuse(f"has no {name}")
         return self[name]
 
     def text(self) -> str:
-        """A word, without the quotes that XML leaves."""
+        """The value as a word, without the quotes that XML leaves."""
         if not isinstance(self.value, str):
             self.refuse("should be text")
         return self.value.strip('"')
 
     def whole(self) -> int:
-        """A whole number."""
+        """The value as a whole number."""
         number = self._number(self.value)
         if number != int(number):
             self.refuse("should be a whole number")
@@ -133,7 +134,7 @@ def read_document(file: Path) -> Entry:
 
 
 def _xml(text: str, file: Path) -> Any:
-    """What OpenCV stored; declarations of documents and entities are refused, so nothing can grow or be fetched."""
+    """The data that OpenCV stored; a document type and entities are refused, so nothing can grow or be fetched."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("declares a document type or entities, which no calibration needs", file=file,
                          remedy="Remove the declarations.")

@@ -10,7 +10,7 @@ from varos_warp.scene.calibration.models import READ, Calibration, distortion
 from varos_warp.scene.optics.distortion import DOUBLE_SPHERE, canonical
 
 COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
-"""Kalibr's and EuRoC's."""
+"""Names of the coefficients of distortion, Kalibr's and EuRoC's."""
 NUMBERS = {"pinhole": 4, "ds": 6, DOUBLE_SPHERE: 6}
 """Camera models, and how many intrinsics they have."""
 
@@ -21,7 +21,7 @@ def is_camera(entry: Entry) -> bool:
 
 
 def read_camera(entry: Entry) -> Calibration:
-    """What a block says.
+    """The calibration that a block gives.
 
     Raises:
         InputError: Its model is not had here, or something is missing.
@@ -42,7 +42,7 @@ def read_camera(entry: Entry) -> Calibration:
 
 
 def _distortion(entry: Entry) -> dict[str, Any] | None:
-    """Its block of distortion; a file that says none of coefficients must say that there are none."""
+    """The block of distortion of a camera; a file without coefficients must say that there are none."""
     given = [entry[name] for name in COEFFICIENTS if name in entry]
     if len(given) > 1:
         given[1].refuse(f"stands beside {given[0].key}", "Keep one of them.")

@@ -52,7 +52,7 @@ def cameras_of(block: Entry) -> Iterator[tuple[str, "Names"]]:
 
 
 def read_camera(names: "Names", side: str) -> Calibration:
-    """What a block says of one of its cameras.
+    """The calibration of one camera of a block.
 
     Raises:
         InputError: It is not had here, or something is missing or contradicts itself.
@@ -110,13 +110,13 @@ def _resolution(names: Names, side: str) -> tuple[int, int] | None:
 
 
 def _of_whole_image(names: Names) -> None:
-    """ROS: K and D are of the whole image, of which binning and a region of interest leave a part."""
+    """Refuse binning and regions of interest of ROS, which leave a part of the image that K and D are of."""
     for word in ("binningx", "binningy"):
         entry = names.one((word,))
         if entry is not None and entry.whole() not in (0, 1):
             entry.refuse("bins pixels, for which K is not", "Write the camera_info of the full resolution.")
-    region = names.one(("roi",))
-    for word in ("x_offset", "y_offset") if region is not None else ():
-        if word in region and region[word].whole() != 0:
+    region, whole = names.one(("roi",)), _resolution(names, "") or (0, 0)
+    for word, uncut in zip(("x_offset", "y_offset", "width", "height"), (0, 0, *whole), strict=True):
+        if region is not None and word in region and region[word].whole() not in (0, uncut):
             region[word].refuse("cuts a region out of the image, for which K is not",
-                                "Write the camera_info of the full resolution.")
+                                "Write the camera_info of the full resolution, with 0 in all of roi.")

@@ -17,7 +17,7 @@ AMBIGUOUS = ("has four coefficients and names no model: they are read as k1, k2,
 
 
 class Calibration(NamedTuple):
-    """What a file says of a camera."""
+    """The facts that a file gives of a camera."""
 
     intrinsics: tuple[float, float, float, float]
     """fx, fy, cx, cy [pixels]; the centre of the top left pixel is (0, 0)."""
@@ -28,7 +28,7 @@ class Calibration(NamedTuple):
 
 
 def distortion(model: Entry | None, coefficients: Entry) -> dict[str, Any] | None:
-    """Block of a scene for a model by its name, or OpenCV's by the number of its coefficients.
+    """The block of a scene for a model by its name, or OpenCV's by the number of its coefficients.
 
     Raises:
         InputError: There is no such model here, or not with so many coefficients.

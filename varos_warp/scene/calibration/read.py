@@ -15,13 +15,13 @@ FORMS = ("Kalibr's camchain.yaml, EuRoC's sensor.yaml, OpenCV's FileStorage (cam
 
 
 def file_part(name: str, base: Path) -> tuple[str, str]:
-    """File and camera of ``FILE#camera``, the camera empty if there is none; files may have a # in their names."""
+    """The file and the camera of ``FILE#camera``, empty if there is none; files may have a # in their names."""
     file, hash_, camera = name.rpartition("#")
     return (name, "") if not hash_ or is_file(absolute(base, name)) else (file, camera)
 
 
 def read_calibration(name: str, base: Path) -> Calibration:
-    """What a calibration file says of a camera.
+    """The facts that a calibration file gives of a camera.
 
     Args:
         name: ``FILE#camera``; the camera may be left out where the file has one.
@@ -48,7 +48,7 @@ def read_calibration(name: str, base: Path) -> Calibration:
 
 
 def _own_name(document: Entry) -> str | None:
-    """Name that ROS gives the one camera of a file."""
+    """The name that ROS gives the one camera of a file."""
     name = document["camera_name"].value if "camera_name" in document else None
     return name if isinstance(name, str) else None
 
@@ -62,7 +62,7 @@ def _cameras(document: Entry) -> dict[str, Callable[[], Calibration]]:
 
 
 def _cameras_of(block: Entry, name: str) -> dict[str, Callable[[], Calibration]]:
-    """Those that stand in a block itself."""
+    """How to read the cameras that stand in a block itself, by name."""
     if kalibr.is_camera(block):
         return {name: partial(kalibr.read_camera, block)}
     return {".".join(filter(None, (name, side))): partial(matrices.read_camera, names, side)

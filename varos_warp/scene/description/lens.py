@@ -12,9 +12,9 @@ from varos_warp.scene.optics.distortion import canonical
 
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
 FocalLength = Annotated[float, Field(ge=1e-3, le=1e7)]
-"""[pixels]"""
+"""A focal length [pixels]."""
 PrincipalPoint = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""[pixels]"""
+"""A coordinate of a principal point [pixels]."""
 Pixels = Annotated[int, Field(ge=1, le=16384)]
 Resolution = tuple[Pixels, Pixels]
 MORE_OF_OPENCV = "what follows OpenCV's first 8 is of thin prisms and tilted sensors, which no camera has here"
@@ -31,11 +31,11 @@ class Intrinsics(Block):
     """Column of the principal point [pixels]; 0 is the centre of the top left pixel, as in OpenCV, so that the middle
     of an image is at half its width less 0.5."""
     cy: PrincipalPoint = Field(examples=[359.5])
-    """Row of the principal point [pixels], counted likewise."""
+    """Row of the principal point [pixels], counted as the column is."""
 
 
 def _as_mapping(intrinsics: Any) -> Any:
-    """Four numbers in a list are those of some program, in an order that only their file tells."""
+    """Refuse four numbers in a list, which are of some program in an order that only their file tells."""
     if isinstance(intrinsics, list | tuple) and len(intrinsics) == 4:
         named = zip(("fx", "fy", "cx", "cy"), intrinsics, strict=True)
         words = ", ".join(f"{name}: {number}" for name, number in named)
@@ -111,15 +111,15 @@ class DoubleSphere(Block):
 Distortion = Annotated[
     Annotated[NoDistortion | BrownConrady | Rational | KannalaBrandt | DoubleSphere, Field(discriminator="model")],
     AfterValidator(lambda block: None if isinstance(block, NoDistortion) else block)]
-"""Kept under one name each; none is kept as no block."""
+"""A model of distortion, kept under one name each; a model of none is kept as no block."""
 _PARTS: dict[str, TypeAdapter] = {"intrinsics": TypeAdapter(Intrinsics), "distortion": TypeAdapter(Distortion | None),
                                   "resolution": TypeAdapter(Resolution)}
 
 
 def with_calibration(camera: Any, info: ValidationInfo) -> Any:
-    """Validator before all others of a camera's block: what its ``calibration`` says is as if it stood there.
+    """Put what the ``calibration`` of a camera's block says into the block, as if it stood there.
 
-    Files are relative to the ``base_dir`` of the validation's context.
+    A validator that comes before all others. Files are relative to the ``base_dir`` of the validation's context.
     """
     if not isinstance(camera, dict) or not isinstance(name := camera.get("calibration"), str):
         return camera

@@ -1,5 +1,6 @@
 """The files that a scene names: whether all are there, before hours are spent."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,7 +24,8 @@ def require_files(scene: Scene) -> None:
     others = [f"{key} ({path.name})" for key, path, _ in missing[1:]]
     also = f" Missing, too: {', '.join(others[:5])}{', ...' * (len(others) > 5)}." if others else ""
     known = f"Give {' or '.join(GROUND_TEXTURES)}, or the path" if what == "image" else "Paths are"
-    raise InputError(f"there is no such {what} file", file=path, key=key,
+    folder = ": this is a folder" if os.path.isdir(path) else ""
+    raise InputError(f"there is no such {what} file{folder}", file=path, key=key,
                      remedy=f"{like_it(path) or f'{known} relative to the scene file.'}{also}")
 
 

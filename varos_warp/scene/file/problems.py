@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from varos_warp.errors import InputError, counted, did_you_mean
+from varos_warp.errors import InputError, counted, did_you_mean, same_name
 from varos_warp.scene.description import LAMPS
 from varos_warp.scene.file.schema import (
     KIND_KEYS,
@@ -54,6 +54,18 @@ INTRINSICS = ("k", "fx", "fy", "cx", "cy", "camera_matrix", "principal_point", "
 """What other tools say of a camera."""
 MEASURED = ("Measured ones are intrinsics: {fx, fy, cx, cy} in pixels, or calibration: a file of Kalibr, OpenCV or "
             "ROS; else give sensor_mm and focal_mm, by which fx = focal_mm / sensor_mm[0] x width.")
+UNITS = {"mm": 0.001, "millimetre": 0.001, "millimeter": 0.001, "cm": 0.01, "centimetre": 0.01, "centimeter": 0.01,
+         "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1000.0, "kilometre": 1000.0, "kilometer": 1000.0, "in": 0.0254,
+         "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "foot": 0.3048, "feet": 0.3048}
+"""Metres in the units that people write."""
+MEANT = {
+    **{(key, f"-{axis}"): f"Give {axis} and turn it upside down: rotation_euler_deg: [180, 0, 0]."
+       for key in ("up", "up_axis") for axis in "xyz"},
+    ("frame", "nwu"): "Give enu, which leaves the axes as they are: x of the scene is then north, and y west.",
+}
+"""What to give for values of a key that are none of its choices, but have a meaning."""
+SHORT = 3
+"""Words of so many letters at most are like too many others for a guess at what was meant."""
 TYPES = frozenset(("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float", "bool_type",
                    "bool_parsing", "string_type", "string_pattern_mismatch", "tuple_type", "list_type", "dict_type",
                    "model_type", "model_attributes_type"))
@@ -163,11 +175,12 @@ def _explain(path: tuple, e: dict, source: Source) -> tuple[str, str]:
     if kind == "union_tag_invalid":
         return f"unknown kind '{context['tag']}'", _other_kind(str(context["tag"]), _listed(context["expected_tags"]))
     if kind == "literal_error":
-        return "is not one of the choices", _suggest(str(e["input"]), _listed(context["expected"].replace(" or ", ",")))
+        known = _listed(context["expected"].replace(" or ", ","))
+        return "is not one of the choices", _other_choice(path, str(e["input"]), known)
     if kind == "too_short":
         return "has too few items", f"Give at least {context['min_length']}."
     if kind in TYPES and (known := _known(path, source)):
-        return _should_be(path, e, known)
+        return _should_be(path, e, known, _as_block(path, e["input"], source))
     message = e["msg"].removeprefix("Value error, ").removeprefix("Input ")
     message = re.sub(r"valid dictionary.*", "block of keys", message)
     bounds = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
@@ -183,8 +196,8 @@ def _listed(names: str) -> list[str]:
     return [name.strip(" '") for name in names.split(",")]
 
 
-def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
-    """What belongs at a key, by the schema, and an example or a unit."""
+def _should_be(path: tuple, e: dict, known: list[Entry], as_block: str | None) -> tuple[str, str]:
+    """What belongs at a key, by the schema, and an example, a unit, or what the value is ``as_block``."""
     schemas = [entry.schema for entry in known]
     if isinstance(path[-1], int):
         schemas = [item for schema in schemas if (item := _item(schema, path[-1]))] or schemas
@@ -197,7 +210,7 @@ def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
     if words.startswith("list of blocks"):
         remedy = "Begin each block with a dash, also if there is but one."
     elif "block" in words:
-        remedy = "Give a block of keys, indented under it."
+        remedy = as_block or "Give a block of keys, indented under it."
     elif e["type"] == "string_type":
         remedy = "Put quotes around it if it is text."
     elif words.startswith(("number", "whole")):
@@ -208,6 +221,21 @@ def _should_be(path: tuple, e: dict, known: list[Entry]) -> tuple[str, str]:
         such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "see its keys") else ""
         remedy = f"{such}{_first_sentence(known[0])}"
     return f"should be {article}{words}", remedy
+
+
+def _as_block(path: tuple, value: Any, source: Source) -> str | None:
+    """The block that a word was given for, if it is a choice of one of the block's keys or the block needs one."""
+    needed = None
+    for model in _models_at(path, source) if isinstance(value, str) else ():
+        for name, field in model.model_fields.items():
+            choices = [str(choice) for choice in typing.get_args(field.annotation)]
+            if typing.get_origin(field.annotation) is not typing.Literal:
+                continue
+            if choice := same_name(value, choices):
+                return f"Give {{{name}: {choice}}}."
+            if field.is_required() and len(choices) > 1:
+                needed = f"Give {{{name}: {choices[0]}}}, or one of {', '.join(choices[1:])}."
+    return needed
 
 
 def _item(schema: dict, number: int) -> dict | None:
@@ -248,6 +276,8 @@ def _instead(path: tuple, source: Source) -> str:
     known = _keys_of(models, source.value(path[:-1]))
     if word.lower() in INTRINSICS and "focal_mm" in known:
         return MEASURED
+    if word.lower() in ("unit", "units") and "scale" in known:
+        return _scale(source.value(path))
     if word.lower() in HEIGHTS and path[0] == "terrain":
         return AS_FILE
     for ours, theirs in ELSEWHERE.items():
@@ -261,6 +291,14 @@ def _instead(path: tuple, source: Source) -> str:
     return _suggest(word, known)
 
 
+def _scale(unit: Any) -> str:
+    """What to give for a unit, or metres in it, where a mesh has a ``scale``."""
+    word = str(unit).strip().lower()
+    metres = UNITS.get(word, UNITS.get(word.removesuffix("s")))
+    return "Give scale, metres in one unit of the file, such as 0.001 for mm." if metres is None else (
+        f"Give scale: {metres:g}, the metres in one unit of the file.")
+
+
 def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:
     """Keys of the blocks that have a key of this name; where it is given as a block, of those that take one for it."""
     places, root = list(homes(word, model)), json_schema(model)
@@ -271,9 +309,16 @@ def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:
 
 
 def _other_kind(tag: str, known: list[str]) -> str:
-    if tag in LAMPS and "profile" in known:
-        return f"{tag} is a file: give kind: profile and file: {tag}."
+    if "profile" in known and (lamp := same_name(tag, LAMPS)):
+        return f"{tag} is a file: give kind: profile and file: {lamp}."
     return _suggest(tag, known)
+
+
+def _other_choice(path: tuple, word: str, known: list[str]) -> str:
+    key = next((part for part in reversed(path) if isinstance(part, str)), "")
+    if remedy := MEANT.get((key, word.lower())):
+        return remedy
+    return _suggest(word, known) if len(word) > SHORT or same_name(word, known) else _known_here(known)
 
 
 def _suggest(word: str, known: list[str]) -> str:

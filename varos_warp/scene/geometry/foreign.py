@@ -14,7 +14,8 @@ ARCHIVE = "Unpack it first"
 HEIGHTS = "Heights are a terrain: give terrain: {kind: heights, file: ...}"
 
 REMEDIES = {
-    **dict.fromkeys((".blend", ".fbx", ".3ds", ".abc", ".usd", ".usda", ".usdc", ".usdz", ".x3d", ".wrl", ".vrml",
+    **dict.fromkeys((".blend", ".blend1"), "Open it in Blender and export it: File > Export > glTF 2.0 (.glb)"),
+    **dict.fromkeys((".fbx", ".3ds", ".abc", ".usd", ".usda", ".usdc", ".usdz", ".x3d", ".wrl", ".vrml",
                      ".lwo", ".vrm"), BLENDER),
     **dict.fromkeys((".max", ".ma", ".mb", ".c4d", ".skp", ".hip", ".ztl", ".uasset", ".prefab"),
                     "Export it from the program that made it as glTF 2.0 (.glb)"),

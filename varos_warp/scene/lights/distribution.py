@@ -30,7 +30,7 @@ class Distribution:
     """
 
     half_angle: float = np.pi
-    """Beyond it there is no light [rad]; pi where there is no cone."""
+    """Angle to the axis [rad] beyond which there is no light; pi where there is no cone."""
     blend: float = 0.0
     """Width of the soft edge as in kernels.world.light; with a profile, only where quadratures divide rays."""
     profile: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -49,7 +49,7 @@ class Distribution:
 
     @cached_property
     def _numbers(self) -> tuple:
-        """All that tells it from others."""
+        """All that tells a distribution from others."""
         return self.half_angle, self.blend, digest(self.profile), self.gain, self.planes
 
     def __eq__(self, other: object) -> bool:
@@ -59,17 +59,17 @@ class Distribution:
         return hash(self._numbers)
 
     def described(self) -> dict:
-        """All its numbers in plain JSON types."""
+        """All numbers of the distribution in plain JSON types."""
         return asdict(self) | {"profile": self.profile.tolist()}
 
     @property
     def has_profile(self) -> bool:
-        """Whether its values stand in a table, not in a formula."""
+        """Whether the values stand in a table, not in a formula."""
         return self.profile.size > 0
 
     @property
     def everywhere(self) -> bool:
-        """Whether it is the same in all directions."""
+        """Whether the intensity is the same in all directions."""
         return self.half_angle >= np.pi and not self.has_profile
 
     @property
@@ -79,7 +79,7 @@ class Distribution:
 
     @property
     def is_round(self) -> bool:
-        """Whether it is the same all around the axis."""
+        """Whether the intensity is the same all around the axis."""
         return self.planes == 1
 
     @property
@@ -166,8 +166,8 @@ def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[fl
     """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
 
     Args:
-        angle: To the axis [rad], increasing.
-        intensity: [planes, angle]
+        angle: Angles to the axis [rad], increasing.
+        intensity: Intensities [planes, angle].
         peak: The highest intensity of the file, which becomes 1.
     """
     lit = np.flatnonzero(intensity.any(axis=0))

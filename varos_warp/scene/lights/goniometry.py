@@ -30,11 +30,11 @@ UNEVEN = 0.02
 SAME_DEG = 1e-3
 """Angles of a file that differ by less are one."""
 ROUNDING = 1e-9
-"""Of angles that are computed [degrees]."""
+"""Rounding of angles that are computed [degrees], at most."""
 GAP = 1.5
 """A full turn may end before 360 degrees by so many of its largest steps: there its first plane follows the last."""
 WIDEST_GAP_DEG = 90.0
-"""Between two half planes of a full turn at most: what lies in wider gaps was rather left out."""
+"""Largest gap between two half planes of a full turn [degrees]: what lies in wider ones was rather left out."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +46,21 @@ class Profile:
     azimuth: np.ndarray
     """Half planes around the axis [rad], increasing, as C of type C; one only: the same all around."""
     intensity: np.ndarray
-    """[azimuth, polar]"""
+    """Intensities [azimuth, polar]."""
     source: str
-    """What it was read from, in words."""
+    """The file and format that the profile was read from, in words."""
     uneven: float = 0.0
-    """How much the intensities of one angle to the axis differ around it in the file, at most, over the peak."""
+    """By how much the intensities of one angle to the axis differ around it in the file, at most, over the peak."""
     opening_m: tuple[float, float, float] | None = None
     """Width, length and height of the lamp's opening [m], where the file tells."""
     notes: tuple[str, ...] = ()
-    """What else is to be known of how the file was read."""
+    """Notes on how the file was read, in words."""
     peak: float | None = None
     """The highest intensity of the file, where none of ``intensity`` may be it; None: it is the highest of those."""
 
     @property
     def is_round(self) -> bool:
-        """Whether it is the same all around the axis, or as good as."""
+        """Whether the intensity is the same all around the axis, or as good as."""
         return len(self.azimuth) == 1
 
     @property
@@ -69,7 +69,7 @@ class Profile:
         return float(self.intensity.max()) if self.peak is None else self.peak
 
     def describe(self) -> dict:
-        """Its facts in plain JSON types."""
+        """The facts of the profile in plain JSON types."""
         return {"source": self.source, "round": self.is_round, "uneven": float(f"{self.uneven:.3g}"),
                 "ends_at_deg": float(f"{np.degrees(self.polar[-1]):.6g}"),
                 "opening_m": self.opening_m and list(self.opening_m), "notes": list(self.notes)}
@@ -102,8 +102,8 @@ def full_turn(polar: np.ndarray, azimuth: np.ndarray, intensity: np.ndarray, sou
     Args:
         polar: Angles to the axis [rad], increasing.
         azimuth: Half planes [rad], increasing, within a full turn.
-        intensity: [azimuth, polar], of any scale.
-        source: What it was read from, in words.
+        intensity: Intensities [azimuth, polar], of any scale.
+        source: The file and format that it was read from, in words.
     """
     uneven = float(np.ptp(intensity, axis=0).max() / max(intensity.max(), 1e-300))
     if uneven <= UNEVEN:
@@ -115,7 +115,7 @@ def even_planes(profile: Profile) -> np.ndarray:
     """Intensities [planes, polar] in even steps of the azimuth from 0 on, which hold its own planes if few can."""
     steps = np.rint(100.0 * np.degrees(profile.azimuth)).astype(int)
     planes = 36_000 // int(np.gcd.reduce([36_000, *steps]))
-    exact = np.allclose(100.0 * np.degrees(profile.azimuth), steps, atol=100.0 * SAME_DEG)
+    exact = np.allclose(100.0 * np.degrees(profile.azimuth), steps, rtol=0.0, atol=100.0 * SAME_DEG)
     if planes > MOST_PLANES or not exact:
         planes = MOST_PLANES
     even = 2.0 * np.pi * np.arange(planes) / planes

@@ -24,14 +24,14 @@ TILT = re.compile(r"^[ \t]*TILT[ \t]*=[ \t]*(\S*)(.*)$", re.IGNORECASE | re.MULT
 """The line ahead of the numbers. The same word within a line belongs to what a keyword says."""
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MARKS = ((codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
-"""How files begin that are not in one byte a letter."""
+"""First bytes of files that are not in one byte a letter, and their encodings."""
 AFTER_ALL = "\x00\x1a \t\n"
-"""What may stand behind the text: blanks, and what programs of old ended files with."""
+"""Bytes that may stand behind the text: blanks, and those with which programs of old ended files."""
 
 
 @dataclass(frozen=True)
 class IesFile:
-    """What a file says of a lamp."""
+    """The facts that a file gives of a lamp."""
 
     edition: str
     """Year of the edition of LM-63: 1986, 1991, 1995, 2002 or 2019."""
@@ -40,20 +40,20 @@ class IesFile:
     vertical: np.ndarray
     """Vertical angles [degrees], as they stand in the file."""
     horizontal: np.ndarray
-    """Horizontal angles [degrees], likewise."""
+    """Horizontal angles [degrees], as they stand in the file."""
     candela: np.ndarray
     """Intensities [horizontal, vertical], 0 or more, of any scale."""
     opening_m: tuple[float, float, float] | None
     """Width, length and height of the luminous opening [m]; a negative one is a diameter. None: in no known unit."""
     tilted: bool = False
-    """Whether it tells how the output changes as the lamp is tilted."""
+    """Whether the file tells how the output changes as the lamp is tilted."""
 
 
 def read_ies(path: Path, key: str) -> IesFile:
     """Read a file; whether its angles are those of a lamp is not looked at.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         key: That names it, for messages.
 
     Raises:
@@ -86,11 +86,11 @@ class _Reader:
     def __init__(self, path: Path, key: str):
         self.path, self.key = path, key
         self.words: list[tuple[int, str]] = []
-        """Those that are left, the next one last, each with its line."""
+        """The numbers that are left, the next one last, each with its line."""
 
     def wrong(self, problem: str, remedy: str = "Export it anew as IES LM-63, or as CSV (docs/lamps.md).",
               line: int | None = None) -> InputError:
-        """What is the matter with the file."""
+        """The error that says what is the matter with the file."""
         return InputError(problem, file=self.path, key=self.key, line=line, remedy=remedy)
 
     def read(self, text: str) -> IesFile:

@@ -4,23 +4,30 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
-from varos_warp.scene.angle_table import AngleTable, column_names, read_rows
+from varos_warp.errors import InputError, did_you_mean
+from varos_warp.files import require_file
+from varos_warp.scene.angle_table import AngleTable, CsvFile, read_csv
+from varos_warp.scene.description import LAMPS
 from varos_warp.scene.lights.goniometry import WIDEST_GAP_DEG, NotMeasured, Profile, full_turn, profile_of
 from varos_warp.scene.lights.ies import read_ies
 
 TABLE = AngleTable("profile of a lamp", "intensity", "An intensity is 0 or more.", "A lamp must shine somewhere.")
+FULL_TURN = 6.3
+"""Azimuths that end below are rather in radians: twice pi, rounded up."""
+FOREIGN = {".ldt": "EULUMDAT", ".xml": "XML (TM-33 and its like)", ".uld": "DIALux's", ".rolf": "Relux's",
+           ".cib": "TM14"}
+"""Formats of lamps that are not read, by the ends of their names."""
 AROUND = ("polar_deg", "azimuth_deg", "intensity")
 """Columns of a lamp that is not the same all around its axis."""
 
 
 def read_profile(path: Path, key: str) -> Profile:
-    """How a lamp shines, as a file tells.
+    """The profile of a lamp in a file.
 
     Args:
         path: A file whose name ends in .ies is read as IES LM-63, any other as CSV with angle_deg and intensity, or
             polar_deg, azimuth_deg and intensity.
-        key: That names it, for messages.
+        key: Key of the scene that names the file, for messages.
 
     Raises:
         InputError: The file is missing, or is no profile of a lamp.
@@ -32,15 +39,23 @@ def read_profile(path: Path, key: str) -> Profile:
         except NotMeasured as problem:
             raise InputError(str(problem), file=path, key=key, remedy=(
                 "Export it anew, or write it as CSV with the columns polar_deg,azimuth_deg,intensity.")) from None
-    if "azimuth_deg" in column_names(path, key, TABLE.what):
-        return _read_around(path, key)
-    angle_deg, intensity, _ = TABLE.read(path, key)
+    if format_ := FOREIGN.get(path.suffix.lower()):
+        raise InputError(f"is a lamp in a format that is not read, {format_}", file=path, key=key, remedy=(
+            "Convert it to IES LM-63 (.ies), as DIALux, Relux and free converters of EULUMDAT do, or write it as CSV "
+            "with the columns angle_deg,intensity or polar_deg,azimuth_deg,intensity."))
+    if not path.suffix:  # no file, rather a lamp of ours
+        require_file(path, TABLE.what, did_you_mean(path.name, LAMPS) or (
+            f"Give the path of a file, or a lamp that comes with the package: {', '.join(LAMPS)}."), key)
+    table = read_csv(path, key, TABLE.what)
+    if "azimuth_deg" in table.names:
+        return _read_around(table)
+    angle_deg, intensity, _ = TABLE.of(table)
     return Profile(np.radians(angle_deg), np.zeros(1), intensity[None], "CSV")
 
 
-def _read_around(path: Path, key: str) -> Profile:
-    """A CSV file of intensities at every pair of some angles to the axis and some half planes around it."""
-    rows, lines = read_rows(path, key, TABLE.what, AROUND)
+def _read_around(table: CsvFile) -> Profile:
+    """The profile of intensities at every pair of some angles to the axis and some half planes around it."""
+    (rows, lines), path, key = table.rows(AROUND), table.path, table.key
 
     def wrong(problem, at, column, remedy):
         return InputError(problem, file=path, line=lines[at], key=key, value=float(rows[at, column]), remedy=remedy)
@@ -66,7 +81,7 @@ def _read_around(path: Path, key: str) -> Profile:
 
 
 def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.ndarray, intensity: np.ndarray) -> None:
-    """Every direction has its intensity, and half planes are all around."""
+    """Refuse a table in which a direction has no intensity, or whose half planes are not all around."""
     missing = np.argwhere(np.isnan(intensity))
     if len(missing):
         azimuth, polar = azimuth_deg[missing[0, 0]], polar_deg[missing[0, 1]]
@@ -74,7 +89,8 @@ def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.nda
                          remedy="Give every azimuth the same polar angles.")
     gap = np.diff(azimuth_deg, append=azimuth_deg[0] + 360.0).max()
     if len(polar_deg) < 2 or (gap > WIDEST_GAP_DEG and len(azimuth_deg) > 1):
+        radians = " These look like radians: give degrees." if azimuth_deg[-1] < FULL_TURN else ""
         raise InputError("has one angle to the axis" if len(polar_deg) < 2 else
                          f"has no azimuth in a gap of {gap:g} degrees", file=path, key=key,
                          remedy="Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
-                                f"{WIDEST_GAP_DEG:g} apart.")
+                                f"{WIDEST_GAP_DEG:g} apart.{radians}")

@@ -47,12 +47,12 @@ class Lights:
         self._records = wp.array(records, dtype=LightData, device=device).numpy()
 
     def at(self, T_w_v: np.ndarray, origin, others: dict[str, np.ndarray] | None = None) -> wp.array:
-        """Their records [n] for a pose of the vehicle, relative to ``origin``; ``others``: poses [1, 4, 4] by key."""
+        """The records [n] for a pose of the vehicle, relative to ``origin``; ``others``: poses [1, 4, 4] by key."""
         return wp.array(self._placed(T_w_v[None], origin, others or {})[0], dtype=LightData, device=self.device)
 
     def over(self, T_w_v: np.ndarray, origin, when: Instants, rng: np.random.Generator, others: dict[str, np.ndarray]
              ) -> tuple[wp.array, int]:
-        """Their records [instant * places + place, n] for poses [N, 4, 4] of the vehicle at instants, and the places.
+        """The records [instant * places + place, n] for poses [N, 4, 4] of the vehicle at instants, and the places.
 
         ``others``: poses [N, 4, 4] of the companions that carry lights, by key. Disks are points there, drawn at random
         from as many equal parts, so that the mean over places is that over the disk.
@@ -71,13 +71,13 @@ class Lights:
         return wp.array(table, dtype=LightData, device=self.device), placed.shape[1]
 
     def _record(self, light: Light, shape: Distribution) -> LightData:
-        """All but where it is."""
+        """The record of a light but for its place."""
         record = light_record(shape, light.intensity, profile=self._profiles.get(shape))
         record.sheet = int(light.kind == "sheet")
         return record
 
     def _placed(self, T_w_v: np.ndarray, origin, others: dict[str, np.ndarray]) -> np.ndarray:
-        """Records [N, n] for poses [N, 4, 4] of the vehicle and of others, relative to ``origin``."""
+        """The records [N, n] of the lights for poses [N, 4, 4] of the vehicle and of others, relative to ``origin``."""
         records = np.repeat(self._records[None], len(T_w_v), axis=0)
         for i, light in enumerate(self.lights):
             T = others[self.carriers[i]] if i in self.carriers else T_w_v
@@ -105,7 +105,7 @@ def places_on_disk(instants: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def lights_vary(lights: Iterable[Light]) -> bool:
-    """Whether they differ from sample to sample, though vehicle and camera stand still."""
+    """Whether the lights differ from sample to sample, though vehicle and camera stand still."""
     return any(radius_of(light) or light.strobe for light in lights)
 
 

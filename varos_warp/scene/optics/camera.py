@@ -31,6 +31,8 @@ def channel_number(name: str) -> int:
 PINHOLE = Lens()
 BORDER, BAND = 65, 64
 """Places along each side of an image at which a lens is asked whether it ends, and rows that are looked at at once."""
+TRIED_PX = 4
+"""Distance of the rows and columns on which the inverse in float32 is tried; on the border, that of the places is 1."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +40,12 @@ class Vignetting:
     """Fall of the light towards the corners: cos^4 of the angle to the axis at the lens, or a polynomial."""
 
     kind: str = "cos4"
-    """cos4 or polynomial."""
+    """Law of the fall: cos4 or polynomial."""
     coefficients: tuple[float, ...] = ()
-    """Of 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image."""
+    """Numbers a of 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image."""
 
     def polynomial(self, r2: np.ndarray) -> np.ndarray:
-        """Value [...], which may be below 0, at the squares of r."""
+        """Values [...] of the polynomial, which may be below 0, at the squares of r."""
         return np.ones_like(r2) + sum(a * r2 ** (i + 1) for i, a in enumerate(self.coefficients))
 
 
@@ -51,14 +53,14 @@ class Rays(NamedTuple):
     """Rays in the water; NaN and weight 0 where none is seen."""
 
     origin: np.ndarray
-    """[..., 3] [m]: on the port's outer surface, or the lens."""
+    """Points [..., 3] [m] on the port's outer surface, or the lens."""
     direction: np.ndarray
-    """Unit vectors [..., 3]."""
+    """Unit vectors [..., 3] along the rays."""
     weight: np.ndarray
     """Radiance at the sensor over that in the water [...]: transmittance / n^2 behind a port; and vignetting."""
 
     def moved(self, T: np.ndarray) -> "Rays":
-        """In the axes to which T [4, 4] maps."""
+        """The same rays in the axes to which T [4, 4] maps."""
         return Rays(self.origin @ T[:3, :3].T + T[:3, 3], self.direction @ T[:3, :3].T, self.weight)
 
 
@@ -68,11 +70,11 @@ class LensEnd(NamedTuple):
     pixels: int
     """Pixels whose centres see nothing for it, whatever a port hides."""
     share: float
-    """Of all pixels."""
+    """Share of all pixels that these are."""
     radius_px: float
-    """Distance of the nearest of its edge from the principal point."""
+    """Distance from the principal point to the nearest place of the lens's edge [pixels]."""
     half_angle: float
-    """Of the cone that it sees, in air if there is a port [rad]."""
+    """Half angle of the cone that the lens sees, in air if there is a port [rad]."""
 
 
 @dataclass(frozen=True)
@@ -84,14 +86,14 @@ class CameraModel:
     lens: Lens = PINHOLE
     port: Port | None = None
     n_water: tuple[float, float, float] = (SEA, SEA, SEA)
-    """Behind the port, R, G, B."""
+    """Refractive index of the water behind the port, for R, G and B."""
     vignetting: Vignetting | None = None
     size: tuple[int, int] | None = None
     """Width and height of the image [pixels]; None: K is that of its middle."""
 
     @property
     def is_pinhole(self) -> bool:
-        """Without port and distortion: K says it all."""
+        """Whether there is neither port nor distortion, so that K says it all."""
         return self.port is None and self.lens.model == "none"
 
     @property
@@ -129,6 +131,28 @@ class CameraModel:
         sides = [np.stack(np.broadcast_arrays(x, y), -1) for x, y in (
             (across, 0.0), (across, float(height)), (0.0, down), (float(width), down))]
         return self.lens.model != "none" and not np.isfinite(self.directions(np.concatenate(sides))).all()
+
+    def lens_settles(self, width: int, height: int, halvings: int, steps: int) -> bool:
+        """Whether kernels find in float32 what its lens sees all over an image, by a fixed number of steps.
+
+        Args:
+            width: Width of an image in which the lens does not end [pixels].
+            height: Height of it [pixels].
+            halvings: Number of halvings, as for `Lens.settles`.
+            steps: Number of Newton's steps, likewise.
+        """
+        if self.lens.is_closed_form:
+            return True
+        inner = np.meshgrid(np.arange(0, width, TRIED_PX), np.arange(0, height, TRIED_PX))
+        along, down = np.arange(width + 1), np.arange(height + 1)
+        sides = [np.broadcast_arrays(*side) for side in ((along, 0), (along, height), (0, down), (width, down))]
+        points = np.concatenate([np.stack([x.ravel(), y.ravel()], -1) for x, y in (inner, *sides)])
+        f, c = self.K[[0, 1], [0, 1]], self.K[:2, 2]
+        return self.lens.settles((points - c) / f, self.lens_reach(width, height), halvings, steps)
+
+    def lens_reach(self, width: int, height: int) -> float:
+        """Tangent or angle of the axis that no point of an image exceeds; see `Lens.reach`."""
+        return self.lens.reach((np.array([[0.0, 0.0], [width, height]]) - self.K[:2, 2]) / self.K[[0, 1], [0, 1]])
 
     def lens_end(self, width: int, height: int) -> LensEnd | None:
         """Where its lens ends within an image; None if it does not."""

@@ -17,7 +17,7 @@ from varos_warp.scene.optics.perspective import BrownConrady, Rational, along, t
 
 BROWN_CONRADY, RATIONAL, KANNALA_BRANDT, DOUBLE_SPHERE = "brown_conrady", "rational", "kannala_brandt", "double_sphere"
 LAWS = {BROWN_CONRADY: BrownConrady, RATIONAL: Rational, KANNALA_BRANDT: KannalaBrandt, DOUBLE_SPHERE: DoubleSphere}
-"""What each model is made of."""
+"""The law of each model."""
 FISHEYES = (KANNALA_BRANDT, DOUBLE_SPHERE)
 """Models that may see behind themselves."""
 ALIASES = {
@@ -35,12 +35,16 @@ def canonical(model: str) -> str:
     return next((name for name, others in ALIASES.items() if model in others), model)
 
 
+SETTLED = 1e-6
+"""How far, over 1 and the distance from the centre, an inverse in float32 is off at most: several of its roundings."""
+
+
 @dataclass(frozen=True)
 class Lens:
-    """Between directions in air, camera axes, and points of the image plane."""
+    """The way between directions in air, camera axes, and points of the image plane."""
 
     model: str = "none"
-    """none, brown_conrady, rational, kannala_brandt or double_sphere."""
+    """Name of the model: none, brown_conrady, rational, kannala_brandt or double_sphere."""
     k: tuple[float, ...] = ()
     """Coefficients in OpenCV's order; of the double sphere xi and alpha."""
 
@@ -53,13 +57,18 @@ class Lens:
         return LAWS[self.model](self.k)
 
     @property
+    def is_closed_form(self) -> bool:
+        """Whether directions follow from image points without steps."""
+        return self.model in ("none", DOUBLE_SPHERE)
+
+    @property
     def limit(self) -> float:
         """Where it ends: tangent (brown_conrady, rational) or angle [rad] of the axis."""
         return np.inf if self.model == "none" else self._law.limit
 
     @property
     def half_angle(self) -> float:
-        """Of the cone that it sees [rad]."""
+        """Half angle of the cone that it sees [rad]."""
         return 0.5 * np.pi if self.model == "none" else self._law.half_angle
 
     @property
@@ -81,6 +90,21 @@ class Lens:
             return self.limit
         # between the places tried, a little more
         return min(1.1 * self._law.measure(float(angle)), self._law.radial_end)
+
+    def settles(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> bool:
+        """Whether a fixed number of steps in float32 leads to the directions seen at all points [N, 2].
+
+        Args:
+            xy: Points of the image plane, at which the lens sees something.
+            reach: What `reach` gives for them.
+            halvings: Number of halvings of the interval up to there.
+            steps: Number of Newton's steps that follow.
+        """
+        target = xy.astype(np.float32)
+        with np.errstate(all="ignore"):  # where steps lead anywhere
+            found = self._law.short_directions(target, reach, halvings, steps).astype(float)
+            off = np.abs(self.image_plane(found) - target).max(-1)
+        return bool((off <= SETTLED * (1.0 + np.hypot(target[:, 0], target[:, 1]))).all())
 
     def edge(self, azimuth: np.ndarray) -> np.ndarray:
         """Points [..., 2] of the image plane at which it ends, by azimuths [...] [rad]; NaN or infinite if nowhere."""

@@ -1,14 +1,38 @@
 """Lenses whose view may exceed 180 degrees: Kannala-Brandt's and the double sphere, and their inverses."""
 
+from abc import ABC, abstractmethod
 from functools import cached_property
 
 import numpy as np
 
 from varos_warp.scene.optics.polynomials import first_fold, odd_polynomial
-from varos_warp.scene.optics.roots import solve_increasing
+from varos_warp.scene.optics.roots import solve_increasing, solve_shortly
 
 
-class KannalaBrandt:
+class Fisheye(ABC):
+    """A lens that is measured by the angle to the axis, and whose image rises up to where it ends."""
+
+    @property
+    @abstractmethod
+    def limit(self) -> float:
+        """Half angle of the cone that the lens sees [rad]."""
+
+    @property
+    def radial_end(self) -> float:
+        """Angle [rad] up to which the distance from the centre rises."""
+        return self.limit
+
+    @property
+    def half_angle(self) -> float:
+        """Half angle of the cone that the lens sees [rad]."""
+        return self.limit
+
+    def measure(self, angle: float) -> float:
+        """The angle [rad], in which `limit` is."""
+        return angle
+
+
+class KannalaBrandt(Fisheye):
     """OpenCV's fisheye with k1, k2, k3, k4.
 
     A direction at an angle a to the axis is seen at a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) from the centre.
@@ -21,20 +45,6 @@ class KannalaBrandt:
     def limit(self) -> float:
         """Half angle of the cone that the lens sees [rad]: where the polynomial ceases to rise, or pi."""
         return first_fold(self.k, np.pi)
-
-    @property
-    def radial_end(self) -> float:
-        """Angle [rad] up to which the distance from the centre rises."""
-        return self.limit
-
-    @property
-    def half_angle(self) -> float:
-        """Of the cone that the lens sees [rad]."""
-        return self.limit
-
-    def measure(self, angle: float) -> float:
-        """The angle [rad], in which `limit` is."""
-        return angle
 
     def image_plane(self, d: np.ndarray) -> np.ndarray:
         """Points [..., 2] of the image plane at which directions [..., 3] of any length are seen; NaN if nowhere."""
@@ -51,8 +61,22 @@ class KannalaBrandt:
         beside = xy * (np.sin(angle) / np.where(r > 0.0, r, 1.0))[..., None]
         return np.concatenate([beside, np.cos(angle)[..., None]], -1)
 
+    def short_directions(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> np.ndarray:
+        """Directions [N, 3] that kernels find in float32 for points [N, 2], by a fixed number of steps.
 
-class DoubleSphere:
+        Args:
+            xy: Float32.
+            reach: Angle [rad] that none of them exceeds.
+            halvings: Number of halvings of the interval up to there.
+            steps: Number of Newton's steps.
+        """
+        r = np.hypot(xy[..., 0], xy[..., 1])
+        angle = solve_shortly(lambda a: odd_polynomial(self.k, a), r, reach, halvings, steps)
+        beside = xy * (np.sin(angle) / np.where(r > 0.0, r, 1.0))[:, None]
+        return np.concatenate([beside, np.cos(angle)[:, None]], -1)
+
+
+class DoubleSphere(Fisheye):
     """The double sphere of Usenko, Demmel and Cremers (2018), https://arxiv.org/abs/1807.08957, with xi and alpha.
 
     A unit vector (x, y, z) is seen at (x, y) / (alpha d + (1 - alpha)(xi + z)), d = |(x, y, xi + z)|: in the middle at
@@ -73,20 +97,6 @@ class DoubleSphere:
             return float(np.arccos(-1.0 / xi))
         d = xi * cosine + np.sqrt(1.0 - xi * xi * (1.0 - cosine * cosine))
         return float(np.arccos(np.clip(d * cosine - xi, -1.0, 1.0)))
-
-    @property
-    def radial_end(self) -> float:
-        """Angle [rad] up to which the distance from the centre rises."""
-        return self.limit
-
-    @property
-    def half_angle(self) -> float:
-        """Of the cone that the lens sees [rad]."""
-        return self.limit
-
-    def measure(self, angle: float) -> float:
-        """The angle [rad], in which `limit` is."""
-        return angle
 
     @property
     def _w(self) -> float:

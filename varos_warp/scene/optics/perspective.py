@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from varos_warp.scene.optics.polynomials import even, first_fold, odd_polynomial, positive_roots
-from varos_warp.scene.optics.roots import solve_increasing
+from varos_warp.scene.optics.roots import solve_increasing, solve_shortly
 
 MOST_TAN = 1e4
 """Tangent of the largest angle to the axis that these lenses are used for."""
@@ -66,7 +66,7 @@ class Perspective(ABC):
 
     @property
     def half_angle(self) -> float:
-        """Of the cone that the lens sees [rad]."""
+        """Half angle of the cone that the lens sees [rad]."""
         return float(np.arctan(self.limit))
 
     def measure(self, angle: float) -> float:
@@ -82,6 +82,21 @@ class Perspective(ABC):
     def directions(self, xy: np.ndarray) -> np.ndarray:
         """Unit directions [..., 3] that are seen at points [..., 2] of the image plane; NaN where there is none."""
         return along(self._undistorted(xy))
+
+    def short_directions(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> np.ndarray:
+        """Directions [N, 3] of any length that kernels find in float32 for points [N, 2], by a fixed number of steps.
+
+        Args:
+            xy: Float32.
+            reach: Tangent that none of them exceeds.
+            halvings: Number of halvings of the interval up to there.
+            steps: Number of Newton's steps, of the radial part and then of both.
+        """
+        r = np.hypot(xy[..., 0], xy[..., 1])
+        found = xy * (solve_shortly(self._along_radius, r, reach, halvings, steps) / np.where(r > 0.0, r, 1.0))[:, None]
+        for _ in range(steps):
+            found = found - self._step(found, xy)[0]
+        return np.concatenate([found, np.ones_like(found[:, :1])], -1)
 
     def _distorted(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distorted points [..., 2] of undistorted ones, and the Jacobian [..., 2, 2]."""

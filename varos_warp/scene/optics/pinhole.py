@@ -17,7 +17,7 @@ ALIKE_PX = 0.05
 GRID = (33, 19)
 """Image points tried, across and down."""
 DIGITS = 6
-"""Significant ones of the keys of a pinhole: a thousandth of a pixel in a thousand."""
+"""Significant digits of the keys of a pinhole: a thousandth of a pixel in a thousand."""
 
 
 class PortWorth(NamedTuple):
@@ -30,7 +30,7 @@ class PortWorth(NamedTuple):
     colours_px: float
     """How far apart red and blue are at most; 0 where the water's index is one number."""
     besides: tuple[str, ...]
-    """What else differs, in words."""
+    """Other differences, in words."""
     pinhole: dict[str, Any] | None
     """``focal_mm`` or ``intrinsics``, and perhaps ``distortion``, of a camera without port that shows the same; None:
     there is none."""
@@ -141,7 +141,7 @@ def distance_px(pinhole: CameraModel, image: np.ndarray, points: np.ndarray) -> 
 
 
 def _keys(camera: Any, model: CameraModel, fit: CameraModel) -> dict[str, Any]:
-    """Of a scene's camera block."""
+    """The keys of a camera's block that make it the pinhole of a fit."""
     keys: dict[str, Any] = {"focal_mm": float(f"{camera.focal_mm * fit.K[0, 0] / model.K[0, 0]:.{DIGITS}g}")}
     if camera.intrinsics is not None:
         numbers = (*fit.K[[0, 1], [0, 1]], *(fit.K[:2, 2] - 0.5))

@@ -73,11 +73,11 @@ class FlatPort:
 
     normal: tuple[float, float, float]
     distance_m: float
-    """From the lens to the glass, along the normal."""
+    """Distance from the lens to the glass, along the normal [m]."""
     thickness_m: float
     n_glass: float
     clear_radius_m: float | None = None
-    """Of the outer face, around the foot of the perpendicular from the lens; None: there is no rim."""
+    """Clear radius of the outer face, around the foot of the perpendicular from the lens [m]; None: there is no rim."""
 
     @property
     def has_rim(self) -> bool:
@@ -127,11 +127,11 @@ class DomePort:
 
     centre: tuple[float, float, float]
     radius_m: float
-    """Of the outer surface."""
+    """Radius of the outer surface [m]."""
     thickness_m: float
     n_glass: float
     half_angle_deg: float | None = None
-    """Of the shell, at its centre, to the camera's axis; None: there is no rim."""
+    """Half angle of the shell, at its centre, to the camera's axis; None: there is no rim."""
 
     @property
     def has_rim(self) -> bool:

@@ -33,3 +33,26 @@ def solve_increasing(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarr
         if done.all():
             break
     return x
+
+
+def solve_shortly(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], target: np.ndarray, high: float,
+                  halvings: int, steps: int) -> np.ndarray:
+    """What a fixed number of halvings of [0, high], then of Newton's steps, makes of the same, in float32 [N].
+
+    Args:
+        function: Gives values [N] and slopes [N] at x [N].
+        target: Float32 [N].
+        high: End of the interval.
+        halvings: Number of halvings.
+        steps: Number of Newton's steps, which are not bounded.
+    """
+    low, top = np.zeros_like(target), np.full_like(target, high)
+    for _ in range(halvings):
+        middle = np.float32(0.5) * (low + top)
+        below = function(middle)[0] < target
+        low, top = np.where(below, middle, low), np.where(below, top, middle)
+    x = np.float32(0.5) * (low + top)
+    for _ in range(steps):
+        value, slope = function(x)
+        x = x - (value - target) / slope
+    return x

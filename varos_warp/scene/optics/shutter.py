@@ -5,39 +5,39 @@ from typing import Any, NamedTuple
 import numpy as np
 
 MOST_INSTANTS = 512
-"""Of an exposure: a streak has no steps until it is longer than so many pixels."""
+"""Instants of an exposure: a streak has no steps until it is longer than so many pixels."""
 MOST_IN_ALL = 4096
-"""Of exposure and readout together; of exposures shorter than that, as many as there are rows."""
+"""Instants of exposure and readout together; of exposures shorter than that, as many as there are rows."""
 
 
 class Instants(NamedTuple):
     """Instants over the exposures of all rows, each the middle of a stretch of time."""
 
     offset_s: np.ndarray
-    """From the frame's time stamp [N] [s]."""
+    """Middles of the instants [N], from the frame's time stamp [s]."""
     length_s: float
-    """Of each stretch."""
+    """Length of the stretch that each instant stands for [s]."""
     per_row: float
     """Instants between the beginnings of the exposures of one row and the next."""
     open: float
     """Length of a row's exposure, in instants; 0: it is one instant."""
     share: float = 1.0
-    """Of the exposure, which the instants cover: elsewhere no light is on."""
+    """Share of the exposure that the instants cover: elsewhere no light is on."""
     lit: tuple[int, int] = (0, 0)
     """The first instant of a rolling shutter in which some light is on, and the one after the last; (0, 0): in all."""
 
 
 STILL = Instants(np.zeros(1), 0.0, 0.0, 0.0)
-"""Without a shutter."""
+"""The one instant of an image without a shutter."""
 
 
 def row_offsets_s(camera: Any) -> np.ndarray:
-    """From a frame's time stamp to the middle of the exposure of each row [H] [s]."""
+    """Times [H] from a frame's time stamp to the middle of the exposure of each row [s]."""
     return offsets_of_rows_s(camera.resolution[1], camera.shutter.readout_s if camera.shutter else 0.0)
 
 
 def offsets_of_rows_s(rows: int, readout_s: float) -> np.ndarray:
-    """The same [rows] [s] of a shutter by its numbers."""
+    """Times [rows] from a frame's time stamp to the middle of the exposure of each row [s], by a shutter's numbers."""
     return ((np.arange(rows) + 0.5) / rows - 0.5) * readout_s
 
 

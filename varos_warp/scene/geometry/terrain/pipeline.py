@@ -12,6 +12,8 @@ from pydantic import ValidationError
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.description.survey import ENDINGS, Heights, ending
 from varos_warp.scene.description.world import Placed, Preprocess
+from varos_warp.scene.file.problems import input_error
+from varos_warp.scene.file.source import Source
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
 from varos_warp.scene.geometry.mesh_files import read_mesh
 from varos_warp.scene.geometry.rounding import single_precision_step
@@ -263,12 +265,13 @@ def _read_survey(files, keys: dict | None) -> Survey | None:
     if other := sorted(set(keys or ()) & {*Placed.model_fields, *NOT_READING}):
         raise InputError("does not tell how survey files are read", key=f"survey.{other[0]}",
                          remedy="Leave it out; a scene that names the result can have it.")
+    block = {**(keys or {}), "kind": "heights", "file": [str(file) for file in files]}
     try:
-        asked = Heights(**{**(keys or {}), "kind": "heights", "file": [str(file) for file in files]})
+        asked = Heights(**block)
     except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(first["msg"].removeprefix("Value error, "), key=".".join(map(str, ("survey", *first["loc"]))),
-                         remedy="`varos-warp schema terrain.heights` tells of the keys.") from None
+        found = input_error(error, Source(block, Heights))
+        raise InputError(found.problem, key=f"survey.{found.key}", value=found.value, remedy=(
+            f"{found.remedy or ''} `varos-warp schema terrain.heights` tells of the keys.").strip()) from None
     return read_survey(asked, key="survey")
 
 

@@ -54,6 +54,11 @@ class Tabulated(PhaseFunction):
         return (self.kind, self._digest, self._slope)
 
     @property
+    def last_deg(self) -> float:
+        """Angle of the last row [degrees]."""
+        return float(np.degrees(np.exp(self._log_angle[-1])))
+
+    @property
     def kinks(self) -> np.ndarray:
         """The rows."""
         s = np.sin(0.5 * np.exp(self._log_angle)) ** 2

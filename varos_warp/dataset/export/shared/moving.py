@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from varos_warp.dataset.export.job import Job, numbers, quaternion, seconds
+from varos_warp.dataset.export.shared.job import Job, numbers, quaternion, seconds
 
 FOLDER = "moving"
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.export.shared.job import Job
 from varos_warp.dataset.reader.points import points_at
 from varos_warp.dataset.reader.rows import sight
 

@@ -12,6 +12,7 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
+from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.distortion import Lens
 
 NO_NOISE = "without noise"
@@ -146,7 +147,7 @@ def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[f
         InputError: If the format cannot state the camera.
     """
     model, place = job.data.camera_model(camera), f"cameras.{job.data.cameras.index(camera)}"
-    remedy = "docs/exports.md says which formats can; --camera leaves this one out."
+    remedy = f"docs/exports.md says which formats can{_instead(job, camera, models)}."
     if model.port is not None and "port" not in models:
         raise InputError(f"{form} cannot state a port", file=job.data.root, key=f"{place}.port", remedy=remedy)
     name, k = _simplest(model.lens)
@@ -156,6 +157,18 @@ def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[f
         raise InputError(f"{form} cannot state this distortion", file=job.data.root, key=f"{place}.distortion",
                          value=f"{name} {k}", remedy=remedy)
     return name, k
+
+
+def _instead(job: Job, camera: str, models: tuple[str, ...]) -> str:
+    """What to choose instead of a camera that a format cannot state: others of the dataset that it can."""
+    others = [other for other in job.data.cameras
+              if other != camera and _is_stated(job.data.camera_model(other), models)]
+    return f"; it can state {', '.join(others)}: choose with --camera {others[0]}" if others else ""
+
+
+def _is_stated(model: CameraModel, models: tuple[str, ...]) -> bool:
+    """Whether a format that has some models of distortion, and perhaps ports, has a camera."""
+    return (model.port is None or "port" in models) and _simplest(model.lens)[0] in ("none", *models)
 
 
 def _simplest(lens: Lens) -> tuple[str, list[float]]:

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterator
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.job import Job
+from varos_warp.dataset.export.shared.job import Job
 from varos_warp.dataset.reader.rows import is_rolling
 
 FOLDER = "shutter"
