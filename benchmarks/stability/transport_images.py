@@ -12,7 +12,7 @@ from benchmarks.stability.transport_surfaces import scene_of, shot, wall
 from varos_warp.kernels.film.film import Sums, add_sample, half_difference
 from varos_warp.render.image import exposure, outputs
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.checks import PIXEL_BYTES
+from varos_warp.scene.camera_checks import PIXEL_BYTES
 
 TESTS = "tests/stability/test_camera_limits.py::"
 
