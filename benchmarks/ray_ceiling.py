@@ -14,13 +14,14 @@ import numpy as np
 import warp as wp
 
 from varos_warp.kernels.sampling import sample_cosine, uniforms
+from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world.camera import Camera, camera_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
-first_hit, _ = make_rays(instances=False)
+first_hit, _ = make_rays(SceneSpec())
 
 
 @wp.kernel(enable_backward=False)

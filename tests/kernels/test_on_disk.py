@@ -3,15 +3,15 @@
 import pytest
 
 from varos_warp.kernels.field.tabulate import tabulate_single_scattering
+from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
-from varos_warp.kernels.transport.segment import PathSpec
 from varos_warp.kernels.world.optics import OpticsSpec
 
 BENT = OpticsSpec("brown_conrady", "dome", dispersion=True)
-RICHEST = PathSpec(instances=True, field=True, camera_field=True, optics=BENT, varies=True)
+RICHEST = SceneSpec(instances=True, field=True, camera_field=True, optics=BENT, varies=True)
 
 
 def functions_of(kernel) -> dict:
@@ -27,8 +27,8 @@ def functions_of(kernel) -> dict:
 
 @pytest.mark.parametrize("make", [
     lambda: make_camera_kernel(RICHEST), lambda: make_subpath_kernel(RICHEST),
-    lambda: make_reference_kernel(True, True, True, True, True, BENT, True),
-    lambda: make_ambient_kernel(True, True, BENT, True),
+    lambda: make_reference_kernel(RICHEST),
+    lambda: make_ambient_kernel(RICHEST),
     lambda: tabulate_single_scattering], ids=["camera", "subpaths", "reference", "ambient", "tabulate"])
 def test_no_expression_is_evaluated_only_when_the_code_is_made(make):
     """`wp.static` of a loop's index is: the hash knows its values only once some kernel has been made with it."""

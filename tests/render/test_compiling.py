@@ -13,7 +13,7 @@ from test_frame import LAMPS, POSE, camera, ground_and_ball, make_scene
 from varos_warp.render.kinds import kernels_needed
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import launch
-from varos_warp.scene.device import Contents, DeviceScene
+from varos_warp.scene.device import DeviceScene, foretold_spec
 from varos_warp.scene.file.load import DATA, load_scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.launch import beside, compiling, load_kernel
@@ -45,7 +45,7 @@ def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integra
 
 
 def needed(renderer, letters, integrator=None):
-    kernels = kernels_needed(renderer.scene, renderer.world.contents, letters, integrator)
+    kernels = kernels_needed(renderer.scene, renderer.world.spec, letters, integrator)
     modules = [kernel.module for kernel in kernels]
     assert len(modules) == len({*modules})
     return {*modules}
@@ -145,4 +145,4 @@ def test_what_a_scene_holds_is_foretold_by_its_file(file, changes):
     """Else kernels are compiled that nothing needs, and those that are needed only after the scene is loaded."""
     scene = load_scene(file, changes)
     world = DeviceScene(scene, build_parts(scene), "cpu")
-    assert Contents.foretold(scene, "cpu") == world.contents
+    assert foretold_spec(scene, "cpu") == world.spec

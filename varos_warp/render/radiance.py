@@ -13,6 +13,7 @@ from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, develop, tile_variances, weigh_guides
+from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.moments import Moments
@@ -25,7 +26,7 @@ from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
-from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, sample_step
+from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, layers, sample_step
 from varos_warp.render.launch import Steps, aside
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
@@ -93,11 +94,11 @@ class RadianceRenderer:
         if step := sample_step(view, integrator == "field"):
             options = replace(options, spp=step * ceil(options.spp / step))
             shot = shot._replace(options=options)
-        if is_dark(self.scene, self.world.contents):
+        if is_dark(self.scene, self.world.spec):
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
             return (yield from self._denoised(image, {}, options.denoise))
-        bounds, most = PathBounds(), (options.max_scatterings if self.world.contents.medium else 0, options.max_bounces)
+        bounds, most = PathBounds(), (options.max_scatterings if self.world.spec.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
         if integrator == "reference":
             return (yield from self._by_reference(shot, bounds))
@@ -138,25 +139,23 @@ class RadianceRenderer:
         return self._shares[view]
 
     def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
-        options, contents = shot.options, shot.world.contents
+        options = shot.options
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
-        layers = (layer in options.layers for layer in LAYERS)
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kernel = make_reference_kernel(*layers, contents.instances, contents.textures, optics_spec(shot.view),
-                                       seen.varies, contents.masks)
+        kernel = make_reference_kernel(replace(self._spec(shot.world, shot.view, seen), **layers(options)))
         before = [shot.world.lit(shot.T_w_v), seen.camera, seen.moments]
         self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], spp,
                         share=self._share(shot.view))
         return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
-        options, contents = shot.options, shot.world.contents
+        options, spec = shot.options, shot.world.spec
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kinds = kinds_of_samples(self.scene, contents, shot.view, options, with_field, seen.varies)
+        kinds = kinds_of_samples(self.scene, spec, shot.view, options, with_field, seen.varies)
         films = yield from self._path_films(shot, bounds, with_field, seen, kinds)
         images, guides = self._developed(films), {}
         # without the field the base is too noisy to guide
-        if with_field and contents.surfaces and options.denoise in (None, "oidn"):
+        if with_field and spec.surfaces and options.denoise in (None, "oidn"):
             guides = self._weighed(shot.guides(), images)
         return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
 
@@ -193,15 +192,15 @@ class RadianceRenderer:
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
-        groups, contents = 1, self.world.contents
+        groups = 1
         if seen.varies:  # parts of the instants that samples are of
             lit = seen.moments.lit_end - seen.moments.lit_begin
             groups = min(lit or seen.moments.cameras.shape[0], VIRTUAL_GROUPS)
-        if not contents.surfaces:
+        if not self.world.spec.surfaces:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(contents.instances, contents.textures, seen.varies, contents.masks)
+        kernel = make_virtual_lights_kernel(replace(self.world.spec, varies=seen.varies))
         self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
         return lights
 
@@ -218,17 +217,20 @@ class RadianceRenderer:
         rng = np.random.default_rng([key, MOMENTS_SEED])
         return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole, lit), True)
 
+    @staticmethod
+    def _spec(world: DeviceScene, view: Camera, seen: Seen) -> SceneSpec:
+        """What kernels of an image are compiled for."""
+        return replace(world.spec, optics=optics_spec(view), varies=seen.varies)
+
     def ambient(self, shot: Shot) -> Steps[RadianceImage]:
         """Render B."""
         resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
-        if not world.contents.surfaces:
+        if not world.spec.surfaces:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return (yield from self._denoised(image, {}, method))
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
-        contents = world.contents
-        kernel = make_ambient_kernel(contents.instances, contents.textures, optics_spec(shot.view), seen.varies,
-                                     contents.masks)
+        kernel = make_ambient_kernel(self._spec(world, shot.view, seen))
         before = [world.data, seen.camera, seen.moments]
         self.films.take(film, kernel, before, [wp.uint32(shot.key)], shot.options.spp_b)
         images = self._developed([film])
@@ -245,8 +247,7 @@ class RadianceRenderer:
         seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(world.contents.instances, world.contents.textures, optics_spec(view), seen.varies,
-                                    world.contents.masks)
+        kernel = make_guides_kernel(self._spec(world, view, seen))
         self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
         return guides
 

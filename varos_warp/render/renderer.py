@@ -4,6 +4,7 @@ import copy
 import functools
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,7 +141,7 @@ class FrameRenderer:
             outputs: Which images, of A, B, C, D, S, P, F.
             integrator: Of A and P; absent: the scene's.
         """
-        kernels = kernels_needed(self.scene, self.world.contents, outputs, integrator, self.device)
+        kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator, self.device)
         return compiling(kernels, self.device)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
@@ -277,10 +278,9 @@ class FrameRenderer:
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
-        if self.world.contents.surfaces:
+        if self.world.spec.surfaces:
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(self.world.contents.instances, optics_spec(view), here.rolls,
-                                            self.world.contents.masks)
+            kernel = make_first_hits_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
             self.launcher.rows(kernel, shape, [here.world.data, camera, self._rows(here)],
                                [normal, depth, distance, instance])
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
@@ -306,15 +306,14 @@ class FrameRenderer:
             moved = flow_of(*before, inverse(T_w_next) @ camera_pose(view, here.T_w_v))
             eye = (moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T).reshape(moved.eye.shape) + T_w_next[:3, 3]
         hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
-        if self.world.contents.surfaces:
+        if self.world.spec.surfaces:
             eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
             self.launcher.upload(eye - self.world.origin, eyes)
             next_row = wp.zeros(distance.shape, dtype=wp.int32, device=self.device)
             if following.rolls and self.world.moving:
                 row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
-            kernel = make_hidden_kernel(self.world.contents.instances, optics_spec(view), here.rolls,
-                                        self.world.contents.masks)
+            kernel = make_hidden_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
             there = [following.world.data, following.world.moving_at(following.row_times()), eyes, next_row]
             self.launcher.rows(kernel, distance.shape, [here.world.data, camera, self._rows(here), *there], [hidden])

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
+from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
 from varos_warp.kernels.world.intersect import SceneData
@@ -70,34 +70,19 @@ fills the memory close to the cores, and without it everything takes two thirds 
 faster."""
 
 
-class Contents(NamedTuple):
-    """What there is in a scene, for which kernels are compiled."""
+def foretold_spec(scene: Scene, device: str) -> SceneSpec:
+    """What a `DeviceScene` will find present, by the scene file alone.
 
-    medium: bool
-    """The water scatters."""
-    surfaces: bool
-    """There are surfaces."""
-    instances: bool
-    """Some are instances."""
-    textures: bool
-    """Some material is more than one constant reflectance."""
-    masks: bool = False
-    """Masks of mesh files cut holes."""
-
-    @staticmethod
-    def foretold(scene: Scene, device: str) -> "Contents":
-        """What a `DeviceScene` will find, by the scene file alone.
-
-        Wrong where a mesh file that may have colours of its own has none, or masks that cut holes, or so many copies
-        are scattered that they do not join the mesh on a GPU.
-        """
-        blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
-        blocks = [block for block in blocks if block is not None]
-        textured = [may_have_colours(block) if block.material is None
-                    else not isinstance(scene.materials[block.material], Diffuse) for block in blocks]
-        copies = bool(scene.scatter) and MOST_JOINED_FACES[kind_of(device)] == 0
-        return Contents(bool(optical_properties(scene).sigma_s.any()), bool(blocks), copies or bool(scene.moving),
-                        any(textured))
+    Wrong where a mesh file that may have colours of its own has none, or masks that cut holes, or so many copies are
+    scattered that they do not join the mesh on a GPU.
+    """
+    blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
+    blocks = [block for block in blocks if block is not None]
+    textured = [may_have_colours(block) if block.material is None
+                else not isinstance(scene.materials[block.material], Diffuse) for block in blocks]
+    copies = bool(scene.scatter) and MOST_JOINED_FACES[kind_of(device)] == 0
+    return SceneSpec(medium=bool(optical_properties(scene).sigma_s.any()), surfaces=bool(blocks),
+                     instances=copies or bool(scene.moving), textures=any(textured))
 
 
 def _whole_first(shapes: list) -> list:
@@ -130,9 +115,11 @@ class DeviceScene:
         self.part_names = self._names(parts)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
-        instances, textures = not self.joins_copies or bool(self.moving), any(is_textured(part) for part in parts)
-        masks = any(part.has_holes for part in parts)
-        self.contents = Contents(bool(self.water.sigma_s.any()), bool(parts), instances, textures, masks)
+        self.spec = SceneSpec(
+            medium=bool(self.water.sigma_s.any()), surfaces=bool(parts),
+            instances=not self.joins_copies or bool(self.moving), textures=any(is_textured(part) for part in parts),
+            masks=any(part.has_holes for part in parts))
+        """What is present, for which kernels are compiled; `seen_by` a camera, of its optics too."""
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
         self.poses: Poses = lambda offset_ns: {}
@@ -147,7 +134,7 @@ class DeviceScene:
         """
         other = copy.copy(self)
         other.scene, other.water = scene, optical_properties(scene)
-        other.contents = self.contents._replace(medium=bool(other.water.sigma_s.any()))
+        other.spec = replace(self.spec, medium=bool(other.water.sigma_s.any()))
         other.lights = Lights(scene, self.device)
         other.data = SceneData()
         other.data.assign(self.data)
@@ -211,7 +198,7 @@ class DeviceScene:
         counts = [len(part.faces) for part in in_mesh]
         in_order = np.array([numbers[part.name] for part in in_mesh], np.int32)
         self.data.face_part = self._array(np.repeat(in_order, counts), wp.int32)
-        if self.contents.instances:
+        if self.spec.instances:
             self._upload_instances([] if self.joins_copies else copied, sum(counts), numbers)
         with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
         self.data.corner_values = self._array(corner_values(with_faces), wp.vec3)

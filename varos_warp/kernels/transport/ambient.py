@@ -1,18 +1,17 @@
 """Image B: the scene without water in uniform ambient light of radiance 1."""
 
-from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.segment import draw
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -26,11 +25,11 @@ class Ambient:
     open: wp.vec3
 
 
-@cache
-def make_ambient_radiance(instances: bool, textures: bool, masks: bool) -> wp.Function:
+@specialised("instances", "textures", "masks")
+def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
-    first_hit, _ = make_rays(instances, masks)
-    hit_surface = make_hit_surface(textures, instances)
+    first_hit, _ = make_rays(spec)
+    hit_surface = make_hit_surface(spec)
 
     @wp.func
     def ambient_radiance(
@@ -72,12 +71,11 @@ def make_ambient_radiance(instances: bool, textures: bool, masks: bool) -> wp.Fu
     return ambient_radiance
 
 
-@cache
-def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool, masks: bool = False
-                        ) -> wp.Kernel:
+@specialised("instances", "textures", "masks", "optics", "varies")
+def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
     """Image B, for scenes with or without instances and textures, through a lens, a port and moments."""
-    ambient_radiance = make_ambient_radiance(instances, textures, masks)
-    ray_of = make_ray(optics)
+    ambient_radiance = make_ambient_radiance(spec)
+    ray_of = make_ray(spec.optics)
 
     @wp.kernel(**LONG_KERNEL)
     def trace_ambient(
@@ -100,7 +98,7 @@ def make_ambient_kernel(instances: bool, textures: bool, optics: OpticsSpec, var
         sums = Sums()
         for sample in range(part.begin, part.end):
             u = draw(key, pixel, sample, 0)
-            if wp.static(varies):
+            if wp.static(spec.varies):
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 camera = moments.cameras[moment.instant]
                 scene.moving = moments.moving[moment.instant]

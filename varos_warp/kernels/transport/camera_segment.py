@@ -6,7 +6,6 @@ their own: a segment takes a tenth of the time of a subpath, and decides what ed
 look like.
 """
 
-from functools import cache
 
 import warp as wp
 
@@ -16,8 +15,9 @@ from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
+from varos_warp.kernels.transport.segment import PATH, PathBounds, draw, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -44,8 +44,8 @@ def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
     return L
 
 
-@cache
-def make_mirrored(spec: PathSpec) -> wp.Function:
+@specialised(*PATH)
+def make_mirrored(spec: SceneSpec) -> wp.Function:
     """The function ``mirrored`` of a metal's vertex, specialised to ``spec``."""
     first_hit, _, end_vertex, scattered_once, reflected_once, _ = make_segment(spec)
 
@@ -89,8 +89,8 @@ def make_mirrored(spec: PathSpec) -> wp.Function:
     return mirrored
 
 
-@cache
-def make_camera_kernel(spec: PathSpec) -> wp.Kernel:
+@specialised(*PATH)
+def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
     """The camera's segments of a film's parts from ``first`` on, specialised to ``spec``."""
     first_hit, _, end_vertex, scattered_once, reflected_once, image_place = make_segment(spec)
     mirrored = make_mirrored(spec)

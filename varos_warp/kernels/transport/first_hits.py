@@ -1,10 +1,10 @@
 """Images C, D and S, what hides in F, guides for a denoiser: the first hit of the ray through each pixel's centre."""
 
-from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, instant_of_row
 from varos_warp.kernels.world.bsdf import surface_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
@@ -18,7 +18,6 @@ from varos_warp.kernels.world.intersect import (
     shading_normal,
     to_instance,
 )
-from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
@@ -33,11 +32,11 @@ class Rows:
     """[row, object that moves]"""
 
 
-@cache
-def make_centre_hit(instances: bool, optics: OpticsSpec, masks: bool) -> wp.Function:
+@specialised("instances", "masks", "optics")
+def make_centre_hit(spec: SceneSpec) -> wp.Function:
     """The function ``centre_hit``: the ray through a pixel's centre, and what it hits."""
-    first_hit, _ = make_rays(instances, masks)
-    ray_of = make_ray(optics)
+    first_hit, _ = make_rays(spec)
+    ray_of = make_ray(spec.optics)
 
     @wp.func
     def centre_hit(scene: SceneData, camera: Camera, row: int, col: int):
@@ -51,10 +50,10 @@ def make_centre_hit(instances: bool, optics: OpticsSpec, masks: bool) -> wp.Func
     return centre_hit
 
 
-@cache
-def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool, masks: bool = False) -> wp.Kernel:
+@specialised("instances", "masks", "optics", "rolling")
+def make_first_hits_kernel(spec: SceneSpec) -> wp.Kernel:
     """Images C, D and S, for scenes with or without instances, through a lens, a port and a shutter."""
-    centre_hit = make_centre_hit(instances, optics, masks)
+    centre_hit = make_centre_hit(spec)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_first_hits(
@@ -74,7 +73,7 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool, m
         """
         tile_row, col = wp.tid()
         row = first_row + tile_row
-        if wp.static(rolling):
+        if wp.static(spec.rolling):
             camera = of_rows.cameras[row]
             scene.moving = of_rows.moving[row]
         ray, hit = centre_hit(scene, camera, row, col)
@@ -86,7 +85,7 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool, m
             return
         normal[row, col] = corner_normal(scene, scene.smooth_normals, hit)
         depth[row, col] = hit.t * wp.dot(ray.d, camera.forward)
-        if wp.static(optics.port != "none"):
+        if wp.static(spec.optics.port != "none"):
             depth[row, col] += wp.dot(ray.o - camera.position, camera.forward)
         distance[row, col] = hit.t
         instance[row, col] = hit.part + 1
@@ -94,11 +93,11 @@ def make_first_hits_kernel(instances: bool, optics: OpticsSpec, rolling: bool, m
     return trace_first_hits
 
 
-@cache
-def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool, masks: bool = False) -> wp.Kernel:
+@specialised("instances", "masks", "optics", "rolling")
+def make_hidden_kernel(spec: SceneSpec) -> wp.Kernel:
     """What hides from another place, for scenes with or without instances, through a lens, a port and a shutter."""
-    centre_hit = make_centre_hit(instances, optics, masks)
-    _, visible = make_rays(instances, masks)
+    centre_hit = make_centre_hit(spec)
+    _, visible = make_rays(spec)
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_hidden(
@@ -121,13 +120,13 @@ def make_hidden_kernel(instances: bool, optics: OpticsSpec, rolling: bool, masks
         row = first_row + tile_row
         hidden[row, col] = wp.uint8(0)
         eye = eyes[row, col]
-        if wp.static(rolling):
+        if wp.static(spec.rolling):
             camera = of_rows.cameras[row]
             scene.moving = of_rows.moving[row]
         _ray, hit = centre_hit(scene, camera, row, col)
         if hit.face >= 0 and wp.isfinite(eye):
             start = hit.start
-            if wp.static(instances):
+            if wp.static(spec.instances):
                 next_scene.moving = next_moving[next_row[row, col]]
                 if moves(scene, hit):
                     now = scene.moving[hit.instance]
@@ -151,12 +150,11 @@ class Guides:
     normal: wp.vec3
 
 
-@cache
-def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, varies: bool, masks: bool = False
-                       ) -> wp.Kernel:
+@specialised("instances", "textures", "masks", "optics", "varies")
+def make_guides_kernel(spec: SceneSpec) -> wp.Kernel:
     """Guides for a denoiser, for scenes with or without instances and textures, through a lens, a port, a shutter."""
-    centre_hit = make_centre_hit(instances, optics, masks)
-    hit_surface = make_hit_surface(textures, instances)
+    centre_hit = make_centre_hit(spec)
+    hit_surface = make_hit_surface(spec)
 
     @wp.func
     def centre_guides(scene: SceneData, camera: Camera, row: int, col: int):
@@ -182,7 +180,7 @@ def make_guides_kernel(instances: bool, textures: bool, optics: OpticsSpec, vari
         """Albedo of the surface in [0, 1], and normal as in image C, both [height, width]; 0 where nothing is hit."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
-        if wp.static(varies):
+        if wp.static(spec.varies):
             # blurred as the image is
             sums = Guides()
             for k in range(INSTANTS):

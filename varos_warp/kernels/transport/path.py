@@ -17,7 +17,6 @@ The camera's own segment adds F up to its end. The field does not store its own 
 that leaves a metal carries L, not D. docs/transport.md derives this, and says why second moments are finite.
 """
 
-from functools import cache
 
 import warp as wp
 
@@ -26,9 +25,10 @@ from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
-from varos_warp.kernels.transport.segment import PathBounds, PathSpec, draw, make_segment
+from varos_warp.kernels.transport.segment import PATH, PathBounds, draw, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -133,11 +133,11 @@ def carries_all(vertex: Vertex, with_field: bool):
     return not with_field or is_metal(vertex)
 
 
-@cache
-def make_leave_vertex(spec: PathSpec) -> wp.Function:
+@specialised(*PATH)
+def make_leave_vertex(spec: SceneSpec) -> wp.Function:
     """The function ``leave_vertex`` of a subpath, specialised to ``spec``."""
     visible = make_segment(spec).visible
-    gather_virtual_light = make_gather_virtual_light(spec.instances and spec.varies)
+    gather_virtual_light = make_gather_virtual_light(spec)
 
     @wp.func
     def virtual_light(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, u: wp.vec2):
@@ -177,8 +177,8 @@ def make_leave_vertex(spec: PathSpec) -> wp.Function:
     return leave_vertex
 
 
-@cache
-def make_gather(spec: PathSpec) -> wp.Function:
+@specialised(*PATH)
+def make_gather(spec: SceneSpec) -> wp.Function:
     """The function ``gather`` of a subpath, specialised to ``spec``."""
     scattered_once = make_segment(spec).scattered_once
 
@@ -211,8 +211,8 @@ def make_gather(spec: PathSpec) -> wp.Function:
     return gather
 
 
-@cache
-def make_arrive(spec: PathSpec) -> wp.Function:
+@specialised(*PATH)
+def make_arrive(spec: SceneSpec) -> wp.Function:
     """The function ``arrive`` of a path, specialised to ``spec``."""
     _, _, end_vertex, _, reflected_once, _ = make_segment(spec)
 
@@ -240,8 +240,8 @@ def go_on(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, bounds: PathBo
     return advance(scene, path, hit, end, bounds.scatterings, bounds.bounces, u)
 
 
-@cache
-def make_subpath_kernel(spec: PathSpec) -> wp.Kernel:
+@specialised(*PATH)
+def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
     """Subpaths of a film's parts from ``first`` on, specialised to ``spec``.
 
     One loop handles the segments of camera and subpaths, and one part after another, so that the threads of a GPU's

@@ -5,13 +5,13 @@ light at every vertex, and plays roulette on the throughput. It has the same exp
 noise. It shares the world with them (rays, lights, water, materials), but not the light transport.
 """
 
-from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
@@ -19,7 +19,6 @@ from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
 from varos_warp.kernels.world.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.optics import OpticsSpec
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE, Surface, footprint_width
 
@@ -82,10 +81,10 @@ def roulette(path: PlainPath, u: float):
     return after
 
 
-@cache
-def make_gather(instances: bool, masks: bool) -> tuple[wp.Function, wp.Function]:
+@specialised("instances", "masks")
+def make_gather(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances and masks."""
-    _, visible = make_rays(instances, masks)
+    _, visible = make_rays(spec)
 
     @wp.func
     def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3):
@@ -117,11 +116,11 @@ def make_gather(instances: bool, masks: bool) -> tuple[wp.Function, wp.Function]
     return scattered_light, reflected_light
 
 
-@cache
-def make_events(instances: bool, textures: bool, masks: bool) -> tuple[wp.Function, wp.Function]:
+@specialised("instances", "textures", "masks")
+def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
-    hit_surface = make_hit_surface(textures, instances)
-    scattered_light, reflected_light = make_gather(instances, masks)
+    hit_surface = make_hit_surface(spec)
+    scattered_light, reflected_light = make_gather(spec)
 
     @wp.func
     def scatter(scene: SceneData, path: PlainPath, t: float, v: wp.vec4):
@@ -155,24 +154,12 @@ def make_events(instances: bool, textures: bool, masks: bool) -> tuple[wp.Functi
     return scatter, reflect
 
 
-@cache
-def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances: bool, textures: bool,
-                          optics: OpticsSpec, varies: bool, masks: bool = False) -> wp.Kernel:
-    """The kernel that renders a film's parts from ``first`` on.
-
-    Args:
-        direct: whether light that was reflected once counts.
-        single: whether light that was scattered once counts.
-        multiple: whether all other light counts.
-        instances: whether there are instances.
-        textures: whether some material is more than one constant reflectance.
-        optics: the camera's lens and port.
-        varies: whether camera or lights differ from sample to sample.
-        masks: whether masks of mesh files cut holes.
-    """
-    first_hit, _ = make_rays(instances, masks)
-    sample_ray = make_sample_ray(optics)
-    scatter, reflect = make_events(instances, textures, masks)
+@specialised("direct", "single", "multiple", "instances", "textures", "masks", "optics", "varies")
+def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
+    """The kernel that renders a film's parts from ``first`` on, specialised to ``spec``."""
+    first_hit, _ = make_rays(spec)
+    sample_ray = make_sample_ray(spec.optics)
+    scatter, reflect = make_events(spec)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_reference(
@@ -195,7 +182,7 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
             u = uniforms(key, pixel, sample, 0)
-            if wp.static(varies):
+            if wp.static(spec.varies):
                 moment = moment_of(moments, part.row, key, pixel, sample)
                 scene.lights = moments.lights[moment.lights]
                 camera = moments.cameras[moment.instant]
@@ -229,12 +216,12 @@ def make_reference_kernel(direct: bool, single: bool, multiple: bool, instances:
                     L_single = path.L
                 else:
                     L_direct = path.L
-                if not wp.static(multiple):
+                if not wp.static(spec.multiple):
                     path.alive = 0
                 path = roulette(path, v[3])
-            if not wp.static(direct):
+            if not wp.static(spec.direct):
                 L_direct = wp.vec3(0.0)
-            if not wp.static(single):
+            if not wp.static(spec.single):
                 L_single = wp.vec3(0.0)
             sums = add_sample(sums, sample, L_direct, L_single, L_multiple, wp.vec3(0.0))
         store(film, i, sums)

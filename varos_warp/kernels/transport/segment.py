@@ -3,8 +3,6 @@
 Light of one more event is scattered on the segment, or reflected at its end, straight from the lights.
 """
 
-from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import warp as wp
@@ -12,64 +10,20 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, uniforms
 from varos_warp.kernels.sobol import sobol4
+from varos_warp.kernels.spec import FIELDS, SceneSpec, specialised
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.pixel import sample_pixel
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.optics import STRAIGHT, OpticsSpec
 from varos_warp.kernels.world.texture import footprint_width
 
 wp.set_module_options({"enable_backward": False})
 
+PATH = tuple(name for name in FIELDS if name != "rolling")
+"""What kernels of paths are compiled for: rows that see other instants are samples of them, too."""
 LOW_DIMENSIONS = wp.constant(14)
 """Number of groups of four numbers that are low-discrepancy points; later vertices hardly benefit."""
-
-
-@dataclass(frozen=True)
-class PathSpec:
-    """What a path kernel is compiled for; features that a scene lacks cost nothing."""
-
-    medium: bool = True
-    """The water scatters."""
-    direct: bool = True
-    single: bool = True
-    multiple: bool = True
-    """Which layers are wanted."""
-    instances: bool = False
-    """There are instances."""
-    textures: bool = True
-    """Some material is more than one constant reflectance."""
-    surfaces: bool = True
-    """There are surfaces."""
-    field: bool = False
-    """The field of open water is known."""
-    camera_field: bool = False
-    """It is also known along this camera's rays."""
-    optics: OpticsSpec = STRAIGHT
-    """The camera's lens and port."""
-    varies: bool = False
-    """Camera or lights differ from sample to sample."""
-    masks: bool = False
-    """Masks of mesh files cut holes."""
-
-    def camera(self) -> "PathSpec | None":
-        """What the camera's own segments need; None if no layer does."""
-        multiple = self.multiple and (self.field or self.mirrors)
-        if self.direct or self.single or multiple:
-            return replace(self, multiple=multiple)
-        return None
-
-    @property
-    def mirrors(self) -> bool:
-        """There may be metals, whose lobes mirror what is around them."""
-        return self.surfaces and self.textures
-
-    def subpaths(self) -> "PathSpec | None":
-        """What subpaths need; None if there are none: of open water the field knows all."""
-        if self.multiple and (self.surfaces or not self.field):
-            return replace(self, direct=False, single=False)
-        return None
 
 
 @wp.struct
@@ -104,11 +58,11 @@ class Segment(NamedTuple):
     image_place: wp.Function
 
 
-@cache
-def make_segment(spec: PathSpec) -> Segment:
+@specialised(*PATH)
+def make_segment(spec: SceneSpec) -> Segment:
     """The functions of a segment, specialised to ``spec``."""
-    first_hit, visible = make_rays(spec.instances, spec.masks)
-    hit_surface = make_hit_surface(spec.textures, spec.instances)
+    first_hit, visible = make_rays(spec)
+    hit_surface = make_hit_surface(spec)
     # where a light is seen is known of straight rays only
     straight = not spec.optics.bends
     peaks_at_lights = straight and spec.medium and (spec.single or spec.multiple) and not spec.camera_field

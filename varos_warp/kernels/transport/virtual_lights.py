@@ -7,13 +7,13 @@ fails for small bright areas far away, the second for points close by. Both are 
 contribution (resampling, Talbot et al. 2005).
 """
 
-from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.sobol import sobol2, sobol4
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moment, Moments, first_instant, instants_taken
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
@@ -96,11 +96,11 @@ def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
     return moment
 
 
-@cache
-def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool, masks: bool = False) -> wp.Kernel:
+@specialised("instances", "textures", "masks", "varies")
+def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     """Rays from the lights to the first surface."""
-    first_hit, _ = make_rays(instances, masks)
-    hit_surface = make_hit_surface(textures, instances)
+    first_hit, _ = make_rays(spec)
+    hit_surface = make_hit_surface(spec)
 
     @wp.func
     def moves_with(scene: SceneData, hit: Hit, point: VirtualLight):
@@ -127,7 +127,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool, ma
         row = k / points.shape[1]
         col = k % points.shape[1]
         u = sobol4(half_key(key, row), -1, col, 0)
-        if wp.static(varies):
+        if wp.static(spec.varies):
             v = sobol2(half_key(key, row), -1, col, 2)
             moment = moment_of_group(moments, row / 2, points.shape[0] / 2, v)
             scene.lights = moments.lights[moment.lights]
@@ -148,7 +148,7 @@ def make_virtual_lights_kernel(instances: bool, textures: bool, varies: bool, ma
                 E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
                 point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
                 point.density = virtual_density(scene, i, hit.p, hit.n)
-            if wp.static(instances and varies):
+            if wp.static(spec.instances and spec.varies):
                 point = moves_with(scene, hit, point)
         points[row, col] = point
 
@@ -174,8 +174,8 @@ def in_world(scene: SceneData, point: VirtualLight):
     return after
 
 
-@cache
-def make_gather_virtual_light(moving: bool) -> wp.Function:
+@specialised("instances", "varies")
+def make_gather_virtual_light(spec: SceneSpec) -> wp.Function:
     """The function ``gather_virtual_light(scene, points, vertex, u)``, for scenes where objects move or none do."""
 
     @wp.func
@@ -193,7 +193,7 @@ def make_gather_virtual_light(moving: bool) -> wp.Function:
         candidates = int(CANDIDATES)  # a variable, so that the loop is not unrolled: small code is faster on a GPU
         for k in range(candidates):
             point = points[first + k]
-            if wp.static(moving):
+            if wp.static(spec.instances and spec.varies):
                 point = in_world(scene, point)
             offset = point.p - vertex.p
             r2 = wp.max(wp.dot(offset, offset), 1.0e-12)

@@ -1,10 +1,10 @@
 """The scene on the device and its rays: first hit and visibility."""
 
-from functools import cache
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.world.light import Light
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.kernels.world.texture import MAPPED, Material, Surface, page_alpha, surface_at
@@ -223,8 +223,8 @@ def solid_hit(scene: SceneData, mesh: wp.uint64, first_face: int, part: int, o: 
 # ----------------------------------------------------------------------------------------------------------- instances
 
 
-@cache
-def make_in_instances(masks: bool):
+@specialised("masks")
+def make_in_instances(spec: SceneSpec):
     """The functions ``nearest_instance(scene, o, d, before)`` and ``any_instance(scene, o, d, t_max)``."""
 
     @wp.func
@@ -236,7 +236,7 @@ def make_in_instances(masks: bool):
         while wp.bvh_query_next(query, k, hit.t):
             copy = get_instance(scene, k)
             # the direction is not normalised, so that t stays in units of the world
-            if wp.static(masks):
+            if wp.static(spec.masks):
                 solid = solid_hit(scene, copy.mesh, copy.first_face, copy.part, to_instance(copy, o - copy.p),
                                   to_instance(copy, d), hit.t)
                 if solid.face >= 0:
@@ -259,7 +259,7 @@ def make_in_instances(masks: bool):
         k = int(0)
         while wp.bvh_query_next(query, k, t_max):
             copy = get_instance(scene, k)
-            if wp.static(masks):
+            if wp.static(spec.masks):
                 solid = solid_hit(scene, copy.mesh, copy.first_face, copy.part, to_instance(copy, o - copy.p),
                                   to_instance(copy, d), t_max)
                 if solid.face >= 0:
@@ -294,14 +294,14 @@ def locate(scene: SceneData, d: wp.vec3, found: Hit):
     return hit
 
 
-@cache
-def make_rays(instances: bool, masks: bool = False):
+@specialised("instances", "masks")
+def make_rays(spec: SceneSpec):
     """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, with or without instances and masks.
 
     The stack of the query over instances would cost scenes without any a tenth of their speed. With masks the first hit
     is asked for in shadow rays too: whether there is any at all would have to be asked beside.
     """
-    nearest_instance, any_instance = make_in_instances(masks)
+    nearest_instance, any_instance = make_in_instances(spec)
 
     @wp.func
     def first_hit(scene: SceneData, o: wp.vec3, d: wp.vec3):
@@ -312,7 +312,7 @@ def make_rays(instances: bool, masks: bool = False):
         hit.instance = -1
         count_ray(scene)
         if scene.mesh != wp.uint64(0):
-            if wp.static(masks):
+            if wp.static(spec.masks):
                 solid = solid_hit(scene, scene.mesh, 0, -1, o, d, FAR)
                 if solid.face >= 0:
                     hit = solid
@@ -324,7 +324,7 @@ def make_rays(instances: bool, masks: bool = False):
                     hit.face = query.face
                     hit.bary = wp.vec2(query.u, query.v)
                     hit.n = query.normal
-        if wp.static(instances):
+        if wp.static(spec.instances):
             hit = nearest_instance(scene, o, d, hit)
         if hit.face >= 0:
             hit = locate(scene, d, hit)
@@ -340,14 +340,14 @@ def make_rays(instances: bool, masks: bool = False):
         count_ray(scene)
         d = offset / distance
         if scene.mesh != wp.uint64(0):
-            if wp.static(masks):
+            if wp.static(spec.masks):
                 solid = solid_hit(scene, scene.mesh, 0, -1, p, d, distance)
                 if solid.face >= 0:
                     return False
             else:
                 if any_hit(scene.mesh, p, d, distance):
                     return False
-        if wp.static(instances):
+        if wp.static(spec.instances):
             return not any_instance(scene, p, d, distance)
         return True
 
@@ -377,8 +377,8 @@ def shading_normal(scene: SceneData, hit: Hit):
     return corner_normal(scene, scene.shading_normals, hit)
 
 
-@cache
-def make_hit_surface(textures: bool, instances: bool):
+@specialised("textures", "instances")
+def make_hit_surface(spec: SceneSpec):
     """The function ``hit_surface(scene, hit, n, footprint)``; without textures every surface is a plain reflectance.
 
     On a GPU textures take half as many registers again, which spill to memory.
@@ -387,7 +387,7 @@ def make_hit_surface(textures: bool, instances: bool):
     @wp.func
     def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
         """Surface at a hit, averaged over ``footprint`` [m] (see texture.footprint_width)."""
-        if wp.static(textures):
+        if wp.static(spec.textures):
             m = scene.materials[hit.part]
             at = wp.vec3(0.0)
             if scene.corner_values.shape[0] > 0:
@@ -395,7 +395,7 @@ def make_hit_surface(textures: bool, instances: bool):
             page = page_of(scene, hit.face)
             p = hit.p
             up = n
-            if wp.static(instances):
+            if wp.static(spec.instances):
                 if hit.instance >= 0 and m.kind == MAPPED and page >= 0:
                     at[2] = at[2] / get_instance(scene, hit.instance).scale
                 if moves(scene, hit):

@@ -216,7 +216,7 @@ class Planner:
                 self.failed = True
                 return self.take_paths(failure)
             why = "light in open water is known beforehand"
-            if self.lit and self.renderer.world.contents.surfaces:
+            if self.lit and self.renderer.world.spec.surfaces:
                 self.progress("integrator", 0.0)
                 gain = self.gain_of_field()
                 if gain < PATHS_PAY:
