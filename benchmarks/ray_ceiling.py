@@ -81,12 +81,12 @@ def ceilings(renderer, T_w_v, rays: int = 16) -> dict[str, float]:
     share_hit = np.isfinite(renderer.render(T_w_v, outputs="D").D.range).mean()
     found = {}
     for kernel in (coherent, incoherent, to_lamps):
-        renderer.launcher.rows(kernel, shape, [scene, camera], [1, out])
+        renderer.launcher.rows(kernel, shape, {"scene": scene, "camera": camera, "rays": 1, "out": out})
         wp.synchronize()
         seconds = []
         for _ in range(3):
             start = time.perf_counter()
-            renderer.launcher.rows(kernel, shape, [scene, camera], [rays, out])
+            renderer.launcher.rows(kernel, shape, {"scene": scene, "camera": camera, "rays": rays, "out": out})
             wp.synchronize()
             seconds.append(time.perf_counter() - start)
         traced = rays * np.prod(shape) * (1.0 if kernel is coherent else share_hit)

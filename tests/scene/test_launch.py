@@ -10,8 +10,15 @@ from varos_warp.scene import launch
 
 
 @wp.kernel(enable_backward=False)
-def mark(first: int, done: wp.array(dtype=int)):
-    done[first + wp.tid()] = 1
+def mark(first_row: int, done: wp.array(dtype=int)):
+    done[first_row + wp.tid()] = 1
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ({}, r"misses the arguments \['done'\]"), ({"done": None, "dome": 1}, r"no parameters \['dome'\]")])
+def test_arguments_that_a_kernel_does_not_take_are_told_before_it_runs(given, words):
+    with pytest.raises(TypeError, match=words):
+        launch.launch_rows(mark, (64,), given, "cpu")
 
 
 def test_when_an_interrupted_launch_ends_none_of_its_threads_is_at_work_any_more(monkeypatch):
@@ -36,7 +43,7 @@ def test_when_an_interrupted_launch_ends_none_of_its_threads_is_at_work_any_more
     monkeypatch.setattr(threading.Thread, "start", interrupted)
     monkeypatch.setattr(wp, "launch", slowly)
     with pytest.raises(KeyboardInterrupt):
-        launch.launch_rows(mark, (64,), [], [done], "cpu", rows=1, threads=2)
+        launch.launch_rows(mark, (64,), {"done": done}, "cpu", rows=1, threads=2)
     begun, finished = under_way.count("begun"), under_way.count("done")
     assert 0 < begun == finished
     time.sleep(0.3)

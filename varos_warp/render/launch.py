@@ -8,16 +8,16 @@ meanwhile.
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
 
 from varos_warp.scene.device import kind_of
-from varos_warp.scene.launch import TILE_ROWS, block_dim, launch_rows, load_kernel, usable_cores
+from varos_warp.scene.launch import TILE_ROWS, block_dim, in_order, launch_rows, load_kernel, usable_cores
 
 AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
@@ -130,12 +130,12 @@ class Launcher:
                 return unused.pop(i)[0]
         return wp.empty(like.shape, dtype=like.dtype, device="cpu", pinned=True)
 
-    def run(self, kernel, dim, inputs, outputs):
-        """Run a kernel as a whole."""
+    def run(self, kernel: wp.Kernel, dim, arguments: Mapping[str, Any]):
+        """Run a kernel as a whole; arguments by the names of its parameters."""
         self.load(kernel)
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device, block_dim=block_dim(kernel))
+        wp.launch(kernel, dim=dim, inputs=in_order(kernel, arguments), device=self.device, block_dim=block_dim(kernel))
 
-    def rows(self, kernel, dim, before, after, tile_rows: int | None = None):
-        """Run a kernel over rows ``dim[0]``, which takes the first row of its tile between ``before`` and ``after``."""
+    def rows(self, kernel: wp.Kernel, dim, arguments: Mapping[str, Any], tile_rows: int | None = None):
+        """Run a kernel over rows ``dim[0]``, in tiles on a CPU: `launch_rows`."""
         self.load(kernel)
-        launch_rows(kernel, dim, before, after, self.device, rows=tile_rows or TILE_ROWS, threads=self.threads)
+        launch_rows(kernel, dim, arguments, self.device, rows=tile_rows or TILE_ROWS, threads=self.threads)

@@ -143,9 +143,10 @@ class RadianceRenderer:
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kernel = make_reference_kernel(replace(self._spec(shot.world, shot.view, seen), **layers(options)))
-        before = [shot.world.lit(shot.T_w_v), seen.camera, seen.moments]
-        self.films.take(film, kernel, before, [bounds.scatterings, bounds.bounces, wp.uint32(shot.key)], spp,
-                        share=self._share(shot.view))
+        self.films.take(film, kernel, {
+            "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
+            "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
+            share=self._share(shot.view))
         return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
@@ -167,8 +168,10 @@ class RadianceRenderer:
         scene = shot.world.lit(shot.T_w_v)
         # single scattering in open water is a quadrature
         field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
-        before = [scene, seen.camera, seen.moments]
-        lights = [self._virtual_lights(scene, view, seen, keys[2])] if any(kind.subpaths for kind in kinds) else []
+        known = {"scene": scene, "camera": seen.camera, "moments": seen.moments, "field": field, "bounds": bounds}
+        of_segments, of_subpaths = ({**known, "key": wp.uint32(key)} for key in keys[:2])
+        if any(kind.subpaths for kind in kinds):
+            of_subpaths["virtual_lights"] = self._virtual_lights(scene, view, seen, keys[2])
         shares = sample_step(view, with_field) == 0
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
@@ -177,8 +180,8 @@ class RadianceRenderer:
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):
-                after = [field, bounds, wp.uint32(keys[kind.subpaths]), *lights[:kind.subpaths]]
-                self.films.take(film, kind.kernel, before, after, count, queued=kind.subpaths, share=share)
+                arguments = of_subpaths if kind.subpaths else of_segments
+                self.films.take(film, kind.kernel, arguments, count, queued=kind.subpaths, share=share)
 
         take(first)
         if first != spp:
@@ -201,7 +204,8 @@ class RadianceRenderer:
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
         kernel = make_virtual_lights_kernel(replace(self.world.spec, varies=seen.varies))
-        self.launcher.rows(kernel, (lights.size,), [scene, seen.moments], [wp.uint32(key), lights], tile_rows=1024)
+        self.launcher.rows(kernel, (lights.size,), {
+            "scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights}, tile_rows=1024)
         return lights
 
     def _seen(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *, key: int = 0,
@@ -231,8 +235,9 @@ class RadianceRenderer:
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         kernel = make_ambient_kernel(self._spec(world, shot.view, seen))
-        before = [world.data, seen.camera, seen.moments]
-        self.films.take(film, kernel, before, [wp.uint32(shot.key)], shot.options.spp_b)
+        self.films.take(film, kernel, {
+            "scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
+            shot.options.spp_b)
         images = self._developed([film])
         guides = {}
         if (method or self.scene.render.denoise_b) == "oidn":
@@ -248,14 +253,16 @@ class RadianceRenderer:
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
         kernel = make_guides_kernel(self._spec(world, view, seen))
-        self.launcher.rows(kernel, shape, [world.data, seen.camera, seen.moments], list(guides.values()))
+        self.launcher.rows(kernel, shape, {
+            "scene": world.data, "camera": seen.camera, "moments": seen.moments, **guides})
         return guides
 
     def _weighed(self, guides: dict[str, wp.array], images: dict[str, wp.array]) -> dict[str, wp.array]:
         """Guides of surfaces and water, from those of surfaces and the images that were developed."""
         weighed = {name: wp.empty_like(guide) for name, guide in guides.items()}
-        light = [images[name] for name in ("direct", "radiance", "correction")]
-        self.launcher.run(weigh_guides, images["radiance"].shape, [*light, *guides.values()], [*weighed.values()])
+        light = {name: images[name] for name in ("direct", "radiance", "correction")}
+        of_surfaces = {f"surface_{name}": guide for name, guide in guides.items()}
+        self.launcher.run(weigh_guides, images["radiance"].shape, {**light, **of_surfaces, **weighed})
         return weighed
 
     def _developed(self, films: list[Film]) -> dict[str, wp.array]:
@@ -265,8 +272,8 @@ class RadianceRenderer:
         images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in names}
         variance, blocks = (wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device) for _ in "vb")
         for film in films:
-            self.launcher.run(tile_variances, blocks.shape, [film], [variance, blocks])
-            self.launcher.run(develop, shape, [film, variance], list(images.values()))
+            self.launcher.run(tile_variances, blocks.shape, {"film": film, "samples": variance, "blocks": blocks})
+            self.launcher.run(develop, shape, {"film": film, "variance": variance, **images})
         return images | {"block_error": blocks}
 
     def _fetched(self, films: list[Film], images: dict[str, wp.array], shot: Shot, wanted_layers, method: str | None,

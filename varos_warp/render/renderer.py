@@ -281,8 +281,9 @@ class FrameRenderer:
         if self.world.spec.surfaces:
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
             kernel = make_first_hits_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
-            self.launcher.rows(kernel, shape, [here.world.data, camera, self._rows(here)],
-                               [normal, depth, distance, instance])
+            self.launcher.rows(kernel, shape, {
+                "scene": here.world.data, "camera": camera, "of_rows": self._rows(here), "normal": normal,
+                "depth": depth, "distance": distance, "instance": instance})
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
         wanted = [letter for letter in arrays if letter in outputs]
         fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
@@ -315,8 +316,10 @@ class FrameRenderer:
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
             kernel = make_hidden_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            there = [following.world.data, following.world.moving_at(following.row_times()), eyes, next_row]
-            self.launcher.rows(kernel, distance.shape, [here.world.data, camera, self._rows(here), *there], [hidden])
+            self.launcher.rows(kernel, distance.shape, {
+                "scene": here.world.data, "camera": camera, "of_rows": self._rows(here),
+                "next_scene": following.world.data, "next_moving": following.world.moving_at(following.row_times()),
+                "eyes": eyes, "next_row": next_row, "hidden": hidden})
         on_host, = yield from self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
 

@@ -8,7 +8,7 @@ import ctypes
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -107,22 +107,41 @@ def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, *, rows: int = TILE_ROWS,
+FIRST_ROW = "first_row"
+"""Parameter of kernels that run in tiles: the first row of the tile, or its first thread where there is one dimension.
+"""
+
+
+def in_order(kernel: wp.Kernel, arguments: Mapping[str, Any]) -> list:
+    """Arguments of a kernel in the order of its parameters.
+
+    Raises:
+        TypeError: One is missing, or the kernel has no parameter of that name.
+    """
+    names = [parameter.label for parameter in kernel.adj.args]
+    if {*names} != {*arguments}:
+        missing, unknown = sorted({*names} - {*arguments}), sorted({*arguments} - {*names})
+        raise TypeError(f"{kernel.key} misses the arguments {missing} and has no parameters {unknown}")
+    return [arguments[name] for name in names]
+
+
+def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: str, *, rows: int = TILE_ROWS,
                 threads: int | None = None) -> None:
-    """Run a kernel that takes the first row of its tile between the arguments ``before`` and ``after``.
+    """Run a kernel that takes the first row of its tile as `FIRST_ROW`.
 
     Args:
         kernel: The kernel.
         dim: Threads; ``dim[0]`` are the rows.
-        before: Arguments before the first row.
-        after: Arguments after it.
+        arguments: All others, by the names of its parameters.
         device: ``cpu`` or ``cuda:N``.
         rows: Of a tile on the CPU.
         threads: On the CPU; absent: all cores that the process may use. Does not change a byte of any result.
     """
+    inputs = in_order(kernel, {**arguments, FIRST_ROW: 0})
+    at = next(i for i, parameter in enumerate(kernel.adj.args) if parameter.label == FIRST_ROW)
     load_kernel(kernel, device)
     if device != "cpu":
-        wp.launch(kernel, dim=dim, inputs=[*before, 0, *after], device=device, block_dim=block_dim(kernel))
+        wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block_dim(kernel))
         return
 
     gate = _Gate()
@@ -130,7 +149,8 @@ def launch_rows(kernel: wp.Kernel, dim, before: list, after: list, device: str, 
     def tile(row):
         with gate.passed() as is_open:
             if is_open:
-                wp.launch(kernel, dim=(min(rows, dim[0] - row), *dim[1:]), inputs=[*before, row, *after], device=device)
+                wp.launch(kernel, dim=(min(rows, dim[0] - row), *dim[1:]), device=device,
+                          inputs=[*inputs[:at], row, *inputs[at + 1:]])
 
     with ThreadPoolExecutor(threads or usable_cores()) as pool, gate:
         list(pool.map(tile, range(0, dim[0], rows)))
@@ -167,10 +187,10 @@ class _Gate:
             self._change.wait_for(lambda: self._inside == 0)
 
 
-def launch(kernel: wp.Kernel, count: int, inputs: list, outputs: list, device: str) -> None:
-    """Run ``count`` threads of a kernel whose first argument is its first thread."""
+def launch(kernel: wp.Kernel, count: int, arguments: Mapping[str, Any], device: str) -> None:
+    """Run ``count`` threads of a kernel that takes the number of its first as `FIRST_ROW`."""
     if count:
-        launch_rows(kernel, (count,), [], [*inputs, *outputs], device, rows=CHUNK)
+        launch_rows(kernel, (count,), arguments, device, rows=CHUNK)
 
 
 def upload(array: np.ndarray, dtype, device: str) -> wp.array:

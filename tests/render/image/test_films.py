@@ -13,9 +13,9 @@ from varos_warp.render.launch import Launcher
 
 
 @wp.kernel(enable_backward=False)
-def count_samples(first: int, film: kernel.Film):
+def count_samples(first_row: int, film: kernel.Film):
     """A sample is one watt, and another sum is of its number; a pixel's are told apart by that."""
-    i = first + wp.tid()
+    i = first_row + wp.tid()
     sums = kernel.Sums()
     part = film.parts[i]
     for sample in range(part.begin, part.end):
@@ -25,9 +25,9 @@ def count_samples(first: int, film: kernel.Film):
 
 
 @wp.kernel(enable_backward=False)
-def count_parts_in_turn(first: int, film: kernel.Film):
+def count_parts_in_turn(first_row: int, film: kernel.Film):
     """The same, part after part; ``single`` is of the parts that a thread took before, ``lost`` of all by any."""
-    i = first + wp.tid()
+    i = first_row + wp.tid()
     before = float(0.0)
     while i < film.parts.shape[0]:
         sums = kernel.Sums()
@@ -54,7 +54,7 @@ def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
     rng = np.random.default_rng(1)
     takes = [3, rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 1]
     for samples in takes:
-        made.take(film, count_samples, [], [], samples)
+        made.take(film, count_samples, {}, samples)
     assert film.parts is None or not film.parts.shape[0]
     row, col = np.indices(shape)
     taken = sum(np.broadcast_to(samples, film.count.shape) for samples in takes)
@@ -74,7 +74,7 @@ def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
     made._resident = resident
     film = made.black((9, 17))
     for samples in (3, 5):
-        made.take(film, count_parts_in_turn, [], [], samples, queued=True)
+        made.take(film, count_parts_in_turn, {}, samples, queued=True)
     sums = film.sums.numpy()[..., 0]
     assert np.array_equal(sums[0], np.full((17, 9), 8))
     assert np.array_equal(sums[1], np.full((17, 9), 28))
@@ -87,7 +87,7 @@ def test_films_are_black_when_they_are_used_again():
     made = Films(Launcher("cpu"))
     made.keeps = True
     film = made.black((5, 3))
-    made.take(film, count_samples, [], [], 2)
+    made.take(film, count_samples, {}, 2)
     sums = film.sums
     made.keep(film)
     again = made.black((5, 3))

@@ -61,13 +61,13 @@ def tabulate_single_scattering(
     scene: SceneData,
     grid: NodeGrid,
     directions: wp.array(dtype=wp.vec2),
-    first_col: int,
+    first_row: int,
     # out
     radiance: wp.array3d(dtype=wp.vec3),  # [angle, direction, distance], divided by scale_at
 ):
     """Radiance of light scattered once that arrives at the nodes."""
     tile_col, i = wp.tid()
-    col = first_col + tile_col
+    col = first_row + tile_col
     d = towards(grid, col, directions[i])
     for row in range(grid.distances):
         distance = node_distance(grid, row)
@@ -130,7 +130,7 @@ def tabulate_next_order(
     field: LightField,
     grid: NodeGrid,
     directions: wp.array(dtype=wp.vec2),
-    first_col: int,
+    first_row: int,
     # out
     radiance: wp.array3d(dtype=wp.vec3),  # [angle, direction, distance], divided by scale_at; 0 before
 ):
@@ -141,7 +141,7 @@ def tabulate_next_order(
     The ray is divided there, where the light passes from ahead to behind, and goes on until it leaves the field.
     """
     tile_col, i = wp.tid()
-    col = first_col + tile_col
+    col = first_row + tile_col
     light = get_light(scene.lights, 0)
     end = node_point(grid, 1.0, col)
     d = towards(grid, col, directions[i])

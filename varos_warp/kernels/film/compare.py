@@ -17,7 +17,7 @@ def compare_rows(
     weights: wp.array(dtype=wp.float64),  # of the estimates; their sum is 1
     firefly: wp.float64,
     dark: wp.vec3d,
-    first: int,
+    first_row: int,
     # in and out, 0 at first
     squares: wp.array2d(dtype=wp.vec3d),  # [2, row]: sum of the squares of what is wrong, and of their squares
     sane: wp.array2d(dtype=wp.vec3d),  # [estimate, row]: its sum without fireflies
@@ -27,7 +27,7 @@ def compare_rows(
     That is a ``firefly`` times the image there and around, and ``dark`` at least. The square of what is wrong is the
     mean of the products of two estimates' differences, over all pairs of estimates.
     """
-    row = first + wp.tid()
+    row = first_row + wp.tid()
     count = estimates.shape[0]
     pairs = wp.float64(1.0)  # weight of all pairs
     for k in range(count):

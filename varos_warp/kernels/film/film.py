@@ -187,13 +187,13 @@ def start_of(ends: wp.array(dtype=int), i: int):
 @wp.kernel(enable_backward=False)
 def list_parts(
     ends: wp.array(dtype=int),  # running sum of the parts over the pixels, tile by tile
-    first: int,
+    first_row: int,
     begin: int,
     # out
     film: Film,  # the parts from ``begin`` on, as many as there is room for
 ):
     """List the parts of each pixel, which divide its samples evenly."""
-    i = first + wp.tid()
+    i = first_row + wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     start = start_of(ends, i)
     for k in range(wp.max(start, begin), wp.min(ends[i], begin + film.parts.shape[0])):
@@ -293,27 +293,27 @@ def paired(i: int, size: int):
 @wp.kernel(enable_backward=False)
 def weigh_parts(
     share: wp.array2d(dtype=wp.float64),  # of each pixel
-    first: int,
+    first_row: int,
     # out
     film: Film,
 ):
     """Multiply the sums of parts by what counts of them, before they are added to those of their pixels."""
     sum_row, i = wp.tid()
     part = film.parts[i]
-    film.part_sums[first + sum_row, i] = share[part.row, part.col] * film.part_sums[first + sum_row, i]
+    film.part_sums[first_row + sum_row, i] = share[part.row, part.col] * film.part_sums[first_row + sum_row, i]
 
 
 @wp.kernel(enable_backward=False)
 def add_parts(
     ends: wp.array(dtype=int),
-    first: int,
+    first_row: int,
     begin: int,
     # out
     film: Film,
 ):
     """Add the sums of the parts from ``begin`` on to those of their pixels."""
     tile_sum, i = wp.tid()
-    which = first + tile_sum
+    which = first_row + tile_sum
     row, col = tile_pixel(film.count.shape[2], i)
     start = wp.max(start_of(ends, i), begin)
     end = wp.min(ends[i], begin + film.parts.shape[0])

@@ -24,13 +24,13 @@ FOLDED = wp.constant(0.2)
 
 @wp.kernel(module="unique")
 def find_nearest(
-    start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float,
+    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float,
     # out
     face: wp.array(dtype=wp.int32),  # -1: none within reach; shape [N]
     place: wp.array(dtype=wp.vec3),  # nearest point of the mesh [m]
 ):
     """Nearest point of the mesh within reach."""
-    i = start + wp.tid()
+    i = first_row + wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, points[i], reach)
     face[i] = -1
     if query.result:
@@ -40,13 +40,13 @@ def find_nearest(
 
 @wp.kernel(module="unique")
 def find_first_hits(
-    start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
+    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
     # out
     face: wp.array(dtype=wp.int32),  # -1: none; shape [N]
     side: wp.array(dtype=wp.float32),  # 1: front, -1: back
 ):
     """First face on each ray."""
-    i = start + wp.tid()
+    i = first_row + wp.tid()
     face[i] = -1
     query = wp.mesh_query_ray(mesh, points[i], directions[i], FAR)
     if query.result:
@@ -56,7 +56,7 @@ def find_first_hits(
 
 @wp.kernel(module="unique")
 def sample_signed_distance(
-    start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), known: wp.array(dtype=wp.int8), threshold: float,
+    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), known: wp.array(dtype=wp.int8), threshold: float,
     # out
     value: wp.array(dtype=wp.float32),  # [m], negative inside; shape [N]
 ):
@@ -64,7 +64,7 @@ def sample_signed_distance(
 
     Winding numbers by Barill et al. (2018), ACM Transactions on Graphics 37(4); they cost ten times a distance.
     """
-    i = start + wp.tid()
+    i = first_row + wp.tid()
     p = points[i]
     sign = float(known[i])
     if known[i] != wp.int8(0):
@@ -146,7 +146,7 @@ def border_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, lock: wp.vec3, step: 
 
 @wp.kernel(module="unique")
 def move_vertices(
-    start: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
+    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
     first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),  # faces at every vertex, in CSR
     lock: wp.array(dtype=wp.vec3b),  # -1 or 1: on that side of the region, shape [V]
     step: float,  # of the grid [m]; the model is looked for within two of them
@@ -154,7 +154,7 @@ def move_vertices(
     moved: wp.array(dtype=wp.vec3), held: wp.array(dtype=wp.int8),  # 1: on the model
 ):
     """Spread the vertices evenly over their surface and move them onto the model; over a hole they form a membrane."""
-    i = start + wp.tid()
+    i = first_row + wp.tid()
     p = points[i]
     reach = 2.0 * step
     n, mean = ring(i, points, faces, first, incident)
@@ -172,13 +172,13 @@ def move_vertices(
 
 @wp.kernel(module="unique")
 def undo_folds(
-    start: int, before: wp.array(dtype=wp.vec3), moved: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
+    first_row: int, before: wp.array(dtype=wp.vec3), moved: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
     first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),
     # out
     after: wp.array(dtype=wp.vec3),
 ):
     """Move a vertex back if the step turned one of its faces over."""
-    i = start + wp.tid()
+    i = first_row + wp.tid()
     p = moved[i]
     for k in range(first[i], first[i + 1]):
         face = faces[incident[k]]

@@ -82,7 +82,7 @@ def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
         scene: SceneData,
         camera: Camera,
         moments: Moments,
-        first: int,
+        first_row: int,
         key: wp.uint32,
         # out
         film: Film,
@@ -92,7 +92,7 @@ def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
         What open surfaces would show is the layer ``direct``, which guides a denoiser with all edges and textures as
         smooth as in the image; the rest is ``multiple``.
         """
-        i = first + wp.tid()
+        i = first_row + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
         sums = Sums()

@@ -91,7 +91,7 @@ def make_mirrored(spec: SceneSpec) -> wp.Function:
 
 @specialised(*PATH)
 def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
-    """The camera's segments of a film's parts from ``first`` on, specialised to ``spec``."""
+    """The camera's segments of a film's parts from ``first_row`` on, specialised to ``spec``."""
     first_hit, _, end_vertex, scattered_once, reflected_once, image_place = make_segment(spec)
     mirrored = make_mirrored(spec)
     field_layer = spec.multiple and spec.field
@@ -102,14 +102,14 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
         scene: SceneData,
         camera: Camera,
         moments: Moments,
-        first: int,
+        first_row: int,
         field: Field,
         bounds: PathBounds,
         key: wp.uint32,
         # out
         film: Film,
     ):
-        i = first + wp.tid()
+        i = first_row + wp.tid()
         part = film.parts[i]
         height, width = film.sums.shape[1], film.sums.shape[2]
         pixel = pixel_of(film, part)

@@ -242,7 +242,7 @@ def go_on(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, bounds: PathBo
 
 @specialised(*PATH)
 def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
-    """Subpaths of a film's parts from ``first`` on, specialised to ``spec``.
+    """Subpaths of a film's parts from ``first_row`` on, specialised to ``spec``.
 
     One loop handles the segments of camera and subpaths, and one part after another, so that the threads of a GPU's
     warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
@@ -257,7 +257,7 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
         scene: SceneData,
         camera: Camera,
         moments: Moments,
-        first: int,
+        first_row: int,
         field: Field,
         bounds: PathBounds,
         key: wp.uint32,
@@ -265,7 +265,7 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
         # out
         film: Film,
     ):
-        i = first + wp.tid()
+        i = first_row + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
         taken = part.begin

@@ -156,7 +156,7 @@ def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
 
 @specialised("direct", "single", "multiple", "instances", "textures", "masks", "optics", "varies")
 def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
-    """The kernel that renders a film's parts from ``first`` on, specialised to ``spec``."""
+    """The kernel that renders a film's parts from ``first_row`` on, specialised to ``spec``."""
     first_hit, _ = make_rays(spec)
     sample_ray = make_sample_ray(spec.optics)
     scatter, reflect = make_events(spec)
@@ -166,14 +166,14 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
         scene: SceneData,
         camera: Camera,
         moments: Moments,
-        first: int,
+        first_row: int,
         max_scatterings: int,
         max_bounces: int,
         key: wp.uint32,
         # out
         film: Film,
     ):
-        i = first + wp.tid()
+        i = first_row + wp.tid()
         part = film.parts[i]
         pixel = pixel_of(film, part)
         sums = Sums()

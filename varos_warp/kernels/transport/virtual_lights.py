@@ -117,13 +117,13 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     def find_virtual_lights(
         scene: SceneData,
         moments: Moments,
-        first: int,
+        first_row: int,
         key: wp.uint32,
         # out
         points: wp.array2d(dtype=VirtualLight),
     ):
         """Of each group of instants and half of the samples: [2 * group + half, point]."""
-        k = first + wp.tid()
+        k = first_row + wp.tid()
         row = k / points.shape[1]
         col = k % points.shape[1]
         u = sobol4(half_key(key, row), -1, col, 0)

@@ -196,8 +196,9 @@ class OpenWater:
         scene.lights = self.lights.at(T_w_v, origin)
         camera, size = camera_record(view, T_w_v, origin, pinhole=True), wp.vec2(*map(float, view.resolution))
         radiance = wp.empty(CAMERA_NODES, dtype=wp.vec3, device=self.device)
-        before = [scene, self._lights, camera, size, CAMERA_NEAREST_M, CAMERA_LOG_STEP]
-        self.launcher.rows(tabulate_in_scattering, CAMERA_NODES[1:], before, [radiance], tile_rows=1)
+        self.launcher.rows(tabulate_in_scattering, CAMERA_NODES[1:], {
+            "scene": scene, "lights": self._lights, "camera": camera, "size": size, "nearest": CAMERA_NEAREST_M,
+            "log_step": CAMERA_LOG_STEP, "in_scattering": radiance}, tile_rows=1)
         return radiance.numpy()
 
     def _array(self, values: np.ndarray) -> wp.array:

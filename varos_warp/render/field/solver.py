@@ -157,7 +157,7 @@ class LightFieldSolver:
 
     def _scattered_once(self) -> np.ndarray:
         """Light [angles, ONCE, distances, 3] that arrives at the fine nodes after it was scattered once."""
-        return self._tabulated(tabulate_single_scattering, self.fine, ONCE, [self._scene, self.fine])
+        return self._tabulated(tabulate_single_scattering, self.fine, ONCE)
 
     def _scattered_again(self, source: np.ndarray, grid: NodeGrid, directions: Directions) -> np.ndarray:
         """Light [angles, directions, distances, 3] that arrives at nodes after it left scatterings at the fine ones.
@@ -169,13 +169,14 @@ class LightFieldSolver:
         """
         field = LightField()
         field.grid, field.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
-        return self._tabulated(tabulate_next_order, grid, directions, [self._scene, field, grid])
+        return self._tabulated(tabulate_next_order, grid, directions, field=field)
 
-    def _tabulated(self, kernel, grid: NodeGrid, directions: Directions, inputs) -> np.ndarray:
+    def _tabulated(self, kernel, grid: NodeGrid, directions: Directions, **more) -> np.ndarray:
         shape = (grid.inside + grid.outside + 1, len(directions.pairs), grid.distances)
         radiance = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         pairs = wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
-        self.launcher.rows(kernel, shape[:2], [*inputs, pairs], [radiance], tile_rows=1)
+        self.launcher.rows(kernel, shape[:2], {
+            "scene": self._scene, "grid": grid, "directions": pairs, "radiance": radiance, **more}, tile_rows=1)
         return radiance.numpy()
 
     def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:

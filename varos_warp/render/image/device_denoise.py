@@ -55,22 +55,23 @@ class DeviceDenoiser:
                 self._add_denoised(result, radiance, 1.0, QUALITY, guides)
             else:
                 base, clean = wp.empty_like(radiance), wp.zeros_like(radiance)
-                self.launcher.run(subtract, radiance.shape, [radiance, correction], [base])
+                self.launcher.run(subtract, radiance.shape, {"image": radiance, "part": correction, "rest": base})
                 self._add_denoised(clean, base, 1.0, PART_QUALITY, {})
-                inputs = [clean, base, base_variance, NEAR, FAR]
-                self.launcher.run(add_mixed, radiance.shape, inputs, [result])
+                self.launcher.run(add_mixed, radiance.shape, {
+                    "smooth": clean, "noisy": base, "variance": base_variance, "near": NEAR, "far": FAR,
+                    "image": result})
                 guides = self._correction_guides(result, **guides) if guides else guides
                 for sign in (1.0, -1.0):
                     self._add_denoised(result, correction, sign, PART_QUALITY, guides)
-            self.launcher.run(clip_negative, result.shape, [], [result])
+            self.launcher.run(clip_negative, result.shape, {"image": result})
         return result
 
     def _correction_guides(self, base, albedo, normal) -> dict:
         """`denoise.correction_guides`."""
         albedo, light, total = wp.clone(albedo), wp.empty_like(base), wp.empty(1, dtype=wp.vec3)
-        self.launcher.run(positive_part, base.shape, [base, 1.0], [light])
+        self.launcher.run(positive_part, base.shape, {"image": base, "sign": 1.0, "part": light})
         wp.utils.array_sum(light, out=total)
-        self.launcher.run(mix_guide, base.shape, [base, total], [albedo])
+        self.launcher.run(mix_guide, base.shape, {"base": base, "total": total, "albedo": albedo})
         return {"albedo": albedo, "normal": normal}
 
     def _add_denoised(self, result, noisy, sign: float, quality: str, guides: dict):
@@ -82,11 +83,12 @@ class DeviceDenoiser:
         color, total = network.images["color"], wp.empty(1, dtype=wp.vec3)
         for name, guide in guides.items():
             wp.copy(network.images[name], guide)
-        self.launcher.run(positive_part, noisy.shape, [noisy, sign], [color])
+        self.launcher.run(positive_part, noisy.shape, {"image": noisy, "sign": sign, "part": color})
         wp.utils.array_sum(color, out=total)
-        self.launcher.run(scale_to_unit, noisy.shape, [total], [color])
+        self.launcher.run(scale_to_unit, noisy.shape, {"total": total, "image": color})
         network.run()
-        self.launcher.run(add_scaled, noisy.shape, [network.images["output"], total, sign], [result])
+        self.launcher.run(add_scaled, noisy.shape, {
+            "part": network.images["output"], "total": total, "sign": sign, "image": result})
 
 
 class _Network:

@@ -6,7 +6,8 @@ of the lists changes a byte.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -81,15 +82,14 @@ class Films:
         """Sums, or anything else with a float64 for each channel."""
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def take(self, film: Film, kernel: wp.Kernel, before, after, samples: int | np.ndarray, queued: bool = False,
-             share: wp.array | None = None):
+    def take(self, film: Film, kernel: wp.Kernel, arguments: Mapping[str, Any], samples: int | np.ndarray,
+             queued: bool = False, share: wp.array | None = None):
         """Take more samples.
 
         Args:
             film: The film.
-            kernel: Takes the samples of ``film.parts`` from the number that it gets between ``before`` and ``after``.
-            before: Its arguments before that number,
-            after: and after it, before the film.
+            kernel: Takes the samples of ``film.parts`` from its first row on.
+            arguments: All others, by the names of its parameters.
             samples: How many, of all pixels or [side, tile row, tile column].
             queued: Whether its threads go on to the `next_part`.
             share: Of the light that reaches each pixel, float64 [height, width]; None: all.
@@ -101,23 +101,24 @@ class Films:
         most = self._part_size(int((samples * pixels).sum()))
         places = int(np.prod(film.count.shape[1:])) * TILE**2
         counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of parts, tile by tile
-        self.launcher.run(count_parts, counts.shape, [film, most], [counts])
+        self.launcher.run(count_parts, counts.shape, {"film": film, "most": most, "counts": counts})
         wp.utils.array_scan(counts, ends, inclusive=True)
         total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
         for begin in range(0, total, lot):
             parts = min(lot, total - begin)
             film.parts = wp.empty(parts, dtype=PixelPart, device=self.device)
             film.part_sums = self.buffer(len(film.sums), parts)
-            self.launcher.rows(list_parts, ends.shape, [ends], [begin, film], tile_rows=PIXEL_TILE)
+            listed = {"ends": ends, "begin": begin, "film": film}
+            self.launcher.rows(list_parts, ends.shape, listed, tile_rows=PIXEL_TILE)
             threads = min(parts, self._resident) if queued else parts
             film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
             tile_rows = int(np.clip(parts // 32, 64, 1024))
-            self.launcher.rows(kernel, (threads,), before, [*after, film], tile_rows=tile_rows)
+            self.launcher.rows(kernel, (threads,), {**arguments, "film": film}, tile_rows=tile_rows)
             if share is not None:
-                self.launcher.rows(weigh_parts, (len(film.sums), parts), [share], [film], tile_rows=1)
-            self.launcher.rows(add_parts, (len(film.sums), *ends.shape), [ends], [begin, film], tile_rows=1)
+                self.launcher.rows(weigh_parts, (len(film.sums), parts), {"share": share, "film": film}, tile_rows=1)
+            self.launcher.rows(add_parts, (len(film.sums), *ends.shape), listed, tile_rows=1)
         film.parts = film.part_sums = film.next = None
-        self.launcher.run(note_samples, film.count.shape, [], [film])
+        self.launcher.run(note_samples, film.count.shape, {"film": film})
 
     def _part_size(self, samples: int) -> int:
         """Most samples of a part, where there are so many in all."""
@@ -136,10 +137,11 @@ class Films:
         tiles = []
         for film in films:
             pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
-            self.launcher.run(pixel_statistics, pixels[0].shape, [film, denoised], pixels)
+            self.launcher.run(pixel_statistics, pixels[0].shape, {
+                "film": film, "denoised": denoised, "mean": pixels[0], "variance": pixels[1]})
             tiles.append([self.buffer(*film.count.shape) for _ in "mv"])
             for image, means in zip(pixels, tiles[-1], strict=True):
-                self.launcher.run(average_tiles, means.shape, [image], [means])
+                self.launcher.run(average_tiles, means.shape, {"pixels": image, "tiles": means})
         means, variances = zip(*tiles, strict=True)
         fetched = yield from self.launcher.fetch(*means, *variances)
         return np.reshape(fetched, (2, len(films), *fetched[0].shape))

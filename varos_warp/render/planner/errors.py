@@ -162,9 +162,11 @@ def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: n
     around = uniform_filter(image, (AROUND, AROUND, 1))
     squares = wp.zeros((2, rows), dtype=wp.vec3d, device="cpu")
     sane = wp.zeros((len(estimates), rows), dtype=wp.vec3d, device="cpu")
-    images = [upload(part, wp.vec3, "cpu") for part in (image, around, np.stack(estimates))]
-    known = [*images, upload(weights, wp.float64, "cpu"), FIREFLY, wp.vec3d(*(DARK * level))]
-    launch_rows(compare_rows, (rows,), known, [squares, sane], "cpu", rows=COMPARED_ROWS)
+    images = {"image": image, "around": around, "estimates": np.stack(estimates)}
+    launch_rows(compare_rows, (rows,), {
+        **{name: upload(values, wp.vec3, "cpu") for name, values in images.items()},
+        "weights": upload(weights, wp.float64, "cpu"), "firefly": FIREFLY, "dark": wp.vec3d(*(DARK * level)),
+        "squares": squares, "sane": sane}, "cpu", rows=COMPARED_ROWS)
     mean, mean_square = squares.numpy().sum(1) / pixels
     return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), sane.numpy().sum(1) / pixels
 

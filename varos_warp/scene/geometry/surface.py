@@ -41,8 +41,9 @@ class Surface:
         """
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         place = wp.zeros(len(points), dtype=wp.vec3, device=self.device)
-        launch(project.find_nearest, len(points), [self.mesh.id, upload(points, wp.vec3, self.device), reach],
-               [face, place], self.device)
+        launch(project.find_nearest, len(points), {
+            "mesh": self.mesh.id, "points": upload(points, wp.vec3, self.device), "reach": reach, "face": face,
+            "place": place}, self.device)
         return place.numpy(), face.numpy()
 
     def nearest(self, points: np.ndarray, reach: float = FAR) -> tuple[np.ndarray, np.ndarray]:
@@ -67,9 +68,9 @@ class Surface:
         directions = np.broadcast_to(np.asarray(directions, np.float32), points.shape)
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         side = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        launch(project.find_first_hits, len(points), [
-            self.mesh.id, upload(self.local(points), wp.vec3, self.device),
-            upload(directions, wp.vec3, self.device)], [face, side], self.device)
+        launch(project.find_first_hits, len(points), {
+            "mesh": self.mesh.id, "points": upload(self.local(points), wp.vec3, self.device),
+            "directions": upload(directions, wp.vec3, self.device), "face": face, "side": side}, self.device)
         return face.numpy(), side.numpy()
 
     def distances(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -93,6 +94,7 @@ class Surface:
         ``known``, int8 [N], is -1 or 1 where the sign is known already, else 0.
         """
         value = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        inputs = [self.mesh.id, upload(points, wp.vec3, self.device), upload(known, wp.int8, self.device)]
-        launch(project.sample_signed_distance, len(points), [*inputs, float(threshold)], [value], self.device)
+        launch(project.sample_signed_distance, len(points), {
+            "mesh": self.mesh.id, "points": upload(points, wp.vec3, self.device),
+            "known": upload(known, wp.int8, self.device), "threshold": float(threshold), "value": value}, self.device)
         return value.numpy()

@@ -273,7 +273,7 @@ def ground_tile(kind: str, resolution: int, device: str = "cpu") -> Pyramid:
 def bake_ground(kind: str, resolution: int, device: str = "cpu") -> np.ndarray:
     """Reflectances of a periodic tile of ``sand`` or ``rock``, float32 [resolution, resolution, 3] linear."""
     tile = wp.zeros((resolution, resolution), dtype=wp.vec3, device=device)
-    launch_rows(bake.bake_ground, tile.shape, [GROUND[kind], wp.uint32(1)], [tile], device)
+    launch_rows(bake.bake_ground, tile.shape, {"kind": GROUND[kind], "seed": wp.uint32(1), "tile": tile}, device)
     return tile.numpy()
 
 
