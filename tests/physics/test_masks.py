@@ -135,6 +135,27 @@ def test_alpha_of_vertices_multiplies_that_of_the_picture(tmp_path):
     np.testing.assert_allclose(depth[:, 33:], 4.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("more", [{}, {"path": [{"time_s": t, "position": [0, 2, t]} for t in (0, 1)]}],
+                         ids=["still", "moving"])
+@pytest.mark.parametrize("turn", [[10, 0, 20], [33, 5, -20]])
+def test_what_lies_close_behind_a_hole_is_seen(tmp_path, gap, more, turn):
+    """A wall behind a net, in one file with it, at no distance or less than a step to the other side of a hole."""
+    gltf = Gltf()
+    pixels = np.concatenate([np.full((4, 4, 3), 188), CHECKER[..., None]], axis=2)
+    gltf.mesh(3.0 * BOARD, material=gltf.textured(picture(pixels), alphaMode="MASK"),
+              attributes={"TEXCOORD_0": gltf.uv()})
+    gltf.mesh(3.0 * np.roll(BOARD, 1, axis=0) - [0, 0, gap])
+    gltf.save(tmp_path / "both.glb")
+    both = {"file": "both.glb", "up": "y", "position": [0, 2, 0], "rotation_euler_deg": turn, **more}
+    depth = rendered(scene(tmp_path, [both]), "D").D.depth
+    gltf = Gltf()
+    gltf.mesh(3.0 * BOARD)
+    gltf.save(tmp_path / "both.glb")
+    plain = rendered(scene(tmp_path, [both]), "D").D.depth
+    np.testing.assert_allclose(depth, plain, atol=3.0 * gap + 1e-5)
+
+
 def test_holes_are_there_in_what_moves(tmp_path, seen):
     net(tmp_path / "net.glb")
     path = [{"time_s": 0, "position": [0, 2, 0]}, {"time_s": 1, "position": [0, 2, 1]}]

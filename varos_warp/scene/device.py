@@ -92,6 +92,11 @@ def _whole_first(shapes: list) -> list:
     return sorted(divided, key=lambda shape: shape.has_holes)
 
 
+def _id(mesh: wp.Mesh | None) -> int:
+    """The handle of a mesh; 0 of none."""
+    return 0 if mesh is None else mesh.id
+
+
 def _smooth_normals(shape: Part | Instances) -> np.ndarray:
     """Normals of the corners [F, 3, 3], smoothed over edges that are not sharp."""
     if shape.normals is not None:
@@ -108,6 +113,7 @@ class DeviceScene:
     def __init__(self, scene: Scene, parts: list[Part | Instances], device: str):
         self.scene, self.device = scene, device
         self.kind = kind_of(device)
+        parts = [part.whole_first() for part in parts]
         self.origin = local_origin(scene, parts)
         self.water = optical_properties(scene)
         self.lights = Lights(scene, device)
@@ -213,9 +219,9 @@ class DeviceScene:
         starts = np.cumsum([0] + [len(part.vertices) for part in parts])
         vertices = np.concatenate([part.vertices for part in parts]) - self.origin
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-        self.mesh = self._mesh(vertices, faces)
-        self.data.mesh = self.mesh.id
         self.data.first_cut_face = sum(len(part.faces) for part in parts if not part.has_holes)
+        self.mesh, self.whole = self._meshes(vertices, faces, self.data.first_cut_face)
+        self.data.mesh, self.data.whole = _id(self.mesh), _id(self.whole)
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):
         # by their boxes, joined or not, so that a copy looks the same on every device
@@ -234,6 +240,11 @@ class DeviceScene:
     def _array(self, values, dtype) -> wp.array:
         return wp.array(values, dtype=dtype, device=self.device)
 
+    def _meshes(self, vertices: np.ndarray, faces: np.ndarray, whole: int) -> tuple[wp.Mesh, wp.Mesh | None]:
+        """A mesh, and one of its first faces, ``whole`` in number, if masks may cut the others."""
+        apart = self._mesh(vertices, faces[:whole]) if 0 < whole < len(faces) else None
+        return self._mesh(vertices, faces), apart
+
     def _mesh(self, vertices: np.ndarray, faces: np.ndarray) -> wp.Mesh:
         return wp.Mesh(points=self._array(vertices.astype(np.float32), wp.vec3), bvh_constructor=BUILDER[self.kind],
                        indices=self._array(faces.ravel().astype(np.int32), wp.int32),
@@ -242,7 +253,7 @@ class DeviceScene:
     def _upload_instances(self, groups: list[Instances], first_face: int, numbers: dict[str, int]):
         """The meshes of what stands there many times or moves, a record for each, and boxes around the copies."""
         in_own_axes = [part.vertices - part.origin for part in self.moving]
-        self.instanced_meshes = [self._mesh(vertices, shape.faces) for vertices, shape in zip(
+        self.instanced_meshes = [self._meshes(vertices, shape.faces, shape.whole_faces) for vertices, shape in zip(
             [*(group.vertices for group in groups), *in_own_axes], [*groups, *self.moving], strict=True)]
         records, boxes = [], []
         for group, mesh in zip(groups, self.instanced_meshes, strict=False):
@@ -263,10 +274,11 @@ class DeviceScene:
         self._unplaced = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
         self._place(np.array([transform(part.R_w_o, part.origin) for part in self.moving]).reshape(1, -1, 4, 4))
 
-    def _record(self, mesh: wp.Mesh, first_face: int, number: int) -> InstanceData:
+    def _record(self, meshes: tuple[wp.Mesh, wp.Mesh | None], first_face: int, number: int) -> InstanceData:
         """Of an instance that is not placed yet."""
         record = InstanceData()
-        record.mesh, record.first_face, record.part, record.scale = mesh.id, first_face, number, 1.0
+        record.mesh, record.whole = (_id(mesh) for mesh in meshes)
+        record.first_face, record.part, record.scale = first_face, number, 1.0
         return record
 
     def _turned(self, T_w_o: np.ndarray) -> np.ndarray:

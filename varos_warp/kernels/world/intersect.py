@@ -17,6 +17,8 @@ class Instance:
     """One of many copies of a mesh, or an object that moves: x_world = scale R x + p."""
 
     mesh: wp.uint64
+    whole: wp.uint64
+    """Of those of its faces that no mask cuts, which are its first; 0 if there is none. Only where some are cut."""
     part: int
     first_face: int
     """Where the mesh's faces start in the arrays per face."""
@@ -35,6 +37,8 @@ class SceneData:
 
     mesh: wp.uint64
     """Of what stands still and is no instance; 0 if there is no such thing."""
+    whole: wp.uint64
+    """Of those of its faces that no mask cuts; 0 if there is none. Only where some are cut."""
     first_cut_face: int
     """Of the faces of ``mesh``, the first that a mask may cut; those that none cuts come before."""
     instance_bvh: wp.uint64
@@ -184,39 +188,54 @@ STEEPEST = wp.constant(0.2)
 
 
 @wp.func
-def solid_hit(scene: SceneData, mesh: wp.uint64, first_face: int, part: int, o: wp.vec3, d: wp.vec3, t_max: float):
+def set_hit(hit: Hit, query: wp.MeshQueryRay):
+    """The hit that a query found, in the axes of its mesh."""
+    found = hit
+    found.t = query.t
+    found.face = query.face
+    found.bary = wp.vec2(query.u, query.v)
+    found.n = query.normal
+    return found
+
+
+@wp.func
+def solid_hit(scene: SceneData, mesh: wp.uint64, whole: wp.uint64, first_face: int, part: int, o: wp.vec3, d: wp.vec3,
+              t_max: float):
     """First hit of a mesh that is not in a hole, in its axes; face -1 if there is none before ``t_max``.
 
-    ``part`` is that of the whole mesh, or -1 if its faces have their own; ``first_face`` is where they start in the
-    arrays per face.
+    ``whole`` is a mesh of those of its faces, the first ones, that no mask cuts; 0 if all may be cut. ``part`` is that
+    of the mesh, or -1 if its faces have their own; ``first_face`` is where they start in the arrays per face.
     """
     hit = Hit()
     hit.face = -1
     start = o
     begin = float(0.0)
+    end = t_max
     speed = wp.length(d)
-    query = wp.mesh_query_ray(mesh, start, d, t_max)
+    query = wp.mesh_query_ray(mesh, start, d, end)
     while query.result:
         face = first_face + query.face
         of = part
         if part < 0:
             of = scene.face_part[face]
-        hit.bary = wp.vec2(query.u, query.v)
-        if face < scene.first_cut_face or not in_hole(scene, face, of, hit.bary):
-            hit.t = query.t
-            if begin > 0.0:  # from the triangle: rounding errors of the steps do not add up
-                p = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
-                hit.t = wp.dot(p - o, d) / (speed * speed)
-            hit.face = query.face
-            hit.n = query.normal
-            break
-        # on from just behind the hole; a grazing ray may meet the same face again, and takes another step
         p = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+        if face < scene.first_cut_face or not in_hole(scene, face, of, wp.vec2(query.u, query.v)):
+            hit = set_hit(hit, query)
+            if begin > 0.0:  # from the triangle: rounding errors of the steps do not add up
+                hit.t = wp.dot(p - o, d) / (speed * speed)
+            break
+        if begin == 0.0 and whole != wp.uint64(0):
+            # what no mask cuts, from where the ray began: steps would pass what lies close behind a hole
+            behind = wp.mesh_query_ray(whole, o, d, end)
+            if behind.result:
+                hit = set_hit(hit, behind)
+                end = behind.t
+        # on from just behind the hole; a grazing ray may meet the same face again, and takes another step
         cosine = wp.max(wp.abs(wp.dot(query.normal, d)) / speed, STEEPEST)
         step = offset_distance(mesh, query.face, p) / cosine / speed
         begin += query.t + step
         start = p + step * d
-        query = wp.mesh_query_ray(mesh, start, d, t_max - begin)
+        query = wp.mesh_query_ray(mesh, start, d, end - begin)
     return hit
 
 
@@ -237,8 +256,8 @@ def make_in_instances(spec: SceneSpec):
             copy = get_instance(scene, k)
             # the direction is not normalised, so that t stays in units of the world
             if wp.static(spec.masks):
-                solid = solid_hit(scene, copy.mesh, copy.first_face, copy.part, to_instance(copy, o - copy.p),
-                                  to_instance(copy, d), hit.t)
+                solid = solid_hit(scene, copy.mesh, copy.whole, copy.first_face, copy.part,
+                                  to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
                 if solid.face >= 0:
                     hit = solid
                     hit.instance = k
@@ -260,8 +279,8 @@ def make_in_instances(spec: SceneSpec):
         while wp.bvh_query_next(query, k, t_max):
             copy = get_instance(scene, k)
             if wp.static(spec.masks):
-                solid = solid_hit(scene, copy.mesh, copy.first_face, copy.part, to_instance(copy, o - copy.p),
-                                  to_instance(copy, d), t_max)
+                solid = solid_hit(scene, copy.mesh, copy.whole, copy.first_face, copy.part,
+                                  to_instance(copy, o - copy.p), to_instance(copy, d), t_max)
                 if solid.face >= 0:
                     return True
             else:
@@ -313,7 +332,7 @@ def make_rays(spec: SceneSpec):
         count_ray(scene)
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):
-                solid = solid_hit(scene, scene.mesh, 0, -1, o, d, FAR)
+                solid = solid_hit(scene, scene.mesh, scene.whole, 0, -1, o, d, FAR)
                 if solid.face >= 0:
                     hit = solid
                     hit.instance = -1
@@ -341,7 +360,7 @@ def make_rays(spec: SceneSpec):
         d = offset / distance
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):
-                solid = solid_hit(scene, scene.mesh, 0, -1, p, d, distance)
+                solid = solid_hit(scene, scene.mesh, scene.whole, 0, -1, p, d, distance)
                 if solid.face >= 0:
                     return False
             else:

@@ -122,6 +122,18 @@ class Shape:
         """Whether masks of its mesh file cut holes."""
         return self.skin is not None and self.skin.has_holes
 
+    @property
+    def whole_faces(self) -> int:
+        """How many of its faces no mask cuts."""
+        return len(self.faces) - (np.count_nonzero(self.skin.cut) if self.has_holes else 0)
+
+    def whole_first(self) -> Self:
+        """The same shape, its faces that masks may cut behind all others."""
+        if not self.has_holes:
+            return self
+        order = np.argsort(self.skin.cut, kind="stable")
+        return replace(self, faces=self.faces[order], skin=self.skin.of_faces(order))
+
     def divided(self, normals: np.ndarray) -> list[Self]:
         """What is whole of a shape and what masks may cut, two shapes; given its normals [F, 3, 3]."""
         return [replace(self, faces=self.faces[some], skin=self.skin.of_faces(some), normals=normals[some])
