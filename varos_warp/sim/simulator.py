@@ -86,6 +86,7 @@ class Simulator:
 
     scene: Scene
     state: Step
+    _logged: Logged
 
     def __init__(self, scene: Scene, parts: list | None = None):
         self.scene, self._parts = scene, geometry_of(scene, parts)
@@ -216,7 +217,7 @@ class _Replayed:
     messages: tuple[str, ...] = ()
 
     def __init__(self, scene: Scene, run: Driven):
-        self._course, self._tick, self._first = scene.trajectory, 0, 0
+        self._knots, self._tick, self._first = Knots.of(scene.trajectory.stops), 0, 0  # type: ignore[arg-type]
         self._block = Logged(run.trajectory, run.reference_position, run.waypoint)
 
     def look(self) -> Logged:
@@ -231,7 +232,7 @@ class _Replayed:
                              remedy="Call step() without force and torque, or give the scene waypoints")
         self._tick += 1
         if self._tick - self._first == len(self._block.trajectory):
-            knots, self._first = Knots.of(self._course.stops), self._tick
+            knots, self._first = self._knots, self._tick
             ticks = np.arange(self._first, self._first + BLOCK_TICKS, dtype=float)
             self._block = posed(knots, at_ticks(knots, ticks), self._first)
 
