@@ -21,6 +21,7 @@ def test_a_vehicle_keeps_its_distance_from_a_wall(by, capsys):
 def test_a_vehicle_that_has_not_come_near_yet_is_no_success():
     main = runpy.run_path(str(EXAMPLES / "keep_distance.py"))["main"]
     assert main(["--seconds", "1"]) == 1
+    assert main(["--seconds", "0"]) == 1
 
 
 def test_the_environment_passes_the_checker_and_holds_its_place(capsys):

@@ -160,7 +160,7 @@ class Simulator:
 
     def copy(self) -> "Simulator":
         """Another one in the same state, which goes its own way from here; both share the scene and its geometry."""
-        shared = [self.scene, self._parts, self._others, self._run, self._sensors.solids]
+        shared = [self.scene, self._parts, self._others, *(self._run or ()), self._sensors.solids]
         return deepcopy(self, {id(one): one for one in shared if one is not None})
 
     def _learn(self) -> None:

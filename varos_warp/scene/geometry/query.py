@@ -120,7 +120,7 @@ class Solids:
 
     def __init__(self, parts: list[Part | Instances]):
         self.parts = parts
-        self._surfaces: dict[tuple[str, ...], Surface] = {}
+        self._surfaces: dict[tuple, Surface] = {}
 
     def first_met(self, points: np.ndarray, directions: np.ndarray, reach: float, T_w_o: dict[str, np.ndarray]
                   ) -> tuple[np.ndarray, np.ndarray]:
@@ -141,11 +141,11 @@ class Solids:
                 t = np.minimum(t, there)
         return np.where(t <= reach, t, np.inf), met
 
-    def _surface(self, names: tuple[str, ...], mesh: Callable[[], tuple[np.ndarray, np.ndarray]]) -> Surface:
-        """The BVH of a mesh, made at the first call with these names."""
-        if names not in self._surfaces:
-            self._surfaces[names] = Surface(*mesh())
-        return self._surfaces[names]
+    def _surface(self, key: tuple, mesh: Callable[[], tuple[np.ndarray, np.ndarray]]) -> Surface:
+        """The BVH of a mesh, made at the first call with this key."""
+        if key not in self._surfaces:
+            self._surfaces[key] = Surface(*mesh())
+        return self._surfaces[key]
 
     def _to_standing(self, points: np.ndarray, directions: np.ndarray, moving: Container[str]) -> np.ndarray:
         """Distance [N] along rays to terrain and objects but those that are ``moving``."""
@@ -171,7 +171,7 @@ class Solids:
             # directions are not normalised in the copy's axes, so that t stays in units of the world
             R = np.linalg.inv(group.T_w_o[copy, :3, :3])
             start, d = points[ray] - group.T_w_o[copy, :3, 3], directions[ray]
-            surface = self._surface(("copies", group.name), lambda: (group.vertices, group.faces))
+            surface = self._surface(("copies", id(group)), lambda: (group.vertices, group.faces))
             np.minimum.at(t, ray, surface.distances(*((R @ x[..., None])[..., 0] for x in (start, d))))
         return t
 
