@@ -13,6 +13,8 @@ USE = ROOT / "tests" / "typed_use.py"
 WRONG = {
     'spp: float | None = scene.render.spp': 'spp: str = scene.render.spp',
     'vw.simulate(scene)': 'vw.simulate(path)',
+    'simulator.state]': 'simulator.states]',
+    'simulator.step(force=(0.0, 5.0, 0.0))': 'simulator.step(thrust=(0.0, 5.0, 0.0))',
     'simulation.trajectory.T_w_v(0)': 'simulation.course.T_w_v(0)',
     'device="cpu")': 'divice="cpu")',
     'number: int = first.number': 'number: str = first.number',

@@ -22,6 +22,17 @@ def scene_to_image(path: Path) -> np.ndarray:
     return radiance
 
 
+def way_stepped(scene: vw.Scene, seconds: float) -> np.ndarray:
+    """Places of a vehicle that is pushed ahead as long as its altitude is more than a metre [N, 3] [m]."""
+    simulator = vw.Simulator(scene)
+    states: list[vw.Step] = [simulator.state]
+    while simulator.time_ns < 1e9 * seconds and not simulator.finished:
+        dvl = states[-1].dvl
+        near = dvl is not None and bool((dvl.altitude < 1.0).any())
+        states.append(simulator.step() if near else simulator.step(force=(0.0, 5.0, 0.0)))
+    return np.array([state.position for state in states])
+
+
 def disparity(renderer: vw.FrameRenderer, T_w_v: np.ndarray) -> np.ndarray | None:
     """Of a stereo pair [pixels]."""
     flow = renderer.render(T_w_v, "L0", "F", following=vw.NextFrame(T_w_v, camera="R0")).F

@@ -12,6 +12,8 @@ if TYPE_CHECKING:  # what __getattr__ fetches, for type checkers and editors
     from varos_warp.scene.description import Scene as Scene
     from varos_warp.scene.file.load import load_scene as load_scene
     from varos_warp.scene.water import phase_function as phase_function
+    from varos_warp.sim.simulator import Simulator as Simulator
+    from varos_warp.sim.simulator import Step as Step
     from varos_warp.sim.trajectory import simulate as simulate
 
 __version__ = "0.5.0"
@@ -22,6 +24,8 @@ _HOMES = {
     "load_scene": "varos_warp.scene.file.load",
     "phase_function": "varos_warp.scene.water",
     "simulate": "varos_warp.sim.trajectory",
+    "Simulator": "varos_warp.sim.simulator",
+    "Step": "varos_warp.sim.simulator",
     "FrameRenderer": "varos_warp.render.renderer",
     "NextFrame": "varos_warp.render.moments",
     "plan_render": "varos_warp.render.planner.plan",

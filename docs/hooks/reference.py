@@ -129,8 +129,8 @@ def verb_section(name: str, command) -> str:
 
 def api_page() -> str:
     """Directives for mkdocstrings: the public names, and what a frame holds."""
-    names = ("load_scene", "simulate", "plan_render", "FrameRenderer", "NextFrame", "Dataset", "phase_function",
-             "InputError")
+    names = ("load_scene", "simulate", "Simulator", "Step", "plan_render", "FrameRenderer", "NextFrame", "Dataset",
+             "phase_function", "InputError")
     homes = [f"{varos_warp._HOMES[name]}.{name}" for name in names]
     frames = ["varos_warp.render.options.RenderOptions",
               *(f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES)]

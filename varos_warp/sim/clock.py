@@ -41,9 +41,9 @@ def check_length(seconds: float, key: str, what: str) -> None:
                          remedy="Make it shorter (nearer stops, a higher speed) or divide it into several scenes")
 
 
-def times_ns(count: int, rate_hz: float) -> np.ndarray:
-    """Times [count] of the samples of a rate, from 0: int64, the nearest nanosecond of each."""
-    return np.rint(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
+def times_ns(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
+    """Times of the samples ``first`` to ``count`` - 1 of a rate: int64, to the nearest nanosecond, sample 0 at 0."""
+    return np.rint(np.arange(first, count) * (1e9 / rate_hz)).astype(np.int64)
 
 
 def frame_time_ns(frame: int, rate_hz: float) -> int:
@@ -59,6 +59,12 @@ def frame_count(duration_s: float, rate_hz: float) -> int:
 def frames_until(end_s: float, rate_hz: float) -> int:
     """Samples of a rate in [0, ``end_s``]."""
     return math.floor(round(end_s * rate_hz, 6)) + 1
+
+
+def samples_until(end_ns: int, rate_hz: float) -> int:
+    """Samples of a rate whose times (`times_ns`) are in [0, ``end_ns``]."""
+    count = frames_until(1e-9 * end_ns, rate_hz)
+    return count - (frame_time_ns(count - 1, rate_hz) > end_ns)
 
 
 def select(frames: slice, count: int) -> list[int]:

@@ -87,12 +87,31 @@ class Trajectory:
                 mine[early] = theirs
         return there
 
+    def followed_by(self, later: "Trajectory") -> "Trajectory":
+        """These rows and those of a later piece."""
+        return Trajectory(*map(np.concatenate, zip(self._columns(), later._columns(), strict=True)))
+
     def _columns(self) -> Iterator[np.ndarray]:
         return (getattr(self, field.name) for field in fields(self))
 
     def rows(self, index: np.ndarray | slice) -> "Trajectory":
         """Some of the rows; of a slice they are not copied."""
         return Trajectory(*(column[index] for column in self._columns()))
+
+
+def applied(rotation: Rotation, vectors: np.ndarray) -> np.ndarray:
+    """Vectors [N, 3] (or [3], the same for all) turned by N rotations, each to the byte as it would be among others.
+
+    For a single row NumPy adds in another order than for several, so one is turned twice.
+    """
+    if len(rotation) != 1:
+        return rotation.apply(vectors)
+    return rotation[[0, 0]].apply(np.repeat(np.atleast_2d(vectors), 2, axis=0))[:1]
+
+
+def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Rows [N, n] times a matrix [n, m], each to the byte as it would be among others: see `applied`."""
+    return rows @ matrix if len(rows) != 1 else (np.repeat(rows, 2, axis=0) @ matrix)[:1]
 
 
 def _before(first: Trajectory, time_ns: np.ndarray) -> Trajectory:

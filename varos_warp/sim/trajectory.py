@@ -11,15 +11,8 @@ from varos_warp.sim.companions import companions, meetings
 from varos_warp.sim.driving import drive, rows_read
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.sensors.dvl import Dvl
-from varos_warp.sim.sensors.readings import (
-    DepthGauge,
-    Imu,
-    Magnetometer,
-    measure_depth,
-    measure_dvl,
-    measure_field,
-    measure_imu,
-)
+from varos_warp.sim.sensors.readings import DepthGauge, Imu, Magnetometer
+from varos_warp.sim.sensors.suite import Sensors
 
 FELT = ("acceleration", "angular_velocity")
 """What splines through recorded poses make of their noise [m/s^2], [rad/s]."""
@@ -127,22 +120,23 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
             or the sequence would last longer than that.
     """
     run, others = drive(scene, parts, progress or (lambda share: None)), companions(scene)
-    vehicle, read = scene.vehicle, rows_read(scene, len(run.frames))
-    trajectory = run.trajectory.rows(slice(read))  # no more for F, or noise would be drawn otherwise
+    trajectory = run.trajectory.rows(slice(rows_read(scene, len(run.frames))))  # no more for F: noise knows the length
     if progress:
         progress(1.0)
+    sensors = Sensors(scene, int(trajectory.time_ns[-1]), geometry_of(scene, parts), others)
+    readings = sensors.read(trajectory)
     return Simulation(
         run.trajectory, run.frames,
-        measure_imu(trajectory, vehicle.imu, scene.gravity, scene.seed) if vehicle.imu else None,
-        measure_depth(trajectory, vehicle.depth_gauge, scene.surface_depth_m) if vehicle.depth_gauge else None,
+        readings.imu, readings.depth_gauge,
         [scene.key_in_file(words) for words in (*run.messages, *meetings(scene, run.frames, others))],
         run.reference_position, run.waypoint,
-        magnetometer=measure_field(trajectory, vehicle.magnetometer) if vehicle.magnetometer else None,
-        dvl=measure_dvl(trajectory, vehicle.dvl, _geometry(scene) if parts is None else parts, others) if vehicle.dvl
-        else None)
+        magnetometer=readings.magnetometer, dvl=readings.dvl)
 
 
-def _geometry(scene: Scene) -> list:
+def geometry_of(scene: Scene, parts: list | None) -> list | None:
+    """The scene's geometry, which is built only where there is a DVL and it is not there yet."""
+    if parts is not None or not scene.vehicle.dvl:
+        return parts
     from varos_warp.scene.geometry.build import build_parts  # meshes are loaded only where there is a DVL
 
     return build_parts(scene)

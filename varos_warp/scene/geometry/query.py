@@ -1,5 +1,7 @@
 """Queries of triangle meshes: crossings of vertical lines and insides, in float64; clearances; how far rays go."""
 
+from collections.abc import Callable, Container
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -106,44 +108,72 @@ def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.nda
         reach: [m]
         T_w_o: Pose [N, 4, 4] for each ray of what moves, by name; absent: where it begins.
     """
-    return first_met(parts, points, directions, reach, T_w_o or {})[0]
+    return Solids(parts).first_met(points, directions, reach, T_w_o or {})[0]
 
 
-def first_met(parts: list[Part | Instances], points: np.ndarray, directions: np.ndarray, reach: float,
-              T_w_o: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The same, and which of ``T_w_o`` each ray meets, int [N]: its place there; -1: what stands still, or nothing."""
-    single = [(part.vertices, part.faces) for part in parts if isinstance(part, Part) and part.name not in T_w_o]
-    t = Surface(*join(single)).distances(points, directions) if single else np.full(len(points), np.inf)
-    met, places = np.full(len(points), -1), {name: k for k, name in enumerate(T_w_o)}
-    for group in parts:
-        if group.name in T_w_o:
-            there = _to_moving(group, points, directions, T_w_o[group.name])
-            met[there < np.minimum(t, reach)] = places[group.name]
-            t = np.minimum(t, there)
-        if isinstance(group, Instances):
-            there = _to_copies(group, points, directions, np.minimum(t, reach))
-            met[there < t] = -1
-            t = np.minimum(t, there)
-    return np.where(t <= reach, t, np.inf), met
+class Solids:
+    """Everything solid, for rays from here and there: each BVH is built when first asked for, and kept.
 
+    Args:
+        parts: From ``build_parts``.
+    """
 
-def _to_moving(part: Moving, points: np.ndarray, directions: np.ndarray, T_w_o: np.ndarray) -> np.ndarray:
-    """Distance [N] along rays to an object at its pose for each of them [N, 4, 4]."""
-    R_o_w = T_w_o[:, :3, :3].swapaxes(1, 2)
-    start, d = (np.einsum("nij,nj->ni", R_o_w, x) for x in (points - T_w_o[:, :3, 3], directions))
-    return Surface((part.vertices - part.origin) @ part.R_w_o, part.faces).distances(start, d)
+    def __init__(self, parts: list[Part | Instances]):
+        self.parts = parts
+        self._surfaces: dict[tuple, Surface] = {}
 
+    def first_met(self, points: np.ndarray, directions: np.ndarray, reach: float, T_w_o: dict[str, np.ndarray]
+                  ) -> tuple[np.ndarray, np.ndarray]:
+        """What `ranges` gives, and which of ``T_w_o`` each ray meets, int [N]: its place there.
 
-def _to_copies(group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Distance [N] along rays to the first of the copies, of which only those near to a ray's way [N] are looked at."""
-    t, (ray, copy) = np.full(len(points), np.inf), _near(group, points, directions, reach)
-    if len(ray):
-        # directions are not normalised in the copy's axes, so that t stays in units of the world
-        R = np.linalg.inv(group.T_w_o[copy, :3, :3])
-        start, d = points[ray] - group.T_w_o[copy, :3, 3], directions[ray]
-        found = Surface(group.vertices, group.faces).distances(*((R @ x[..., None])[..., 0] for x in (start, d)))
-        np.minimum.at(t, ray, found)
-    return t
+        -1 is what stands still, or nothing.
+        """
+        t = self._to_standing(points, directions, T_w_o)
+        met, places = np.full(len(points), -1), {name: k for k, name in enumerate(T_w_o)}
+        for group in self.parts:
+            if group.name in T_w_o:
+                there = self._to_moving(group, points, directions, T_w_o[group.name])
+                met[there < np.minimum(t, reach)] = places[group.name]
+                t = np.minimum(t, there)
+            if isinstance(group, Instances):
+                there = self._to_copies(group, points, directions, np.minimum(t, reach))
+                met[there < t] = -1
+                t = np.minimum(t, there)
+        return np.where(t <= reach, t, np.inf), met
+
+    def _surface(self, key: tuple, mesh: Callable[[], tuple[np.ndarray, np.ndarray]]) -> Surface:
+        """The BVH of a mesh, made at the first call with this key."""
+        if key not in self._surfaces:
+            self._surfaces[key] = Surface(*mesh())
+        return self._surfaces[key]
+
+    def _to_standing(self, points: np.ndarray, directions: np.ndarray, moving: Container[str]) -> np.ndarray:
+        """Distance [N] along rays to terrain and objects but those that are ``moving``."""
+        single = [part for part in self.parts if isinstance(part, Part) and part.name not in moving]
+        if not single:
+            return np.full(len(points), np.inf)
+        surface = self._surface(("standing", *(part.name for part in single)),
+                                lambda: join([(part.vertices, part.faces) for part in single]))
+        return surface.distances(points, directions)
+
+    def _to_moving(self, part: Moving, points: np.ndarray, directions: np.ndarray, T_w_o: np.ndarray) -> np.ndarray:
+        """Distance [N] along rays to an object at its pose for each of them [N, 4, 4]."""
+        R_o_w = T_w_o[:, :3, :3].swapaxes(1, 2)
+        start, d = (np.einsum("nij,nj->ni", R_o_w, x) for x in (points - T_w_o[:, :3, 3], directions))
+        surface = self._surface(("moving", part.name), lambda: ((part.vertices - part.origin) @ part.R_w_o, part.faces))
+        return surface.distances(start, d)
+
+    def _to_copies(self, group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray
+                   ) -> np.ndarray:
+        """Distance [N] along rays to the first of the copies; only those near to a ray's way [N] are looked at."""
+        t, (ray, copy) = np.full(len(points), np.inf), _near(group, points, directions, reach)
+        if len(ray):
+            # directions are not normalised in the copy's axes, so that t stays in units of the world
+            R = np.linalg.inv(group.T_w_o[copy, :3, :3])
+            start, d = points[ray] - group.T_w_o[copy, :3, 3], directions[ray]
+            surface = self._surface(("copies", id(group)), lambda: (group.vertices, group.faces))
+            np.minimum.at(t, ray, surface.distances(*((R @ x[..., None])[..., 0] for x in (start, d))))
+        return t
 
 
 def _near(group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.scene.description import vehicle as description
+from varos_warp.sim.motion import product
 
 AZIMUTHS_DEG = (45.0, 135.0, 225.0, 315.0)
 """Of the beams about the sensor's z, from its x towards its y."""
@@ -50,7 +51,7 @@ def bottom_track(time_ns: np.ndarray, beams: np.ndarray, distance: np.ndarray, b
     for pattern in np.unique(locked, axis=0):
         if pattern.sum() >= FEWEST_BEAMS:
             rows = (locked == pattern).all(axis=1)
-            velocity[rows] = -beam_velocity[rows][:, pattern] @ np.linalg.pinv(beams[pattern]).T
+            velocity[rows] = product(-beam_velocity[rows][:, pattern], np.linalg.pinv(beams[pattern]).T)
     below = np.where(locked, -beams[:, 2] * distance, 0.0).sum(axis=1)
     altitude = np.where(locked.any(axis=1), below / np.maximum(locked.sum(axis=1), 1), np.nan)
     return Dvl(time_ns, velocity, altitude, distance, beam_velocity)

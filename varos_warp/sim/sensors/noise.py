@@ -13,6 +13,8 @@ from varos_warp.sim.sensors.dvl import Dvl, bottom_track
 
 _IMU, _DEPTH_GAUGE, _MAGNETOMETER, _DVL = 0x696D75, 0x646570, 0x6D6167, 0x64766C
 """They part the random numbers of the sensors."""
+BLOCK = 4096
+"""Samples that a stream draws at once after those of the sequence."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,38 @@ def imu_noise(model: description.ImuNoise, count: int, rate_hz: float, seed: int
               np.random.default_rng([seed, _IMU, i]), getattr(model, f"{sensor}_bias"),
               getattr(model, f"{sensor}_turn_on_bias"))
         for i, sensor in enumerate(("accelerometer", "gyroscope")))
+
+
+class ImuNoiseStream:
+    """Noise of an IMU, a few samples at a time; the first ``count`` are those that `imu_noise` draws at once.
+
+    `imu_noise` draws the steps of the bias behind all white noise, so a walk depends on how long the sequence is, and
+    ``count`` must be known from the beginning. The samples after these come in blocks with random numbers of their own.
+    """
+
+    def __init__(self, model: description.ImuNoise, count: int, rate_hz: float, seed: int):
+        self._model, self._rate_hz, self._seed, self._taken, self._blocks = model, rate_hz, seed, 0, 1
+        self._drawn = imu_noise(model, count, rate_hz, seed)
+
+    def take(self, count: int) -> tuple[Noise, Noise]:
+        """The next samples, as `imu_noise` gives them."""
+        while len(self._drawn[0].white) < self._taken + count:
+            self._draw()
+        rows = slice(self._taken, self._taken + count)
+        self._taken += count
+        force, rate = (Noise(made.white[rows], made.bias[rows]) for made in self._drawn)
+        return force, rate
+
+    def _draw(self) -> None:
+        """Put a block behind the samples that are left; its bias walks on from the last one's."""
+        made = [noise(BLOCK + 1, self._rate_hz, getattr(self._model, f"{sensor}_noise_density"),
+                      getattr(self._model, f"{sensor}_random_walk"),
+                      np.random.default_rng([self._seed, _IMU, i, self._blocks]), before.bias[-1])
+                for i, (sensor, before) in enumerate(zip(("accelerometer", "gyroscope"), self._drawn, strict=True))]
+        force, rate = (Noise(np.concatenate([old.white[self._taken:], new.white[1:]]),
+                             np.concatenate([old.bias[self._taken:], new.bias[1:]]))
+                       for old, new in zip(self._drawn, made, strict=True))
+        self._drawn, self._taken, self._blocks = (force, rate), 0, self._blocks + 1
 
 
 def depth_gauge_noise(model: DepthGaugeNoise, depth: np.ndarray, rate_hz: float, seed: int

@@ -2,16 +2,20 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from varos_warp.scene import frames
 from varos_warp.scene.description import vehicle as description
-from varos_warp.sim.clock import frames_until, times_ns
-from varos_warp.sim.motion import Trajectory
+from varos_warp.sim.clock import samples_until, times_ns
+from varos_warp.sim.motion import Trajectory, applied, product
 from varos_warp.sim.poses import courses_of_moving, velocity_with
 from varos_warp.sim.sensors.dvl import Dvl, beam_directions, bottom_track
-from varos_warp.sim.sensors.noise import imu_noise
+from varos_warp.sim.sensors.noise import ImuNoiseStream, imu_noise
+
+if TYPE_CHECKING:
+    from varos_warp.scene.geometry.query import Solids
 
 
 @dataclass(frozen=True)
@@ -48,13 +52,13 @@ class Magnetometer:
     field: np.ndarray
 
 
-def sampled(trajectory: Trajectory, rate_hz: float) -> Trajectory:
-    """A trajectory at the samples of a rate, up to its end."""
-    times = times_ns(frames_until(1e-9 * trajectory.time_ns[-1], rate_hz), rate_hz)
-    return trajectory.at(times[times <= trajectory.time_ns[-1]])
+def sampled(trajectory: Trajectory, rate_hz: float, first: int = 0) -> Trajectory:
+    """A trajectory at the samples of a rate, from that with the number ``first`` up to its end."""
+    return trajectory.at(times_ns(samples_until(int(trajectory.time_ns[-1]), rate_hz), rate_hz, first))
 
 
-def measure_imu(trajectory: Trajectory, imu: description.Imu, gravity: float = 9.81, seed: int = 0) -> Imu:
+def measure_imu(trajectory: Trajectory, imu: description.Imu, gravity: float = 9.81, seed: int = 0, first: int = 0,
+                stream: ImuNoiseStream | None = None) -> Imu:
     """Eq. (2) of the paper: a = R_sv (R_vr (dd p - g) + ([w]x[w]x + [dw]x) l), omega = R_sv w.
 
     Args:
@@ -62,37 +66,43 @@ def measure_imu(trajectory: Trajectory, imu: description.Imu, gravity: float = 9
         imu: Where the sensor sits (l, the lever arm in vehicle axes), how it is turned (R_vs) and its rate.
         gravity: [m/s^2]; g = (0, 0, -gravity).
         seed: Of the noise, if the block asks for any.
+        first: Number of the first sample to take.
+        stream: Where the noise comes from if this is not the whole sequence; absent: made here.
     """
-    there = sampled(trajectory, imu.rate_hz)
+    there = sampled(trajectory, imu.rate_hz, first)
     omega, alpha, lever = there.angular_velocity, there.angular_acceleration, np.asarray(imu.position, float)
-    acceleration = there.rotation().inv().apply(there.acceleration + [0.0, 0.0, gravity])
+    acceleration = applied(there.rotation().inv(), there.acceleration + [0.0, 0.0, gravity])
     acceleration += np.cross(omega, np.cross(omega, lever)) + np.cross(alpha, lever)
     R_v_s = frames.attitude(imu)
-    acceleration, omega = acceleration @ R_v_s, omega @ R_v_s  # rows: (R_sv x)' = x' R_vs
+    acceleration, omega = product(acceleration, R_v_s), product(omega, R_v_s)  # rows: (R_sv x)' = x' R_vs
     times, none = there.time_ns, np.zeros_like(omega)
     if imu.noise is None:
         return Imu(times, acceleration, omega, none, none, acceleration, omega)
-    force, rate = imu_noise(imu.noise, len(omega), imu.rate_hz, seed)
+    force, rate = stream.take(len(omega)) if stream else imu_noise(imu.noise, len(omega), imu.rate_hz, seed)
     return Imu(times, acceleration + force.white + force.bias, omega + rate.white + rate.bias, force.bias, rate.bias,
                acceleration, omega)
 
 
-def measure_depth(trajectory: Trajectory, gauge: description.Mounted, surface_depth_m: float) -> DepthGauge:
-    """Depth of the gauge itself, which may sit off the vehicle's origin."""
-    there = sampled(trajectory, gauge.rate_hz)
-    lever = there.rotation().apply(np.asarray(gauge.position, float))
+def measure_depth(trajectory: Trajectory, gauge: description.Mounted, surface_depth_m: float, first: int = 0
+                  ) -> DepthGauge:
+    """Depth of the gauge itself, which may sit off the vehicle's origin; from the sample with the number ``first``."""
+    there = sampled(trajectory, gauge.rate_hz, first)
+    lever = applied(there.rotation(), np.asarray(gauge.position, float))
     return DepthGauge(there.time_ns, surface_depth_m - (there.position[:, 2] + lever[:, 2]))
 
 
-def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer) -> Magnetometer:
-    """The world's field in the sensor's axes, R_sv R_vw B; it is the same everywhere, so the lever arm has no part."""
-    there = sampled(trajectory, magnetometer.rate_hz)
-    field = there.rotation().inv().apply(magnetometer.field_T) @ frames.attitude(magnetometer)
-    return Magnetometer(there.time_ns, field)
+def measure_field(trajectory: Trajectory, magnetometer: description.Magnetometer, first: int = 0) -> Magnetometer:
+    """The world's field in the sensor's axes, R_sv R_vw B, from the sample with the number ``first``.
+
+    It is the same everywhere, so the lever arm has no part.
+    """
+    there = sampled(trajectory, magnetometer.rate_hz, first)
+    field = applied(there.rotation().inv(), np.asarray(magnetometer.field_T, float))
+    return Magnetometer(there.time_ns, product(field, frames.attitude(magnetometer)))
 
 
-def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list, others: Mapping[str, Callable] | None = None
-                ) -> Dvl:
+def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: "list | Solids",
+                others: Mapping[str, Callable] | None = None, first: int = 0) -> Dvl:
     """Beams d of the sensor: range along d to what is there at the time, and velocity d . (u - R_sv (R_vw v + w x l)).
 
     u is the velocity of what a beam meets, in sensor axes: 0 where it stands still.
@@ -102,16 +112,18 @@ def measure_dvl(trajectory: Trajectory, dvl: description.Dvl, parts: list, other
         dvl: Where the sensor sits (l, the lever arm in vehicle axes), how it is turned (R_vs), its rate and beams.
         parts: Everything solid, from ``build_parts``.
         others: Poses of other vehicles, whose bodies are among the parts.
+        first: Number of the first sample to take.
     """
-    there, beams = sampled(trajectory, dvl.rate_hz), beam_directions(dvl)
+    there, beams = sampled(trajectory, dvl.rate_hz, first), beam_directions(dvl)
     velocity = velocity_of_sensor(there, dvl.position, frames.attitude(dvl))
     T_w_s = there.poses() @ frames.pose_matrix(dvl)
     distance, away = met_by_beams(there.time_ns, T_w_s, beams, dvl.range_m, parts, others)
-    return bottom_track(there.time_ns, beams, distance, away - velocity @ beams.T)
+    return bottom_track(there.time_ns, beams, distance, away - product(velocity, beams.T))
 
 
-def met_by_beams(time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float], parts: list,
-                 others: Mapping[str, Callable] | None = None) -> tuple[np.ndarray, np.ndarray]:
+def met_by_beams(time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float],
+                 parts: "list | Solids", others: Mapping[str, Callable] | None = None
+                 ) -> tuple[np.ndarray, np.ndarray]:
     """Distance [M, 4] along beams to what is there at the time, NaN without lock, and its velocity along them [M, 4].
 
     Args:
@@ -122,13 +134,14 @@ def met_by_beams(time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, rang
         parts: Everything solid, from ``build_parts``.
         others: Poses of other vehicles, whose bodies are among the parts.
     """
-    from varos_warp.scene.geometry.query import first_met  # Warp is loaded only where there is a DVL
+    from varos_warp.scene.geometry.query import Solids  # Warp is loaded only where there is a DVL
 
+    solids = parts if isinstance(parts, Solids) else Solids(parts)
     start, when = np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), np.repeat(time_ns, len(beams))
     directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
     least, most = range_m
-    courses = courses_of_moving(parts, others)
-    distance, met = first_met(parts, start, directions, most, {key: at(when) for key, at in courses.items()})
+    courses = courses_of_moving(solids.parts, others)
+    distance, met = solids.first_met(start, directions, most, {key: at(when) for key, at in courses.items()})
     away = np.zeros(len(distance))
     for k, course in enumerate(courses.values()):
         rays = np.flatnonzero(met == k)
@@ -141,5 +154,5 @@ def met_by_beams(time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, rang
 
 def velocity_of_sensor(there: Trajectory, lever, R_v_s: np.ndarray) -> np.ndarray:
     """R_sv (R_vw v + w x l) [M, 3] [m/s]: the sensor's velocity in its own axes."""
-    velocity = there.rotation().inv().apply(there.velocity)
-    return (velocity + np.cross(there.angular_velocity, np.asarray(lever, float))) @ R_v_s
+    velocity = applied(there.rotation().inv(), there.velocity)
+    return product(velocity + np.cross(there.angular_velocity, np.asarray(lever, float)), R_v_s)

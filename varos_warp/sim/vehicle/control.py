@@ -149,12 +149,7 @@ class Regulator:
             force, torque = self._along_axes(self._body, error, reference, state)
         else:
             force, torque = self._force(error, reference, state, thrust), self._torque(reference, state)
-        if isinstance(self._body, RigidBody) and self._body.thrusters:
-            force, torque, force_limited = self._body.thrusters.deliver(force, torque)
-            torque_limited = force_limited
-        else:
-            force, force_limited = limit(force, self._body.max_force)
-            torque, torque_limited = limit(torque, self._body.max_torque)
+        force, torque, force_limited, torque_limited = saturated(self._body, force, torque)
         if isinstance(self._body, RigidBody):
             force = quaternion.rotate(state.q, force)
         if force_limited or torque_limited:
@@ -203,6 +198,22 @@ class Regulator:
                      _over(force, masses), state.force, state.force_rate),
                 _law(self.gains.rotation, inertias, ZERO, quaternion.log(turned),
                      add(state.omega, -1.0, rate), _over(torque, inertias), state.torque, state.torque_rate))
+
+
+def saturated(body: Sphere, force: Vector, torque: Vector) -> tuple[Vector, Vector, bool, bool]:
+    """What the vehicle can do of a force [N] and a moment [N m] that it is told, and whether it can do less of either.
+
+    Args:
+        body: The vehicle. Its thrusters share the command; without any, force and moment are limited in length.
+        force: In vehicle axes where there are thrusters; elsewhere any axes do.
+        torque: In vehicle axes.
+    """
+    if isinstance(body, RigidBody) and body.thrusters:
+        force, torque, limited = body.thrusters.deliver(force, torque)
+        return force, torque, limited, limited
+    force, force_limited = limit(force, body.max_force)
+    torque, torque_limited = limit(torque, body.max_torque)
+    return force, torque, force_limited, torque_limited
 
 
 def _over(a: Vector, b: Vector) -> Vector:
