@@ -21,7 +21,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
-first_hit, _ = make_rays(SceneSpec())
+first_hit = make_rays(SceneSpec()).first_hit
 
 
 @wp.kernel(enable_backward=False)

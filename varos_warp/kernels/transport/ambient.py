@@ -28,7 +28,7 @@ class Ambient:
 @specialised("instances", "textures", "masks")
 def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
-    first_hit, _ = make_rays(spec)
+    first_hit = make_rays(spec).first_hit
     hit_surface = make_hit_surface(spec)
 
     @wp.func

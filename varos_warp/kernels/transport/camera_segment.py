@@ -47,7 +47,9 @@ def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
 @specialised(*PATH)
 def make_mirrored(spec: SceneSpec) -> wp.Function:
     """The function ``mirrored`` of a metal's vertex, specialised to ``spec``."""
-    first_hit, _, end_vertex, scattered_once, reflected_once, _ = make_segment(spec)
+    segment = make_segment(spec)
+    first_hit, end_vertex = segment.first_hit, segment.end_vertex
+    scattered_once, reflected_once = segment.scattered_once, segment.reflected_once
 
     @wp.func
     def leave_metal(scene: SceneData, bounds: PathBounds, metal: Vertex, t: float, u: wp.vec4, v: wp.vec4):
@@ -92,7 +94,9 @@ def make_mirrored(spec: SceneSpec) -> wp.Function:
 @specialised(*PATH)
 def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
     """The camera's segments of a film's parts from ``first_row`` on, specialised to ``spec``."""
-    first_hit, _, end_vertex, scattered_once, reflected_once, image_place = make_segment(spec)
+    segment = make_segment(spec)
+    first_hit, end_vertex, image_place = segment.first_hit, segment.end_vertex, segment.image_place
+    scattered_once, reflected_once = segment.scattered_once, segment.reflected_once
     mirrored = make_mirrored(spec)
     field_layer = spec.multiple and spec.field
     sample_ray = make_sample_ray(spec.optics)

@@ -35,7 +35,7 @@ class Rows:
 @specialised("instances", "masks", "optics")
 def make_centre_hit(spec: SceneSpec) -> wp.Function:
     """The function ``centre_hit``: the ray through a pixel's centre, and what it hits."""
-    first_hit, _ = make_rays(spec)
+    first_hit = make_rays(spec).first_hit
     ray_of = make_ray(spec.optics)
 
     @wp.func
@@ -97,7 +97,7 @@ def make_first_hits_kernel(spec: SceneSpec) -> wp.Kernel:
 def make_hidden_kernel(spec: SceneSpec) -> wp.Kernel:
     """What hides from another place, for scenes with or without instances, through a lens, a port and a shutter."""
     centre_hit = make_centre_hit(spec)
-    _, visible = make_rays(spec)
+    visible = make_rays(spec).visible
 
     @wp.kernel(module="unique", enable_backward=False)
     def find_hidden(

@@ -214,7 +214,8 @@ def make_gather(spec: SceneSpec) -> wp.Function:
 @specialised(*PATH)
 def make_arrive(spec: SceneSpec) -> wp.Function:
     """The function ``arrive`` of a path, specialised to ``spec``."""
-    _, _, end_vertex, _, reflected_once, _ = make_segment(spec)
+    segment = make_segment(spec)
+    end_vertex, reflected_once = segment.end_vertex, segment.reflected_once
 
     @wp.func
     def arrive(scene: SceneData, path: Subpath, hit: Hit, bounds: PathBounds, pixel_angle: float, u: float):
@@ -248,7 +249,8 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
     warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
     Aila and Laine 2009).
     """
-    first_hit, _, _, _, _, image_place = make_segment(spec)
+    segment = make_segment(spec)
+    first_hit, image_place = segment.first_hit, segment.image_place
     leave_vertex, arrive, gather = make_leave_vertex(spec), make_arrive(spec), make_gather(spec)
     sample_ray = make_sample_ray(spec.optics)
 

@@ -84,7 +84,7 @@ def roulette(path: PlainPath, u: float):
 @specialised("instances", "masks")
 def make_gather(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     """The functions ``scattered_light`` and ``reflected_light``, for scenes with or without instances and masks."""
-    _, visible = make_rays(spec)
+    visible = make_rays(spec).visible
 
     @wp.func
     def scattered_light(scene: SceneData, p: wp.vec3, d: wp.vec3):
@@ -157,7 +157,7 @@ def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
 @specialised("direct", "single", "multiple", "instances", "textures", "masks", "optics", "varies")
 def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
     """The kernel that renders a film's parts from ``first_row`` on, specialised to ``spec``."""
-    first_hit, _ = make_rays(spec)
+    first_hit = make_rays(spec).first_hit
     sample_ray = make_sample_ray(spec.optics)
     scatter, reflect = make_events(spec)
 

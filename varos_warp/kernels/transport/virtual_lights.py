@@ -99,7 +99,7 @@ def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
 @specialised("instances", "textures", "masks", "varies")
 def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     """Rays from the lights to the first surface."""
-    first_hit, _ = make_rays(spec)
+    first_hit = make_rays(spec).first_hit
     hit_surface = make_hit_surface(spec)
 
     @wp.func

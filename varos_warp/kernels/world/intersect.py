@@ -1,5 +1,6 @@
 """The scene on the device and its rays: first hit and visibility."""
 
+from typing import NamedTuple
 
 import warp as wp
 
@@ -313,9 +314,18 @@ def locate(scene: SceneData, d: wp.vec3, found: Hit):
     return hit
 
 
+class Rays(NamedTuple):
+    """Device functions of rays."""
+
+    first_hit: wp.Function
+    """(scene, o, d) -> Hit."""
+    visible: wp.Function
+    """(scene, p, q): whether nothing blocks the segment between two points."""
+
+
 @specialised("instances", "masks")
-def make_rays(spec: SceneSpec):
-    """The functions ``first_hit(scene, o, d)`` and ``visible(scene, p, q)``, with or without instances and masks.
+def make_rays(spec: SceneSpec) -> Rays:
+    """Functions of rays, with or without instances and masks.
 
     The stack of the query over instances would cost scenes without any a tenth of their speed. With masks the first hit
     is asked for in shadow rays too: whether there is any at all would have to be asked beside.
@@ -370,7 +380,7 @@ def make_rays(spec: SceneSpec):
             return not any_instance(scene, p, d, distance)
         return True
 
-    return first_hit, visible
+    return Rays(first_hit, visible)
 
 
 @wp.func
