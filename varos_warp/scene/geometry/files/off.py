@@ -24,6 +24,8 @@ def read_off(path: Path, with_colours: bool) -> MeshFile:
     if with_colours and "C" in prefix and len(points):
         colours = _vertex_colours(points, 3 + 3 * ("N" in prefix), file)[faces]
     elif with_colours:
+        if any(len(row) > 3 + 3 * ("N" in prefix) + 2 * ("T" in prefix) for row in points):
+            file.note(f"numbers behind its vertices are left out: colours need a C in the header ({prefix}OFF)")
         colours = _face_colours(polygons, counts, polygon, file)
     file.add(Piece(vertices, faces, None, None, colours))
     return file
@@ -73,9 +75,12 @@ def _face_colours(rows, counts, polygon, file):
 
 
 def _linear(words, file):
-    """Colours float32 [N, 3] of rows of words: whole numbers are sRGB of 8 bits, others are linear."""
+    """Colours float32 [N, 3] of rows of words: whole numbers above 1 are sRGB of 8 bits, others are linear."""
     values = np.array(words, float)
     whole = np.array(["." not in word and "e" not in word.lower() for row in words for word in row]).all()
+    if whole and values.max(initial=0.0) == 1.0:
+        file.note("its colours are whole numbers, but none is above 1: they are taken as real numbers of 0..1")
+        whole = False
     top = 255.0 if whole else 1.0
     if not ((values >= 0.0) & (values <= top)).all():
         raise InputError(f"has colours that are not within 0..{top:g}", file=file.path,
