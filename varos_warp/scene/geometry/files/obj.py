@@ -8,7 +8,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
-from varos_warp.scene.geometry.files.mtl import MtlMaterial, read_mtl, tiles_of
+from varos_warp.scene.geometry.files.mtl import MtlMaterial, outside_tiles, read_mtl, tiles_of
 from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
 from varos_warp.scene.geometry.files.wavefront import (
     GEOMETRY,
@@ -71,6 +71,9 @@ def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
         file.check(at, len(coordinates), "texture coordinate")
         uv = look.uv(coordinates[at])
         tile = tiles_of(uv) if look.has_tiles else np.zeros(len(uv), int)
+        if look.has_tiles and outside_tiles(uv).any():
+            file.note(f"some faces with {look.picture.name} lie outside of the tiles (u of 0..10, v of 0..900): they "
+                      "have the nearest")
         for number in np.unique(tile):
             mine = tile == number
             found.append(Piece(vertices, faces[has_uv][mine], look.material(number if look.has_tiles else None),
