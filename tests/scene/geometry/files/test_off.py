@@ -31,10 +31,16 @@ def test_whole_colours_none_above_1_are_taken_as_real_numbers(tmp_path, head, ve
     assert told == ["its colours are whole numbers, but none is above 1: they are taken as real numbers of 0..1"]
 
 
-def test_black_and_8_bits_are_read_without_a_word(tmp_path):
+def test_black_is_read_without_a_word_of_bits(tmp_path):
     mesh, told = loaded(off(tmp_path, BOARD, RING, "COFF", " 0 0 0 255", ""))
     is_colour([0, 0, 0])(mesh)
     assert not any("whole numbers" in words for words in told)
-    mesh, told = loaded(off(tmp_path, BOARD, RING, "COFF", " 2 0 0 255", ""))
-    is_colour(srgb_to_linear(np.array([2, 0, 0]) / 255.0))(mesh)
+
+
+@pytest.mark.parametrize(("head", "vertex", "face"), [
+    ("COFF", " 2 0 0 255", ""), ("COFF", " 1 0 0 255", ""), ("OFF", "", " 1 0 0 255")])
+def test_colours_near_black_are_of_8_bits_where_a_number_or_an_alpha_says_so(tmp_path, head, vertex, face):
+    mesh, told = loaded(off(tmp_path, BOARD, RING, head, vertex, face))
+    first = int((vertex or face).split()[0])
+    is_colour(srgb_to_linear(np.array([first, 0, 0]) / 255.0))(mesh)
     assert told == []

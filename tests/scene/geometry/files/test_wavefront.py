@@ -277,6 +277,13 @@ def test_coordinates_of_a_texture_stay_in_their_line(tmp_path):
     is_quarters(mesh)
 
 
+def test_a_fourth_number_of_a_coordinate_is_told(tmp_path):
+    lines = VT.replace("\n", " 0 7\n", 1)
+    mesh, told = loaded(obj(tmp_path, V + lines + "usemtl a\n" + QUAD, "newmtl a\nmap_Kd q.png\n"))
+    assert told == ["it has texture coordinates (vt) of 4 numbers, of which the first 2 (u v) are taken"]
+    is_quarters(mesh)
+
+
 def test_a_place_of_two_numbers_is_refused(tmp_path):
     with pytest.raises(InputError, match="a vertex of 2 numbers: 1 2"):
         load_mesh(obj(tmp_path, "v 0 0 0\nv 1 2\nv 1 2 3 1\nf 1 2 3\n"))

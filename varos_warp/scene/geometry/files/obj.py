@@ -33,7 +33,7 @@ def read_obj(path: Path, with_colours: bool) -> MeshFile:
     file = MeshFile(path)
     text = _Text(path, file)
     vertices, colours = text.vertices(with_colours)
-    coordinates = text.numbers(b"vt", 2)
+    coordinates = text.coordinates()
     corners, starts, material = text.faces()
     place = corners[:, 0] - 1
     triangles, polygon = file.triangulated(vertices, place, starts)
@@ -173,6 +173,12 @@ class _Text:
         if odd := sorted(width for width in {*widths.tolist()} if width == 5 or width > 7):
             self.file.note(f"it has vertices of {odd[0]} numbers, of which the first "
                            f"{'3 (x y z)' if odd[0] == 5 else '6 (x y z r g b)'} are taken")
+
+    def coordinates(self) -> np.ndarray:
+        """Coordinates of textures, float64 [N, 2]; v may be missing and is 0, a third number counts in solids alone."""
+        if (most := _widths(self._rows[b"vt"]).max(initial=0)) > 3:
+            self.file.note(f"it has texture coordinates (vt) of {most} numbers, of which the first 2 (u v) are taken")
+        return self.numbers(b"vt", 2)
 
     def numbers(self, keyword: bytes, width: int) -> np.ndarray:
         """The first ``width`` numbers of each line, float64 [N, width]; those that a line does not have are 0.
