@@ -1,11 +1,14 @@
 """COLLADA as programs write it: their own placings of textures, ways of transparency, sets that nothing binds."""
 
+import re
+
 import pytest
 from made_meshes import SAMPLER, UV
 from mesh_cases.colours import TEXTURE, dae_board
 from mesh_cases.table import dae_file, is_quarters, loaded
 
 from varos_warp.errors import InputError
+from varos_warp.scene.geometry.files.dae import read_dae
 from varos_warp.scene.geometry.mesh_files import load_mesh
 
 EXTRA = '<texture texture="a" texcoord="U"><extra><technique profile="MAYA">{}</technique></extra></texture>'
@@ -47,3 +50,15 @@ def test_a_document_that_shows_no_scene_is_refused_for_that(tmp_path):
     dae_file(tmp_path, path.read_text().replace('<scene><instance_visual_scene url="#s"/></scene>', ""))
     with pytest.raises(InputError, match="no <scene>"):
         load_mesh(path)
+
+
+@pytest.mark.parametrize(("axis", "up", "told"), [
+    ("Z_UP", "z", []), ("z_up", "z", []), (" X_Up ", "x", []),
+    ("UP_Z", "y", ["asset.up_axis is 'UP_Z', which COLLADA does not have: Y_UP is taken"])])
+def test_the_up_axis_may_be_in_small_letters(tmp_path, axis, up, told):
+    path = dae_board(tmp_path, "<color>1 1 1 1</color>")
+    text = re.sub("<up_axis>.*?</up_axis>", f"<up_axis>{axis}</up_axis>", path.read_text())
+    assert axis in text
+    path.write_text(text)
+    file = read_dae(path, with_colours=True)
+    assert (file.up_axis, file.notes) == (up, told)

@@ -78,3 +78,37 @@ def test_copies_are_as_many_as_any_of_their_attributes_has(tmp_path):
 def test_copies_whose_attributes_differ_in_number_are_refused(tmp_path):
     with pytest.raises(InputError, match="different counts"):
         load_mesh(copies({"TRANSLATION": BOARD, "SCALE": BOARD[:2] + 2.0}).save(tmp_path / "m.glb"))
+
+
+def painted(values, kind, **more):
+    gltf = Gltf()
+    gltf.mesh(attributes={"COLOR_0": gltf.accessor([values] * 4, kind, **more)})
+    return gltf
+
+
+@pytest.mark.parametrize(("kind", "top"), [("u1", 255), ("u2", 65535)])
+def test_integer_colours_that_are_not_normalized_are_taken_so(tmp_path, kind, top):
+    """Section 3.7.2.1 has no other; taken as they stand, all but 0 would be white."""
+    mesh, told = loaded(painted([top, top // 5, 0, top], kind).save(tmp_path / "m.glb"), "z")
+    is_colour([1.0, 0.2, 0.0])(mesh)
+    assert told == ["COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken as "
+                    "normalized"]
+    (tmp_path / "sound").mkdir()
+    mesh, told = loaded(painted([top, top // 5, 0, top], kind, normalized=True).save(tmp_path / "sound/m.glb"), "z")
+    is_colour([1.0, 0.2, 0.0])(mesh)
+    assert told == []
+
+
+@pytest.mark.parametrize("more", [{}, {"normalized": True}])
+def test_colours_of_other_integers_are_refused(tmp_path, more):
+    with pytest.raises(InputError, match="COLOR_0 of a type that glTF does not have") as refusal:
+        load_mesh(painted([100, 20, 0, 100], "i1", **more).save(tmp_path / "m.glb"), "file")
+    assert "accessors." in refusal.value.key
+
+
+def test_an_unknown_way_of_alpha_is_told(tmp_path):
+    gltf = Gltf()
+    gltf.mesh(material=gltf.add("materials", {"alphaMode": "mask"}))
+    told = loaded(gltf.save(tmp_path / "m.glb"), "z")[1]
+    assert told == ["not modelled: alphaMode 'mask', which glTF does not have (OPAQUE, MASK, BLEND); surfaces are "
+                    "Lambertian and opaque"]

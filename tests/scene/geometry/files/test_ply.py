@@ -104,3 +104,33 @@ def test_a_texture_of_an_old_encoding_is_found_by_its_bytes(tmp_path):
     mesh, told = loaded(path)
     assert told == []
     is_quarters(mesh)
+
+
+@pytest.mark.parametrize("kind", ["int", "uint"])
+def test_colours_of_32_bits_none_of_which_is_above_65535_are_of_16(tmp_path, kind):
+    mesh, told = loaded(ply_file(tmp_path, painted(kind, "65535 32768 0")))
+    is_colour(srgb_to_linear(np.array([65535, 32768, 0]) / 65535.0))(mesh)
+    assert told == ["its colours are stored in 32 bits, but none is above 65535: they are taken as such of 16 bits"]
+
+
+def test_colours_of_32_bits_above_65535_have_their_whole_range(tmp_path):
+    mesh, told = loaded(ply_file(tmp_path, painted("uint", "4294967295 65536 0")))
+    is_colour(srgb_to_linear(np.array([1.0, 65536 / 4294967295, 0.0])))(mesh)
+    assert told == []
+
+
+def test_rows_behind_those_that_the_header_counts_are_told(tmp_path):
+    text = ply(XYZ, rows(BOARD), RING, "3 0 1 2")
+    mesh, told = loaded(ply_file(tmp_path, text + "3 0 2 3\n"))
+    assert len(mesh.faces) == 1
+    assert told == ["4 words behind the rows that its header counts are left out"]
+
+
+@pytest.mark.parametrize(("tail", "told"), [
+    (b"", []), (b"\n", []), (b"\0" * 13, ["13 bytes behind the rows that its header counts are left out"])])
+def test_bytes_behind_a_binary_body_are_told(tmp_path, tail, told):
+    head, _, _ = ply(XYZ, rows(BOARD), RING, "3 0 1 2").partition("end_header\n")
+    body = BOARD.astype("<f8").tobytes() + b"\3" + np.array([0, 1, 2], "<i4").tobytes()
+    path = tmp_path / "m.ply"
+    path.write_bytes((head.replace("ascii", "binary_little_endian") + "end_header\n").encode() + body + tail)
+    assert loaded(path)[1] == told

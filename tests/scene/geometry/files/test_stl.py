@@ -50,7 +50,7 @@ def test_the_lines_of_a_text_end_as_on_any_system(tmp_path, end):
 def test_a_text_whose_second_solid_breaks_off_is_refused(tmp_path, line):
     """After every line of the second solid but its last."""
     first, second = solids("a"), solids("b").splitlines(keepends=True)
-    with pytest.raises(InputError, match=r"begins|not 3 each"):
+    with pytest.raises(InputError, match=r"begins|vertices is"):
         load_mesh(saved(tmp_path, first + "".join(second[:line])))
 
 
@@ -60,8 +60,20 @@ def test_a_text_that_breaks_off_within_a_number_is_refused(tmp_path):
 
 
 def test_a_text_with_a_quad_is_refused(tmp_path):
-    with pytest.raises(InputError, match="1 facets of 4 vertices"):
+    with pytest.raises(InputError, match="count of vertices is 4, not 3"):
         load_mesh(saved(tmp_path, solids("a").replace("endloop", "vertex 1 1 0\nendloop")))
+
+
+def test_a_text_with_a_facet_of_4_vertices_and_one_of_2_is_refused(tmp_path):
+    first, second = solids("a"), solids("b")
+    text = first.replace("endloop", "vertex 1 1 0\nendloop") + second.replace("vertex 1 0 0\n", "")
+    with pytest.raises(InputError, match="count of vertices is 4, not 3"):
+        load_mesh(saved(tmp_path, text))
+
+
+def test_a_vertex_outside_of_all_facets_is_refused(tmp_path):
+    with pytest.raises(InputError, match="vertex before its first facet"):
+        load_mesh(saved(tmp_path, solids("a").replace("solid a\n", "solid a\nvertex 0 0 0\n", 1)))
 
 
 def test_a_binary_file_may_begin_as_a_text_does(tmp_path):

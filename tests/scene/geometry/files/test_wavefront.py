@@ -13,6 +13,7 @@ from PIL import Image
 
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.named import named_by
+from varos_warp.scene.geometry.files.obj import read_obj
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.images import srgb_to_linear
 
@@ -238,3 +239,129 @@ def test_a_mask_of_16_bits_has_its_channels(tmp_path):
     Image.fromarray(np.full((2, 2), 20000, np.uint16)).save(tmp_path / "d.png")
     mesh, _ = loaded(obj(tmp_path, USED, "newmtl a\nmap_Kd q.png\nmap_d -imfchan r d.png\n"))
     np.testing.assert_allclose(mesh.skin.pages[0].alpha, 20000 / 257, atol=1.0)
+
+
+@pytest.mark.parametrize(("tail", "expected"), [
+    ("1.0000001 0.5 0", [1.0, 0.5, 0.0]), ("1.001 -1e-4 0", [1.0, 0.0, 0.0]), ("1 0 1", [1.0, 0.0, 1.0]),
+    ("255 51 0", [1.0, 0.2, 0.0]), ("2 0 0", [2 / 255, 0.0, 0.0])])
+def test_colours_are_0_to_1_or_whole_numbers_of_0_to_255(tmp_path, tail, expected):
+    mesh, told = loaded(obj(tmp_path, coloured(tail)))
+    is_colour(srgb_to_linear(np.array(expected)))(mesh)
+    assert told == []
+
+
+@pytest.mark.parametrize("tail", ["1.2 0.5 0", "1.002 0 0", "128.5 0 0", "256 0 0", "-0.1 0 0", "255 -1 0"])
+def test_other_colours_are_refused_but_where_the_scene_has_a_material(tmp_path, tail):
+    path = obj(tmp_path, coloured(tail))
+    with pytest.raises(InputError, match=r"neither within 0\.\.1 nor whole numbers of 0\.\.255") as refusal:
+        load_mesh(path, "objects.0.file")
+    assert (refusal.value.file, refusal.value.key) == (path, "objects.0.file: v")
+    assert len(read_obj(path, with_colours=False).pieces) == 1
+
+
+def test_numbers_stay_in_the_line_that_has_them(tmp_path):
+    """Lines of 6, 3, 9 and 6 numbers are 6 on average."""
+    tails = (" 1 0 0", "", " 1 0 0 0 0 0", " 1 0 0")
+    text = "".join(f"v {x} {y} {z}{tail}\n" for (x, y, z), tail in zip(BOARD, tails, strict=True)) + "f 1 2 3 4\n"
+    mesh, told = loaded(obj(tmp_path, text))
+    np.testing.assert_array_equal(np.unique(mesh.vertices, axis=0), np.unique(BOARD, axis=0))
+    assert any("some of its vertices have no colour" in words for words in told)
+    assert any("vertices of 9 numbers" in words for words in told)
+
+
+def test_coordinates_of_a_texture_stay_in_their_line(tmp_path):
+    """Lines of 2, 1, 3 and 2 numbers are 2 on average; v is 0 where it is missing."""
+    lines = "vt 0 0\nvt 1\nvt 1 1 0\nvt 0 1\n"
+    mesh, told = loaded(obj(tmp_path, V + lines + "usemtl a\n" + QUAD, "newmtl a\nmap_Kd q.png\n"))
+    assert told == []
+    is_quarters(mesh)
+
+
+def test_a_fourth_number_of_a_coordinate_is_told(tmp_path):
+    lines = VT.replace("\n", " 0 7\n", 1)
+    mesh, told = loaded(obj(tmp_path, V + lines + "usemtl a\n" + QUAD, "newmtl a\nmap_Kd q.png\n"))
+    assert told == ["it has texture coordinates (vt) of 4 numbers, of which the first 2 (u v) are taken"]
+    is_quarters(mesh)
+
+
+def test_a_place_of_two_numbers_is_refused(tmp_path):
+    with pytest.raises(InputError, match="a vertex of 2 numbers: 1 2"):
+        load_mesh(obj(tmp_path, "v 0 0 0\nv 1 2\nv 1 2 3 1\nf 1 2 3\n"))
+
+
+def test_a_coordinate_without_numbers_is_refused(tmp_path):
+    with pytest.raises(InputError, match="a texture coordinate of 0 numbers"):
+        load_mesh(obj(tmp_path, V + "vt 0 0\nvt \n" + "usemtl a\nf 1/1 2/1 3/2\n", "newmtl a\nmap_Kd q.png\n"))
+
+
+# ---------------------------------------------------------------------------------------------------------------- maps
+
+
+def test_a_comment_may_follow_the_name_of_a_map(tmp_path):
+    (tmp_path / "m.png").write_bytes(picture(masked_picture()))
+    path = obj(tmp_path, USED, "newmtl a\nmap_Kd q.png # the colour\nmap_d m.png\t# mask\n")
+    mesh, told = loaded(path)
+    is_colour(QUARTERS[0, 1] / 255.0, 0.5, 0.5)(mesh)
+    assert mesh.skin.has_holes
+    assert not any("not there" in words for words in told)
+    assert {tmp_path / "q.png", tmp_path / "m.png"} < {*named_by(path)}
+
+
+def test_a_comment_may_follow_the_name_of_tiles(tmp_path):
+    (tmp_path / "t.1001.png").write_bytes(picture())
+    mesh, told = loaded(obj(tmp_path, USED, "newmtl a\nmap_Kd t.<UDIM>.png # tiles\n"))
+    is_quarters(mesh)
+    assert told == []
+
+
+def test_a_picture_may_have_a_hash_behind_a_blank(tmp_path):
+    path = obj(tmp_path, USED, "newmtl a\nmap_Kd q #1.png\n", name="q #1.png")
+    (tmp_path / "q").write_bytes(b"no picture")
+    is_quarters(loaded(path)[0])
+
+
+@pytest.mark.parametrize(("tail", "expected"), [("", [0.5] * 3), (" 1 0 0", [1, 0, 0])])
+def test_a_mask_cuts_where_the_picture_is_not_there(tmp_path, tail, expected):
+    (tmp_path / "d.png").write_bytes(picture(np.array([[[0] * 3, [255] * 3], [[255] * 3, [255] * 3]])))
+    text = V.replace("\n", f"{tail}\n") + VT + "usemtl a\n" + QUAD
+    mesh, told = loaded(obj(tmp_path, text, "newmtl a\nKd 0.9 0.1 0.1\nmap_Kd gone.png\nmap_d d.png\n"))
+    assert mesh.skin.has_holes
+    alpha = mesh.skin.pages[0].alpha
+    assert (alpha[4, 4], alpha[-4, 4]) == (0, 255)
+    is_colour(expected, 0.5, 0.5)(mesh)
+    assert any("map_Kd gone.png is not there" in words for words in told)
+    assert not any("one colour" in words for words in told)
+
+
+def test_transparency_of_a_map_is_the_reverse_of_its_opacity(tmp_path):
+    """Tr = 1 - d."""
+    (tmp_path / "d.png").write_bytes(picture(np.array([[[0] * 3, [255] * 3], [[255] * 3, [255] * 3]])))
+    mesh, told = loaded(obj(tmp_path, USED, "newmtl a\nKd 1 1 1\nmap_Tr d.png\n"))
+    alpha = mesh.skin.pages[0].alpha
+    assert (alpha[4, 4], alpha[-4, 4]) == (255, 0)
+    assert any("map_Tr of m.mtl is read as a mask: holes where it" in words and "is above 0.5" in words
+               for words in told)
+
+
+@pytest.mark.parametrize(("line", "told"), [
+    ("map_opacity q.png", ["not modelled of m.mtl: map_opacity"]), ("map_Ka q.png", []), ("map_aat on", [])])
+def test_maps_of_other_names_are_told(tmp_path, line, told):
+    assert loaded(obj(tmp_path, V + "usemtl a\nf 1 2 3 4\n", f"newmtl a\nKd 1 1 1\n{line}\n"))[1] == told
+
+
+@pytest.mark.parametrize(("shift", "is_told"), [(-1, True), (0, False), (9, True)])
+def test_coordinates_outside_of_all_tiles_are_told(tmp_path, shift, is_told):
+    for tile in (1001, 1010):
+        (tmp_path / f"t.{tile}.png").write_bytes(picture())
+    lines = "".join(f"vt {u + shift + (shift > 0)} {v}\n" for u, v in UV)
+    told = loaded(obj(tmp_path, V + lines + "usemtl a\n" + QUAD, "newmtl a\nmap_Kd t.<UDIM>.png\n"))[1]
+    assert any("outside of the tiles" in words for words in told) == is_told
+
+
+@pytest.mark.parametrize("value", ["1e300", "-1e12"])
+@pytest.mark.parametrize("name", ["q.png", "-clamp on q.png"])
+def test_coordinates_too_far_away_to_tell_texels_apart_are_refused(tmp_path, value, name):
+    path = obj(tmp_path, V + f"vt {value} 0\nvt 1 0\nvt 1 1\nvt 0 1\n" + "usemtl a\n" + QUAD,
+               f"newmtl a\nmap_Kd {name}\n")
+    with pytest.raises(InputError, match="texture coordinates beyond"):
+        load_mesh(path, "objects.0.file")

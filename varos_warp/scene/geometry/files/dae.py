@@ -45,7 +45,10 @@ class _Reader:
 
     def read(self) -> MeshFile:
         axis, unit = self.root.findtext("asset/up_axis"), self.root.find("asset/unit")
-        self.file.up_axis = AXES.get((axis or "Y_UP").strip(), "y")
+        self.file.up_axis = AXES.get((axis or "Y_UP").strip().upper())
+        if self.file.up_axis is None:
+            self.file.note(f"asset.up_axis is {axis!r}, which COLLADA does not have: Y_UP is taken")
+            self.file.up_axis = "y"
         self.file.unit_m = float(unit.get("meter", 1.0)) if unit is not None else 1.0
         if not (np.isfinite(self.file.unit_m) and self.file.unit_m > 0.0):
             raise InputError("is no length", file=self.file.path, key="asset.unit.meter", value=self.file.unit_m,

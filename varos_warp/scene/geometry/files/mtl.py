@@ -1,4 +1,4 @@
-"""Material libraries of OBJ files (Wavefront MTL), as far as they are modelled: Kd, map_Kd and map_d."""
+"""Material libraries of OBJ files (Wavefront MTL), as far as they are modelled: Kd, map_Kd, map_d and map_Tr."""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +10,14 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.pieces import FileMaterial, Mask, MeshFile, Texture, in_words
-from varos_warp.scene.geometry.files.wavefront import STATEMENTS, joined, name_of, shown, text_of
+from varos_warp.scene.geometry.files.wavefront import (
+    STATEMENTS,
+    joined,
+    name_of,
+    shown,
+    text_of,
+    without_comment,
+)
 
 FLAGS = {"-blendu", "-blendv", "-cc", "-clamp", "-imfchan", "-type", "-texres", "-bm", "-boost"}
 """Options of maps with one value."""
@@ -19,6 +26,8 @@ VECTORS = {"-o", "-s", "-t"}
 IGNORED = {"map_bump": "bump maps", "bump": "bump maps", "norm": "normal maps", "disp": "displacement maps",
            "map_disp": "displacement maps", "map_ke": "emission", "map_ks": "gloss maps", "map_ns": "gloss maps",
            "refl": "reflection maps", "decal": "decals", "map_pm": "metal", "map_pr": "roughness", "map_ps": "sheen"}
+IDLE = ("map_ka", "map_aat")
+"""Maps that change nothing of a Lambertian surface."""
 FACTORS = {"ke": "emission", "pm": "metal", "pr": "roughness", "ps": "sheen", "pc": "clear coat"}
 """What is not modelled, where the numbers are not 0."""
 NAMES = ("newmtl", "map_", *IGNORED)
@@ -27,6 +36,8 @@ MASK_CHANNELS = ("r", "g", "b", "m", "l")
 UDIM = re.compile(r"<UDIM>|<udim>")
 TILES = 10
 """Tiles of a UDIM texture in a row."""
+ROWS = 900
+"""Rows of tiles, whose numbers have four digits."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +53,8 @@ class Map:
     wrap: str = "repeat"
     channel: str = ""
     """Of a mask: -imfchan."""
+    inverted: bool = False
+    """Of a mask: it is a map_Tr, of transparency."""
 
     @property
     def placing(self) -> tuple:
@@ -66,7 +79,7 @@ class MtlMaterial:
     colour: Map | None = None
     """Its map_Kd."""
     mask: Map | None = None
-    """Its map_d."""
+    """Its map_d or map_Tr."""
     opaque: float = 1.0
     ignored: list[str] = field(default_factory=list)
 
@@ -95,7 +108,8 @@ class MtlMaterial:
         if self.colour is not None and base == (0.0, 0.0, 0.0):
             base = (1.0, 1.0, 1.0)
         source = None if self.colour is None else self.colour.of_tile(tile)
-        mask = None if self.mask is None else Mask(self.mask.of_tile(tile), self.mask.channel)
+        mask = None if self.mask is None else Mask(
+            self.mask.of_tile(tile), self.mask.channel, self.mask.inverted)
         name = shown_map.name if tile is None else shown(shown_map.of_tile(tile).name)
         texture = Texture(source, name, (shown_map.wrap,) * 2, mask)
         return FileMaterial(base, 1.0, texture, None if mask is None else 0.5)
@@ -107,9 +121,23 @@ class MtlMaterial:
 
 
 def tiles_of(uv: np.ndarray) -> np.ndarray:
-    """Numbers [F] of the UDIM tiles, from 1001 on, in which the middles of triangles [F, 3, 2] lie."""
-    u, v = np.moveaxis(np.floor(uv.mean(axis=1)).astype(int), 1, 0)
-    return 1001 + np.clip(u, 0, TILES - 1) + TILES * np.clip(v, 0, 899)
+    """Numbers [F] of the UDIM tiles, from 1001 on, in which the middles of triangles [F, 3, 2] lie, or the nearest."""
+    u, v = np.clip(np.nan_to_num(np.floor(uv.mean(axis=1))), 0, (TILES - 1, ROWS - 1)).astype(int).T
+    return 1001 + u + TILES * v
+
+
+def outside_tiles(uv: np.ndarray) -> np.ndarray:
+    """Which of the triangles [F, 3, 2] have their middles in no tile, bool [F]."""
+    middle = uv.mean(axis=1)
+    return ((middle < 0.0) | (middle >= (TILES, ROWS))).any(axis=1)
+
+
+def files_of(path: Path) -> list[Path]:
+    """The pictures of a name that are there: the file itself, or all tiles of a name with <UDIM>."""
+    if not UDIM.search(path.name):
+        return [path] if is_file(path) else []
+    tiles = re.compile(r"\d{4}".join(map(re.escape, UDIM.split(path.name))))
+    return sorted(p for p in path.parent.iterdir() if tiles.fullmatch(p.name)) if path.parent.is_dir() else []
 
 
 def read_mtl(path: Path, file: MeshFile) -> dict[str, MtlMaterial]:
@@ -153,7 +181,7 @@ def _set(current, keyword, rest, path, file):
     elif keyword == "map_kd":
         current.colour = _map("map_Kd", rest, path, current.ignored)
     elif keyword in ("map_d", "map_tr"):
-        current.mask = _map("map_d", rest, path, current.ignored)
+        current.mask = _map("map_d" if keyword == "map_d" else "map_Tr", rest, path, current.ignored)
     elif keyword == "d":
         current.opaque = float(rest.split()[-1])
     elif keyword == "tr":
@@ -162,6 +190,8 @@ def _set(current, keyword, rest, path, file):
         current.ignored.append(IGNORED[keyword])
     elif keyword in FACTORS and any(float(word) != 0.0 for word in rest.split() if _is_number(word)):
         current.ignored.append(FACTORS[keyword])
+    elif keyword.startswith("map_") and keyword not in IDLE:
+        current.ignored.append(keyword)
 
 
 def _colour(rest, path, file):
@@ -184,18 +214,29 @@ def _colour(rest, path, file):
 def _map(keyword, rest, path, ignored) -> Map:
     """A map with its options -s, -o, -clamp, and -imfchan of a mask; others that change it are added to ``ignored``."""
     options, name = _options(rest)
+    name = _name_of_picture(path.parent, name)
     scale, offset = (options.get(key, []) for key in ("-s", "-o"))
     for key, idle in (("-mm", [0.0, 1.0]), ("-t", [0.0, 0.0, 0.0]), ("-cc", "off")):
         given = options.get(key, idle)
         if given != idle and (key != "-t" or any(given)):
             ignored.append(f"{key} of {keyword}")
-    channel = options.get("-imfchan", "") if keyword == "map_d" else ""
+    channel = options.get("-imfchan", "") if keyword != "map_Kd" else ""
     if channel and channel not in MASK_CHANNELS:
         ignored.append(f"-imfchan {channel} of {keyword}")
         channel = ""
-    return Map(path.parent / name.replace("\\", "/"), f"{keyword} {shown(name)}", (*scale, 1.0, 1.0)[:2] if len(
+    return Map(_beside(path.parent, name), f"{keyword} {shown(name)}", (*scale, 1.0, 1.0)[:2] if len(
         scale) != 1 else (scale[0], 1.0), (*offset, 0.0, 0.0)[:2] if len(offset) != 1 else (offset[0], 0.0),
-               "clamp" if options.get("-clamp") == "on" else "repeat", channel)
+               "clamp" if options.get("-clamp") == "on" else "repeat", channel, keyword == "map_Tr")
+
+
+def _name_of_picture(folder, name):
+    """A name; behind a blank, # begins a comment if there is a picture of the name before it, but none of the whole."""
+    bare = without_comment(name).strip('"')
+    return bare if not files_of(_beside(folder, name)) and files_of(_beside(folder, bare)) else name
+
+
+def _beside(folder, name):
+    return folder / name.replace("\\", "/")
 
 
 def _options(rest):
@@ -235,9 +276,10 @@ def _note(materials, path, file):
     if any(material.opaque < 1.0 for material in looks.values()):
         file.note(f"{library} has transparent materials (d or Tr), which are opaque here")
     masked = {name: m for name, m in looks.items() if m.mask is not None}
-    if masked:
-        file.note(f"map_d of {library} is read as a mask: holes where it (its alpha, or else its brightness, if no "
-                  "-imfchan says otherwise) is below 0.5")
+    for keyword, inverted, where in (("map_d", False, "below 0.5"), ("map_Tr", True, "above 0.5, for Tr is 1 - d")):
+        if any(m.mask.inverted == inverted for m in masked.values()):
+            file.note(f"{keyword} of {library} is read as a mask: holes where it (its alpha, or else its brightness, "
+                      f"if no -imfchan says otherwise) is {where}")
     if other := [name for name, m in masked.items() if m.colour is not None and m.colour.placing != m.mask.placing]:
         file.note(f"the options -s, -o, -clamp of map_d and map_Kd of {in_words(other)} differ: those of map_Kd are "
                   "taken for both")

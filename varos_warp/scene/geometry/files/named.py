@@ -12,7 +12,7 @@ from varos_warp.files import beside, is_file
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.survey import BESIDE, Heights
 from varos_warp.scene.file.named_files import named_meshes
-from varos_warp.scene.geometry.files.mtl import UDIM, read_mtl
+from varos_warp.scene.geometry.files.mtl import UDIM, files_of, read_mtl
 from varos_warp.scene.geometry.files.obj import library_paths
 from varos_warp.scene.geometry.files.pieces import MeshFile
 from varos_warp.scene.geometry.files.ply import read_header
@@ -51,11 +51,7 @@ def _of_obj(path: Path) -> list[Path]:
     found = [*libraries]
     for material in [m for library in libraries for m in read_mtl(library, MeshFile(path)).values()]:
         for source in (each.path for each in (material.colour, material.mask) if each is not None):
-            if UDIM.search(source.name):
-                tiles = re.compile(r"\d{4}".join(map(re.escape, UDIM.split(source.name))))
-                found += sorted(p for p in source.parent.iterdir() if tiles.fullmatch(p.name))
-            else:
-                found.append(source)
+            found += files_of(source) if UDIM.search(source.name) else [source]
     return found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
-from varos_warp.scene.geometry.files.mtl import MtlMaterial, read_mtl, tiles_of
+from varos_warp.scene.geometry.files.mtl import MtlMaterial, outside_tiles, read_mtl, tiles_of
 from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
 from varos_warp.scene.geometry.files.wavefront import (
     GEOMETRY,
@@ -23,6 +23,8 @@ from varos_warp.scene.images import srgb_to_linear
 
 FREE_FORM = {b"curv", b"curv2", b"surf", b"cstype", b"trim", b"deg"}
 KEYWORDS = re.compile(rb"^[ \t]*(v|vt|f|fo|usemtl|mtllib|l|p|curv2?|surf|cstype|deg|trim)[ \t]([^\n]*)", re.M)
+ROUNDING = 1e-3
+"""Of a colour that was meant as 1, or as 0, in a text of few digits."""
 CAPITALS = re.compile(rb"^[ \t]*(V|VT|Vt|F|FO|USEMTL|MTLLIB)[ \t]", re.M)
 
 
@@ -30,8 +32,8 @@ def read_obj(path: Path, with_colours: bool) -> MeshFile:
     """Read an OBJ file; it does not say which way is up, nor its unit."""
     file = MeshFile(path)
     text = _Text(path, file)
-    vertices, colours = text.vertices()
-    coordinates = text.numbers(b"vt", 2)
+    vertices, colours = text.vertices(with_colours)
+    coordinates = text.coordinates()
     corners, starts, material = text.faces()
     place = corners[:, 0] - 1
     triangles, polygon = file.triangulated(vertices, place, starts)
@@ -41,7 +43,7 @@ def read_obj(path: Path, with_colours: bool) -> MeshFile:
     for name in dict.fromkeys(material.tolist()):
         chosen = triangles[material[polygon] == name]
         look = looks.get(text.names[name])
-        for piece in _pieces(vertices, colours if with_colours else None, coordinates, corners, chosen, look, file):
+        for piece in _pieces(vertices, colours, coordinates, corners, chosen, look, file):
             file.add(piece)
     return file
 
@@ -69,6 +71,9 @@ def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
         file.check(at, len(coordinates), "texture coordinate")
         uv = look.uv(coordinates[at])
         tile = tiles_of(uv) if look.has_tiles else np.zeros(len(uv), int)
+        if look.has_tiles and outside_tiles(uv).any():
+            file.note(f"some faces with {look.picture.name} lie outside of the tiles (u of 0..10, v of 0..900): they "
+                      "have the nearest")
         for number in np.unique(tile):
             mine = tile == number
             found.append(Piece(vertices, faces[has_uv][mine], look.material(number if look.has_tiles else None),
@@ -131,23 +136,32 @@ class _Text:
                              value=keyword, remedy="Write v, vt, f, usemtl and mtllib, or export it anew.")
         self.file.note(f"its lines that begin with {keyword} are left out: keywords of OBJ are small letters")
 
-    def vertices(self) -> tuple[np.ndarray, np.ndarray | None]:
+    def vertices(self, with_colours: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Places float64 [V, 3], and linear colours float32 [V, 3], of some perhaps NaN; None if no vertex has one."""
-        rows = self._rows[b"v"]
-        widths = np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
+        widths = _widths(self._rows[b"v"])
         if (widths > 3).any():
             self._note_widths(widths)
-        if not (widths >= 6).any():
+        if not (with_colours and (widths >= 6).any()):
             return self.numbers(b"v", 3), None
         values = self.numbers(b"v", 6)
         places, colours = values[:, :3].copy(), values[:, 3:]
         has = (widths >= 6) & np.isfinite(colours).all(axis=1)
-        top = 255.0 if colours[has].max(initial=0.0) > 1.0 else 1.0
         painted = np.full(colours.shape, np.nan, np.float32)
-        painted[has] = srgb_to_linear(np.clip(colours[has] / top, 0.0, 1.0))
+        painted[has] = srgb_to_linear(np.clip(colours[has] / self._white(colours[has]), 0.0, 1.0))
         if not has.all():
             self.file.note("some of its vertices have no colour: they are grey, or as their material is")
         return places, painted
+
+    def _white(self, colours):
+        """The number that is white in colours [N, 3]: 1, or 255 if all are whole and one is above 1."""
+        low, high = colours.min(initial=0.0), colours.max(initial=0.0)
+        if low >= -ROUNDING and high <= 1.0 + ROUNDING:
+            return 1.0
+        if low >= 0.0 and high <= 255.0 and (colours == np.floor(colours)).all():
+            return 255.0
+        raise InputError(f"has colours of vertices from {low:g} to {high:g}, which are neither within 0..1 nor whole "
+                         "numbers of 0..255", file=self.path, key="v",
+                         remedy="Export it with colours of 0 to 1, or give it a material of the scene.")
 
     def _note_widths(self, widths):
         """What of the numbers behind x, y, z is left out: weights that count, alpha, what OBJ does not have."""
@@ -160,20 +174,33 @@ class _Text:
             self.file.note(f"it has vertices of {odd[0]} numbers, of which the first "
                            f"{'3 (x y z)' if odd[0] == 5 else '6 (x y z r g b)'} are taken")
 
+    def coordinates(self) -> np.ndarray:
+        """Coordinates of textures, float64 [N, 2]; v may be missing and is 0, a third number counts in solids alone."""
+        if (most := _widths(self._rows[b"vt"]).max(initial=0)) > 3:
+            self.file.note(f"it has texture coordinates (vt) of {most} numbers, of which the first 2 (u v) are taken")
+        return self.numbers(b"vt", 2)
+
     def numbers(self, keyword: bytes, width: int) -> np.ndarray:
-        """The first ``width`` numbers of each line, float64 [N, width]; of vt, v may be missing and is 0."""
+        """The first ``width`` numbers of each line, float64 [N, width]; those that a line does not have are 0.
+
+        Raises:
+            InputError: A vertex has less than 3 numbers, a texture coordinate none, or words are no numbers.
+        """
         rows = self._rows[keyword]
-        count = len(rows[0].split()) if rows else width
-        if count >= width:
-            values = _flat(rows)
-            if values is not None and len(values) == count * len(rows):
-                return values.reshape(-1, count)[:, :width]
-        out = np.zeros((len(rows), width))
-        for i, row in enumerate(rows):
+        widths = _widths(rows)
+        least, what = (3, "vertex") if keyword == b"v" else (1, "texture coordinate")
+        if (short := np.flatnonzero(widths < least)).size:
+            raise InputError(f"has a {what} of {widths[short[0]]} numbers: "
+                             f"{rows[short[0]][:60].decode('utf-8', 'replace')}", file=self.path,
+                             key=keyword.decode(), remedy="The file is damaged; export it again.")
+        values, starts, out = _flat(rows), np.cumsum(widths) - widths, np.zeros((len(rows), width))
+        if values is not None:
+            for k in range(width):
+                has = widths > k
+                out[has, k] = values[starts[has] + k]
+            return out
+        for i, row in enumerate(rows):  # one word, perhaps behind what is read, is no number
             words = row.split()[:width]
-            if len(words) < 3 and keyword == b"v":
-                raise InputError(f"has a vertex of {len(words)} numbers: {row[:60].decode('utf-8', 'replace')}",
-                                 file=self.path, remedy="The file is damaged; export it again.")
             try:
                 out[i, :len(words)] = [float(word) for word in words]
             except ValueError:
@@ -249,6 +276,11 @@ def library_paths(folder: Path, line: str) -> list[Path]:
     return [folder / name.replace("\\", "/") for name in names] if len(names) > 1 else [whole]
 
 
+def _widths(rows):
+    """How many words each line has, int64 [N]."""
+    return np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
+
+
 def _flat(rows):
     """All numbers of some lines, float64; None if they are not only numbers."""
     try:
@@ -259,7 +291,7 @@ def _flat(rows):
 
 def _corners(rows, path):
     """Numbers int64 [C, 2] of the corners of faces, and how many each has int64 [F]."""
-    counts = np.fromiter(map(len, map(bytes.split, rows)), np.int64, len(rows))
+    counts = _widths(rows)
     words = b" ".join(rows).split()
     slashes = np.fromiter((word.count(b"/") for word in words), np.int64, len(words))
     try:

@@ -24,6 +24,8 @@ def read_off(path: Path, with_colours: bool) -> MeshFile:
     if with_colours and "C" in prefix and len(points):
         colours = _vertex_colours(points, 3 + 3 * ("N" in prefix), file)[faces]
     elif with_colours:
+        if any(len(row) > 3 + 3 * ("N" in prefix) + 2 * ("T" in prefix) for row in points):
+            file.note(f"numbers behind its vertices are left out: colours need a C in the header ({prefix}OFF)")
         colours = _face_colours(polygons, counts, polygon, file)
     file.add(Piece(vertices, faces, None, None, colours))
     return file
@@ -49,8 +51,8 @@ def _rows(path):
 
 def _vertex_colours(rows, first, file):
     """Linear colours float32 [V, 3] of the words behind the coordinates."""
-    words = [row[first:first + 3] for row in rows]
-    if not all(len(row) == 3 for row in words):
+    words = [row[first:first + 4] for row in rows]
+    if not all(len(row) >= 3 for row in words):
         raise InputError("has vertices without the colours that its header promises", file=file.path,
                          remedy="The file is damaged; export it again.")
     return _linear(words, file)
@@ -58,7 +60,7 @@ def _vertex_colours(rows, first, file):
 
 def _face_colours(rows, counts, polygon, file):
     """Linear colours float32 [F, 3, 3] of the words behind the corners of faces; None without any."""
-    words = [row[n + 1:n + 4] for row, n in zip(rows, counts, strict=True)]
+    words = [row[n + 1:n + 5] for row, n in zip(rows, counts, strict=True)]
     if not any(words):
         return None
     if any(len(row) in (1, 2) for row in words):
@@ -73,9 +75,12 @@ def _face_colours(rows, counts, polygon, file):
 
 
 def _linear(words, file):
-    """Colours float32 [N, 3] of rows of words: whole numbers are sRGB of 8 bits, others are linear."""
-    values = np.array(words, float)
-    whole = np.array(["." not in word and "e" not in word.lower() for row in words for word in row]).all()
+    """Colours float32 [N, 3] of rows of 3 words, or 4 with alpha: whole numbers are sRGB of 8 bits, others linear."""
+    values = np.array([row[:3] for row in words], float)
+    whole = np.array(["." not in word and "e" not in word.lower() for row in words for word in row[:3]]).all()
+    if whole and values.max(initial=0.0) == 1.0 and all(float(alpha) <= 1.0 for row in words for alpha in row[3:]):
+        file.note("its colours are whole numbers, but none is above 1: they are taken as real numbers of 0..1")
+        whole = False
     top = 255.0 if whole else 1.0
     if not ((values >= 0.0) & (values <= top)).all():
         raise InputError(f"has colours that are not within 0..{top:g}", file=file.path,

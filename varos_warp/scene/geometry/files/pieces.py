@@ -21,6 +21,8 @@ class Mask:
     path: Path
     channel: str = ""
     """r, g, b, m (alpha) or l (brightness) of it; empty: its alpha, or where that is opaque throughout, brightness."""
+    inverted: bool = False
+    """It is transparency, 1 - alpha."""
 
 
 @dataclass(frozen=True)

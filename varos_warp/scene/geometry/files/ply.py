@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, counted
 from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture, in_words
 from varos_warp.scene.geometry.files.polygons import strip
 from varos_warp.scene.geometry.files.wavefront import shown, text_of
@@ -57,7 +57,7 @@ def read_ply(path: Path, with_colours: bool) -> MeshFile:
     file = MeshFile(path)
     data = path.read_bytes()
     form, elements, textures, start = read_header(data, path)
-    columns = _read_body(data, start, form, elements, path)
+    columns = _read_body(data, start, form, elements, file)
     vertex, face, strips = (_by_small_letters(columns, name) for name in ("vertex", "face", "tristrips"))
     if not all(axis in vertex for axis in "xyz"):
         raise InputError("has no vertices with x, y, z", file=path, remedy="Export a surface as PLY.")
@@ -155,10 +155,11 @@ def _colours(columns, file) -> np.ndarray | None:
     values = np.stack([columns[name] for name in names], axis=1)
     if values.dtype.kind in "iu":
         top, largest = float(np.iinfo(values.dtype).max), values.max(initial=0)
-        if top > 255.0 and 0 < largest <= 255:
-            file.note(f"its colours are stored in {8 * values.dtype.itemsize} bits, but none is above 255: they are "
-                      "taken as such of 8 bits")
-            top = 255.0
+        for bits, white in ((8, 255.0), (16, 65535.0)):
+            if 0 < largest <= white < top:
+                file.note(f"its colours are stored in {8 * values.dtype.itemsize} bits, but none is above {white:.0f}: "
+                          f"they are taken as such of {bits} bits")
+                top = white
         return srgb_to_linear(np.maximum(values / top, 0.0)).astype(np.float32)
     if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
         raise InputError("has colours in real numbers that are not within 0..1", file=file.path, key=names[0],
@@ -232,15 +233,19 @@ def _property(words, path) -> Property:
 # ---------------------------------------------------------------------------------------------------------------- body
 
 
-def _read_body(data, start, form, elements, path) -> dict[str, dict]:
-    """Columns of all elements by name: arrays, or `Lists`."""
+def _read_body(data, start, form, elements, file) -> dict[str, dict]:
+    """Columns of all elements by name: arrays, or `Lists`; what stands behind them is noted."""
     found, at = {}, start
-    words = _AsciiBody(data[start:], path) if form == "ascii" else None
+    words = _AsciiBody(data[start:], file.path) if form == "ascii" else None
     for element in elements:
         if words is not None:
             found[element.name] = words.read(element)
         else:
-            found[element.name], at = _read_binary(data, at, form, element, path)
+            found[element.name], at = _read_binary(data, at, form, element, file.path)
+    rest = len(data[at:] if data[at:].strip() else b"") if words is None else len(words.words) - words.at
+    if rest:
+        file.note(f"{counted(rest, 'byte' if words is None else 'word')} behind the rows that its header counts are "
+                  "left out")
     return found
 
 

@@ -18,6 +18,8 @@ GREY = 0.5
 """Reflectance of what a file has no colour for, as that of a part without material."""
 FAR_UV = 16.0
 """Coordinates beyond are moved by whole repeats of the texture, so that single precision holds them."""
+FARTHEST_UV = 1e9
+"""Coordinates beyond are refused: double precision leaves them less than a thousand places within a texel of 16384."""
 
 
 class Skins:
@@ -68,6 +70,7 @@ class Skins:
 
     def _piece(self, piece):
         """Corner values [F, 3, 2 or 3], page (-1: none) and tints [F, 3, 4] or None of a piece."""
+        piece = self._without_lost_picture(piece)
         material = piece.material if self.file.colours_multiply else self._only_colours_of_vertices(piece)
         fades = material is not None and material.cutoff is not None and piece.colours is not None and (
             piece.colours.shape[-1] == 4)
@@ -86,6 +89,18 @@ class Skins:
         if piece.colours is None:
             return _flat(piece, colour), -1, None
         return (piece.colours[..., :3] * np.float32(colour)).astype(np.float32), -1, None
+
+    def _without_lost_picture(self, piece) -> Piece:
+        """The piece; grey, or as its vertices are, and still cut by its mask, if only its picture is not there."""
+        texture = None if piece.material is None else piece.material.texture
+        if texture is None or texture.mask is None or not _is_lost(texture.source):
+            return piece
+        self._note_lost(texture)
+        base = (GREY if piece.colours is None else 1.0,) * 3
+        return replace(piece, material=replace(piece.material, base=base, texture=replace(texture, source=None)))
+
+    def _note_lost(self, texture):
+        self.file.note(f"{texture.name} is not there ({shown(texture.source.name)}): what it colours is grey")
 
     def _only_colours_of_vertices(self, piece) -> FileMaterial | None:
         """The material of a piece; without its colour if vertices have theirs, which is told where it changes them."""
@@ -125,8 +140,8 @@ class Skins:
     def _read(self, texture):
         key = f"{self.key}: {self.file.path.name}" if self.key else self.file.path.name
         source, mask, key = texture.source, texture.mask, f"{key}: {texture.name}"
-        if isinstance(source, Path) and not is_file(source):
-            self.file.note(f"{texture.name} is not there ({shown(source.name)}): what it colours is grey")
+        if _is_lost(source):
+            self._note_lost(texture)
             return None
         picture = Picture.plain() if source is None else read_picture(source, key)
         if mask is not None and not is_file(mask.path):
@@ -135,8 +150,18 @@ class Skins:
         return picture if mask is None else Picture(picture.texels, _alpha_of(mask, key))
 
 
+def _is_lost(source) -> bool:
+    """Whether a texture is a file that is not there."""
+    return isinstance(source, Path) and not is_file(source)
+
+
 def _alpha_of(mask, key) -> np.ndarray:
-    """Alpha uint8 [H, W] of the channel that a mask names, or which it has."""
+    """Alpha uint8 [H, W] that a mask says."""
+    return 255 - _channel_of(mask, key) if mask.inverted else _channel_of(mask, key)
+
+
+def _channel_of(mask, key) -> np.ndarray:
+    """The channel uint8 [H, W] that a mask names, or which it has."""
     picture = read_picture(mask.path, key)
     alpha = np.full((1, 1), 255, np.uint8) if picture.alpha is None else picture.alpha
     if mask.channel == "m" or (not mask.channel and alpha.min() < 255):
@@ -196,8 +221,12 @@ def shares_outside(pieces: list[Piece]) -> Iterator[tuple[Texture, float]]:
 
 
 def check_finite(pieces: list[Piece], file: MeshFile, key: str | None) -> None:
-    """Refuse texture coordinates that are not finite."""
+    """Refuse texture coordinates that are not finite, or so far away that no texels can be told apart."""
     for piece in pieces:
         if piece.uv is not None and not np.isfinite(piece.uv).all():
             raise InputError("has texture coordinates that are not finite", file=file.path, key=key,
+                             remedy="Unwrap it again, or give it a material of the scene.")
+        if piece.uv is not None and np.abs(piece.uv).max(initial=0.0) > FARTHEST_UV:
+            raise InputError(f"has texture coordinates beyond {FARTHEST_UV:g}", file=file.path, key=key,
+                             value=float(np.abs(piece.uv).max()),
                              remedy="Unwrap it again, or give it a material of the scene.")

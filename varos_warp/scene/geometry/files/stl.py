@@ -74,12 +74,15 @@ def _count_facets(text, path):
     """Facets of a text in small letters and without names, in which all that begins also ends."""
     ends = [bool(match[1]) for match in SOLID.finditer(text)]
     bare = SOLID.sub(b"", text)
-    facets, ended, loops, closed, corners = (len(re.findall(rb"\b" + word + rb"\b", bare)) for word in (
-        b"facet", b"endfacet", b"loop", b"endloop", b"vertex"))
+    facets, ended, loops, closed = (len(re.findall(rb"\b" + word + rb"\b", bare)) for word in (
+        b"facet", b"endfacet", b"loop", b"endloop"))
     for what, begun, over in (("solid", ends.count(False), ends.count(True)), ("facet", facets, ended),
                               ("loop", loops, closed)):
         if begun != over:
             raise InputError(f"begins {counted(begun, what)} and ends {over}", file=path, remedy=AGAIN)
-    if corners != 3 * facets:
-        raise InputError(f"has {facets} facets of {corners} vertices, not 3 each", file=path, remedy=AGAIN)
+    outside, *corners = (part.count(b"vertex") for part in re.split(rb"\bfacet\b", bare))
+    if odd := [count for count in corners if count != 3]:
+        raise InputError(f"has a facet whose count of vertices is {odd[0]}, not 3", file=path, remedy=AGAIN)
+    if outside:
+        raise InputError("has a vertex before its first facet", file=path, remedy=AGAIN)
     return facets

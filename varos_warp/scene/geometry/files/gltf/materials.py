@@ -68,6 +68,8 @@ class Materials:
         mode = block.get("alphaMode", "OPAQUE")
         if mode == "BLEND":
             self.ignored["transparency (alphaMode BLEND)"] = None
+        elif mode not in ("OPAQUE", "MASK"):
+            self.ignored[f"alphaMode {mode!r}, which glTF does not have (OPAQUE, MASK, BLEND)"] = None
         colour = self._factor(factor, key, "baseColorFactor" if older is None else "diffuseFactor")
         cutoff = float(block.get("alphaCutoff", 0.5)) if mode == "MASK" else None
         if info is None:

@@ -157,7 +157,7 @@ class _Reader:
         return self._coloured(stored, vertices, faces, block.get("material"))
 
     def _coloured(self, stored, vertices, faces, material) -> Piece:
-        colours, look = stored.numbers("COLOR_0"), None if material is None else self.materials.look(material)
+        colours, look = self._colours(stored), None if material is None else self.materials.look(material)
         if colours is not None:
             colours = np.clip(colours, 0.0, 1.0).astype(np.float32)[faces]
         uv = None
@@ -169,6 +169,19 @@ class _Reader:
                 uv = np.zeros((len(vertices), 2))
             uv = look.uv(uv)[faces]
         return Piece(vertices, faces, None if look is None else look.material, uv, colours)
+
+    def _colours(self, stored) -> np.ndarray | None:
+        """COLOR_0 as real numbers; integers are unsigned, and stand for 0..1 (section 3.7.2.1)."""
+        values = stored.stored("COLOR_0")
+        if values is None or values.dtype.kind == "f":
+            return values if values is None else values.astype(np.float64)
+        index = stored.block["attributes"]["COLOR_0"]
+        if values.dtype.kind != "u" or values.dtype.itemsize > 2:
+            raise self.document.damaged("is COLOR_0 of a type that glTF does not have there", f"accessors.{index}")
+        if not self.document.get("accessors", index).get("normalized", False):
+            self.file.note("COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken "
+                           "as normalized")
+        return as_numbers(values, True)
 
     def _skinned(self, stored, vertices, index) -> np.ndarray:
         """Vertices where their joints have them (section 3.7.3.3), in the axes of the scene."""
