@@ -52,12 +52,21 @@ UNIT_FOLLOWS = re.compile(r"([\[(]|\bin |\bunits?\b[^.;]{0,40}[ :=,])\s*$")
 """What stands before a unit."""
 RATE = re.compile(r"\s*(/\s*(s|sec|ms|min|h)\b|per\b|\^|\*\*)")
 """What makes a unit a part of another, of speeds for example."""
+OF_TIMES = re.compile(r"\b(t|time|times|timestamps?|stamps?|since)\b|\btime_")
+LONG_TIMES = {"min", "mins", "minute", "minutes", "hour", "hours", "hr", "hrs", "day", "days"}
+"""Units of time that a text about times probably means."""
+PARTED = re.compile(r"\b(milli|centi|deci|kilo|micro|nano)[ -]+(?=met|sec)", re.IGNORECASE)
+"""What stands apart from its unit."""
 WORD = re.compile(r"[^\W\d_]+|[\xb0\xba]")
 GLUED = re.compile(r"([tpq]?[xyz]|t|time|(time)?stamp|pos|position|north(ing)?|east(ing)?|down|up|depth|height"
                    r"|elev(ation)?|alt(itude)?)(?P<unit>mm|cm|dm|km|ft|feet|ms|us|ns|msec|usec|nsec)")
 """A usual name with a unit at its end and no sign between."""
 MARKS = "#%!/; \t"
 """What a remark begins with."""
+LIKE_NAMES = re.compile(r"[,;\t_\[(]")
+"""What names of columns have in them or between them, and plain words mostly not."""
+SEPARATOR_LINE = re.compile(r"\"?sep=.?\"?", re.IGNORECASE)
+"""A first line that tells spreadsheets what stands between cells."""
 LONGEST_REMARK = 20_000
 """Letters of a remark beyond which it names no columns."""
 NAME = re.compile(r'"[^"]*"|\'[^\']*\'|[^\s\[({]+(?:\s*[\[({][^\])}]{0,40}[\])}])?\S*|\S+')
@@ -98,29 +107,42 @@ class Said(NamedTuple):
 
     word: str
     """Its name, of `UNITS`."""
-    is_amount: bool
-    """Whether a number stands before it, as in ``accurate to 5 mm``."""
+    is_doubtful: bool
+    """Whether it may mean something else, as behind a number: ``accurate to 5 mm``."""
 
 
 def units_said(text: str) -> list[Said]:
     """Units that a remark, or the name of a column, has anywhere; those of speeds and the like are left out."""
     found = []
-    for match in WORD.finditer(text[:LONGEST_REMARK]):
+    text = PARTED.sub(r"\1", text[:LONGEST_REMARK])
+    for match in WORD.finditer(text):
         before, word = text[max(0, match.start() - 60):match.start()], match[0].lower()
         glued = GLUED.fullmatch(word)
         word = glued["unit"] if glued else word
         if word not in UNITS or RATE.match(text, match.end()):
             continue
-        short = match[0].isupper() and len(word) == 2  # of a ship, perhaps: MS
-        if (word in UNSURE and not glued) or short:
-            if not (UNIT_FOLLOWS.search(before.lower()) or (short and before[-1:] == "_")):
+        doubtful = bool(re.search(r"\d\s*$", before))
+        if not glued and not _is_surely_a_unit(match[0], before.lower(), text[match.end():match.end() + 60].lower()):
+            if word not in LONG_TIMES or not OF_TIMES.search(text.lower()):
                 continue
-            in_brackets = before[-1:] in ("[", "(") and text[match.end():match.end() + 1] in ("]", ")")
-            is_land = re.match(r"[ _-]*(survey|ft|feet|foot|waters)", text[match.end():].lower())
-            if not in_brackets and (word == "in" or (word == "us" and (is_land or match[0] == "US"))):
-                continue
-        found.append(Said(word, bool(re.search(r"\d\s*$", before))))
+            doubtful = True
+        found.append(Said(word, doubtful))
     return found
+
+
+def _is_surely_a_unit(word: str, before: str, behind: str) -> bool:
+    """Whether the name of a unit is that, and no other word, by what stands around it."""
+    short, word, known = word.isupper() and len(word) == 2, word.lower(), word
+    if word not in UNSURE and not short:
+        return True
+    if before[-1:] in ("[", "(") and behind[:1] in ("]", ")"):
+        return True
+    if word == "in":
+        return bool(re.search(r"\bunits?\b[ :=]*$", before)) and not behind.strip(" .;")
+    if word == "us" and (known == "US" or re.match(r"[ _-]*(survey|ft|feet|foot)", behind)):
+        return False
+    return bool(UNIT_FOLLOWS.search(before) or (short and before[-1:] == "_")
+                or (word in TIMES and re.search(r"\b(t|time|stamp|timestamp)/$", before)))
 
 
 def hidden_unit(name: str, units: Mapping[str, object]) -> str | None:

@@ -43,7 +43,8 @@ def test_a_row_of_units_against_a_name_of_a_column_is_refused(course):
     ("# [s] [mm] [mm]", "mm"), ("# units: mm", "mm"), ("# position in millimetres", "millimetres"),
     ("# t[s] x[mm] y[mm] z[mm] q[xyzw]", "mm"), ("# time(ms) x(mm) y(mm) z(mm) quaternion(x,y,z,w)", "ms"),
     ("# z in cm", "cm"), ("# UNITS: MM", "mm"), ("# X_MM Y_MM", "mm"), ("# time in min", "min"), ("# t [h]", "h"),
-    ("# all in feet", "feet"), ("# fathoms", "fathoms"), ("# tms xmm", "ms"), ("# stamps in us", "us")])
+    ("# all in feet", "feet"), ("# fathoms", "fathoms"), ("# tms xmm", "ms"), ("# stamps in us", "us"), ("# t/h", "h"),
+    ("# unit: in", "in"), ("# x in milli metres", "millimetres"), ("# mm are units of all of these", "mm")])
 def test_a_remark_of_a_unit_that_is_not_followed_is_refused_with_its_line(course, remark, unit):
     error = refusal(course, f"# made by a tracker\n{remark}\n{ROWS}")
     assert (error.line, error.key) == (2, "trajectory.file")
@@ -64,6 +65,29 @@ def test_a_remark_of_a_unit_that_may_mean_something_else_is_told_of(course, rema
     (told,) = course(f"{remark}\n{ROWS}", of="vehicle").messages
     assert "the remark in line 1" in told
     assert "trajectory.columns.position_unit" in told
+
+
+@pytest.mark.parametrize("remark", ["# hours since start", "# time, minutes"])
+def test_a_remark_of_times_with_a_word_for_a_unit_is_told_of(course, remark):
+    (told,) = course(f"{remark}\n{ROWS}", of="vehicle").messages
+    assert "trajectory.columns.time_unit" in told
+
+
+def test_words_that_are_as_many_as_numbered_columns_are_looked_at_for_units(course):
+    error = refusal(course, table("# mm are used here"), columns=COLUMNS, attitude="unrotated")
+    assert (error.line, "in mm, which is not followed" in error.message) == (1, True)
+
+
+def test_the_line_that_tells_spreadsheets_the_separator_is_passed_over(course):
+    stops = course("sep=;\n" + table("t;x;y;z").replace(",", ";"), attitude="unrotated")
+    np.testing.assert_array_equal(stops.position, NUMBERS)
+
+
+def test_a_z_that_is_taken_for_a_depth_by_its_neighbours_is_told_of(course):
+    columns = {"time": "t", "position": ["n", "e", "z"]}
+    (told,) = course(table("t,n,e,z"), columns=columns, attitude="unrotated").messages
+    assert "'z' is taken for a depth" in told
+    assert course(table("t,n,e,z"), columns=columns, attitude="unrotated", frame="ned").messages == ()
 
 
 def test_a_unit_that_the_scene_or_the_header_states_needs_no_remark(course):

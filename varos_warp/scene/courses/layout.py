@@ -18,6 +18,7 @@ from varos_warp.scene.description.vehicle import Trajectory
 from varos_warp.scene.headers import (
     ANGLES,
     LENGTHS,
+    LIKE_NAMES,
     TIMES,
     hidden_unit,
     is_number,
@@ -100,7 +101,8 @@ def layout_of(rows: Sequence[Row], path: Path, course: Trajectory, key: str) -> 
     before = [row for row in rows if row.number < first.number]
     header, names = _header(before, first, separator, course.columns)
     width = len(names) if names else len(split_names(first.text, separator))
-    remarks = Remarks.of(before, header, width, separator, path, key)
+    is_sure = header is None or _names_columns(names, course.columns) or LIKE_NAMES.search(header.text)
+    remarks = Remarks.of(before, header if is_sure else None, width, separator, path, key)
     finder = _Finder(path, key, names, header, course, remarks)
     if course.columns is not None:
         return finder.layout("table", course.columns, separator, width)
@@ -229,9 +231,16 @@ class _Finder:
         used = Used(unit, bool(by_scene and by_scene.time_unit) or bool(parse_name(called[at[0]], TIMES).unit),
                     factors[:3], bool(columns.position_unit) or all(parse_name(name, LENGTHS).unit
                                                                     for name in names[:3]), kind)
-        notes = self.remarks.checked(used)
+        notes = (*self.remarks.checked(used), *self._doubts(names[:3], frame))
         cells = Cells(self.path, self.key, separator, width, at[0], unit, tuple(at[1:]), factors, called)
         return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame, notes)
+
+    def _doubts(self, position: list[str], frame: str | None) -> list[str]:
+        """That a coordinate is taken for a depth because the others are north and east, in this order."""
+        if self.course.frame is not None or frame != "ned" or meaning.ways_of(position)[2] == "down":
+            return []
+        return [f"'{position[2]}' is taken for a depth, for {position[0]} and {position[1]} before it are north and "
+                "east; if it is a height, give trajectory.frame: enu and columns.position in the order east, north, up"]
 
     def _called(self, i: int) -> str:
         """The name of a column, with its unit where a row of units has one."""
@@ -367,7 +376,8 @@ class _Finder:
                            "[qw, qx, qy, qz]}.")
 
     def _error(self, problem: str, remedy: str) -> InputError:
-        return InputError(problem, file=self.path, line=self._line, key=self.key, remedy=remedy)
+        line = self._line or self.remarks.line_of_units
+        return InputError(problem, file=self.path, line=line, key=self.key, remedy=remedy)
 
     @property
     def _line(self) -> int | None:

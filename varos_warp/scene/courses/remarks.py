@@ -58,7 +58,7 @@ class Remarks:
                 if (key := _key_of_other(one, used)) is None:
                     continue
                 where = f"'{row.text:.60}' may say that its numbers are in {one.word}, which is not followed"
-                if not one.is_amount and not any(_is_used(other, used) for other in _alike(one, said)):
+                if not one.is_doubtful and not any(_is_used(other, used) for other in _alike(one, said)):
                     raise InputError(where, file=self.path, line=row.number, key=self.key,
                                      remedy=f"State the unit in trajectory.columns.{key}, or in the header behind the "
                                             "names of the columns, such as x [mm].")

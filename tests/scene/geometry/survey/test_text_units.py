@@ -78,6 +78,7 @@ def test_a_remark_of_a_unit_that_may_mean_something_else_is_told_of(survey, text
 
 def test_a_remark_of_degrees_above_coordinates_that_may_be_degrees_is_refused(survey):
     assert refusal(survey, f"# decimal degrees\n{POINTS}").key == "terrain.unit"
+    assert refusal(survey, f"# lat and lon of WGS 84\n{POINTS}").key == "terrain.unit"
     survey("# slopes are in degrees\n" + POINTS.replace("10 ", "5000 ").replace("11 ", "5001 "))
 
 
@@ -87,3 +88,8 @@ def test_a_unit_inside_the_name_of_a_height_is_refused_unless_it_is_stated(surve
     assert (error.key, f"{name} has 'mm'" in error.message) == ("terrain.height_unit", True)
     facts = survey(f"x y {name}\n{POINTS}", columns=[1, 2, 3], height_unit="m", height_scale=0.001).facts
     np.testing.assert_allclose(facts["heights_m"], [0.003, 0.006], rtol=1e-12)
+
+
+@pytest.mark.parametrize("header", ["x;y;z\n", ""])
+def test_the_line_that_tells_spreadsheets_the_separator_is_passed_over(survey, header):
+    assert survey(f"sep=;\n{header}" + POINTS.replace(" ", ";")).facts["extent_m"] == [10, 20, 11, 21]

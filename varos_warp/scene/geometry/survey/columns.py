@@ -13,7 +13,9 @@ from varos_warp.scene.geometry.survey.crs import refuse_degrees
 from varos_warp.scene.headers import (
     ANGLES,
     LENGTHS,
+    LIKE_NAMES,
     MARKS,
+    SEPARATOR_LINE,
     Name,
     hidden_unit,
     is_geographic,
@@ -55,6 +57,8 @@ class Table:
                     self.remarks = [*self.remarks[1 - MOST_REMARKS:], (number, line)]
                 elif not line.strip():
                     continue
+                elif number == 1 and SEPARATOR_LINE.fullmatch(line.strip()):
+                    self.skip = 1
                 elif self.header is None and not _is_number(next(filter(None, re.split(r"[\s,;]+", line)), "")):
                     self.header, self.skip = line, number
                 else:
@@ -134,7 +138,8 @@ class Table:
                     return names
                 found = found or (place, names)
         if found and asked is not None and not wanted:  # numbers of columns: as many names are theirs
-            del remarks[found[0]]
+            if LIKE_NAMES.search(remarks[found[0]][1]):
+                del remarks[found[0]]
             return found[1]
         for _, remark in reversed(remarks if asked is None else ()):
             words = re.split(r"[\s,;]+", remark.strip().lstrip(MARKS))
@@ -226,14 +231,16 @@ def _checked_remarks(reference: Reference, table: Table, columns: list[int], mid
         said = units_said(remark)
         lengths = [one for one in said if one.word in LENGTHS]
         where = f"line {number}, '{remark.strip()[:60]}', may say that its numbers are in "
-        degrees = [one.word for one in said if one.word in ANGLES and not one.is_amount]
+        words = {*re.split(r"[\W\d_]+", remark.lower())}
+        degrees = ["degrees"] * bool(words & {"lon", "lng", "longitude"} and words & {"lat", "latitude"})
+        degrees += [one.word for one in said if one.word in ANGLES and not one.is_doubtful]
         if degrees and may_be_degrees and not stated:
             raise request.error(f"{where}{degrees[0]}", "Project degrees to metres; or if x and y are lengths, give "
                                 "their unit: m, ft or us_ft.", "unit")
         for one in lengths if not stated else ():
             if np.allclose(used, LENGTHS[one.word], rtol=1e-8):
                 continue
-            if not (one.is_amount or in_part or any(np.allclose(used, LENGTHS[other.word]) for other in lengths)):
+            if not (one.is_doubtful or in_part or any(np.allclose(used, LENGTHS[other.word]) for other in lengths)):
                 raise request.error(f"{where}{one.word}, which is not followed", "Give the unit of the file, m, ft or "
                                     "us_ft, and height_scale if heights have another; or write it behind the names of "
                                     "the columns: x [mm].", "unit")
