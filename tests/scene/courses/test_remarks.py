@@ -143,6 +143,17 @@ def test_a_unit_inside_the_name_of_a_time_is_refused_unless_it_is_stated(course,
     assert stops.time_ns.tolist() == [0, 1_000_000]
 
 
+@pytest.mark.parametrize(("form", "name"), [("euler", "roll_mrad_body"), ("euler_deg", "roll_cdeg_body")])
+def test_a_unit_inside_the_name_of_an_angle_is_refused(course, form, name):
+    text = f"t,x,y,z,{name},b,c\n0,1,2,3,0,0,1\n1,4,5,6,0,0,1\n"
+    assert "by its name" in refusal(course, text, columns=COLUMNS | {form: [5, 6, 7]}).message
+
+
+def test_metres_inside_a_name_are_metres(course):
+    stops = course(table("t,x_metres_map,b,c"), columns=COLUMNS, attitude="unrotated")
+    np.testing.assert_array_equal(stops.position, NUMBERS)
+
+
 @pytest.mark.parametrize("names", ["n,e,altitude", "north,east,alt_msl", "n,e,z_up"])
 def test_altitudes_are_no_depths(course, names):
     columns = {"time": "t", "position": names.split(",")}

@@ -289,7 +289,8 @@ class _Finder:
         """How many metres the unit of a column of the position is."""
         own = parse_name(name, LENGTHS)
         if stated is None:
-            if hidden := None if own.unknown else hidden_unit(name, LENGTHS):
+            hidden = None if own.unknown else hidden_unit(name, LENGTHS)
+            if hidden and LENGTHS[hidden] != 1.0:
                 raise self._error(f"column '{name}' may be in '{hidden}' by its name",
                                   "State the unit in trajectory.columns.position_unit, or end its name with it: [mm].")
             return self._factor(name, LENGTHS, "length")
@@ -311,6 +312,8 @@ class _Finder:
         """How many radians, or degrees, a unit of an angle's column is; refused where it is of the other kind."""
         said = "rad" if kind == "euler" else "deg"
         unit = parse_name(name, ANGLES).unit
+        if (hidden := hidden_unit(name, ANGLES)) and ANGLES[hidden][1] != 1.0:
+            raise self._error(f"column '{name}' may be in '{hidden}' by its name", f"End its name with it: [{hidden}].")
         family = ANGLES[unit][0] if unit else next((word for word, other in (("deg", "deg|°"), ("rad", "rad"))
                                                     if re.search(other, name.lower())), said)
         if family != said:

@@ -278,9 +278,12 @@ def _with_units_of_header(reference: Reference, table: Table, columns: list[int]
 
 
 def _with_hidden_unit(name: str) -> Name:
-    """The parts of a name, where a unit that stands before its end counts as one that is not known."""
+    """The parts of a name, where a unit that stands before its end counts as one that is not known, but metres."""
     parts = parse_name(name, LENGTHS)
-    return parts if parts.unknown else parts._replace(unknown=hidden_unit(name, LENGTHS))
+    hidden = None if parts.unknown else hidden_unit(name, LENGTHS)
+    if hidden and LENGTHS[hidden] == 1.0:
+        return parts._replace(unit=hidden)
+    return parts._replace(unknown=parts.unknown or hidden)
 
 
 def _numbers(table: Table, columns: list[int]) -> np.ndarray:
