@@ -12,9 +12,22 @@ from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.courses import meaning
 from varos_warp.scene.courses.cells import Cells, separator_of
 from varos_warp.scene.courses.lines import REMEDY, Row
+from varos_warp.scene.courses.remarks import Remarks, Used
 from varos_warp.scene.description.recorded import Columns
 from varos_warp.scene.description.vehicle import Trajectory
-from varos_warp.scene.headers import ANGLES, LENGTHS, TIMES, is_number, names_in_remark, parse_name, split_names
+from varos_warp.scene.headers import (
+    ANGLES,
+    LENGTHS,
+    LIKE_NAMES,
+    TIMES,
+    hidden_unit,
+    is_number,
+    names_in_remark,
+    parse_name,
+    split_names,
+    units_in_remark,
+    with_unit,
+)
 
 Names = tuple[str, ...]
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
@@ -60,6 +73,8 @@ class Layout:
     """Whether the file or the scene says in which unit the times are."""
     frame: str | None
     """World axes that the names of its columns tell; None: they tell none."""
+    notes: tuple[str, ...] = ()
+    """What may be wrong, in words."""
 
     @property
     def is_ours(self) -> bool:
@@ -86,19 +101,26 @@ def layout_of(rows: Sequence[Row], path: Path, course: Trajectory, key: str) -> 
     before = [row for row in rows if row.number < first.number]
     header, names = _header(before, first, separator, course.columns)
     width = len(names) if names else len(split_names(first.text, separator))
-    finder = _Finder(path, key, names, header, course)
+    is_sure = header is None or _names_columns(names, course.columns) or LIKE_NAMES.search(header.text)
+    remarks = Remarks.of(before, header if is_sure else None, width, separator, path, key)
+    finder = _Finder(path, key, names, header, course, remarks)
     if course.columns is not None:
         return finder.layout("table", course.columns, separator, width)
     if names:
         return finder.named(separator)
     if width == TUM_COLUMNS and separator in (None, "\t"):
         _check_tum(before, path, key)
-        return _Finder(path, key, ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"], None, course).layout(
-            "TUM", TUM, separator, width)
+        return _Finder(path, key, ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"], None, course,
+                       remarks).layout("TUM", _without_unit(TUM, remarks), separator, width)
     what = ("are poses of KITTI, which have no times" if width == KITTI_COLUMNS and separator is None else
             "have no header that names the columns, and are not those of TUM: t x y z qx qy qz qw, with blanks between")
     raise InputError(f"rows of {width} numbers {what}", file=path, line=first.number, key=key,
                      remedy="Name the columns, in a first line or by their numbers from 1 in trajectory.columns.")
+
+
+def _without_unit(columns: Columns, remarks: Remarks) -> Columns:
+    """The columns of a format, without its unit of time where a row of units has one."""
+    return columns.model_copy(update={"time_unit": None}) if any(unit in TIMES for unit in remarks.units) else columns
 
 
 def _header(before: Sequence[Row], first: Row, separator: str | None, columns: Columns | None
@@ -106,7 +128,7 @@ def _header(before: Sequence[Row], first: Row, separator: str | None, columns: C
     """The line that names the columns and their names, without #; none where there is no such line.
 
     That is the first row that is no remark, or the last remark above it that has a usual name for the time and for the
-    position, or all names of ``columns``.
+    position, or all names of ``columns``; or, where these are numbers, as many names as there are columns.
     """
     names = split_names(first.text, separator)
     if not any(map(is_number, names)):
@@ -114,6 +136,11 @@ def _header(before: Sequence[Row], first: Row, separator: str | None, columns: C
     for row in reversed(before):
         for found in names_in_remark(row.text, len(names), separator):
             if _names_columns(found, columns):
+                return row, found
+    by_number = columns is not None and all(isinstance(column, int) for column in columns.all_of_them)
+    for row in reversed(before if by_number else ()):
+        for found in names_in_remark(row.text, len(names), separator):
+            if not units_in_remark(row.text, len(names), separator):
                 return row, found
     return None, []
 
@@ -148,6 +175,7 @@ class _Finder:
     names: list[str]
     header: Row | None
     course: Trajectory
+    remarks: Remarks
 
     def named(self, separator: str | None) -> Layout:
         """The layout by usual names."""
@@ -178,7 +206,8 @@ class _Finder:
         form, unit = FORMATS.get("".join(usual), ("table", None))
         if form == "TUM" and separator not in (None, "\t"):
             form, unit = "table", None  # much like it, but what wrote it is another program
-        unit = None if {*parse_name(time, TIMES)[1:]} != {None} else unit
+        named = self._called(self.names.index(time))
+        unit = None if {*parse_name(named, TIMES)[1:]} != {None} else unit
         columns = Columns(time=time, time_unit=unit, position=position,
                           quaternion=turn if len(turn) == 4 else None, euler=turn if len(turn) == 3 else None)
         return self.layout(form, columns, separator, len(self.names), turn if len(turn) == len(MATRIX) else ())
@@ -194,19 +223,37 @@ class _Finder:
         if len({*at}) < len(at):
             twice = next(name for i, name in enumerate(wanted) if at.index(at[i]) < i)
             raise self._error(f"column {twice} is to hold two things", "Name each column once in trajectory.columns.")
-        called = {i: self.names[i] if self.names else f"column {i + 1}" for i in at}
+        called = {i: self._called(i) for i in at}
         unit, stated = self._time_unit(columns, at[0])
-        names = [self.names[i] for i in at[1:]] if self.names else []
-        factors, frame = self._meaning(kind, names[:3], names[3:], columns.euler_order)
-        factors = factors or (1.0,) * (len(at) - 1)
+        names = [called[i] for i in at[1:]]
+        factors, frame = self._meaning(kind, names[:3], names[3:], columns)
+        by_scene = self.course.columns
+        used = Used(unit, bool(by_scene and by_scene.time_unit) or bool(parse_name(called[at[0]], TIMES).unit),
+                    factors[:3], bool(columns.position_unit) or all(parse_name(name, LENGTHS).unit
+                                                                    for name in names[:3]), kind)
+        notes = (*self.remarks.checked(used), *self._doubts(names[:3], frame))
         cells = Cells(self.path, self.key, separator, width, at[0], unit, tuple(at[1:]), factors, called)
-        return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame)
+        return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame, notes)
 
-    def _meaning(self, kind: str, position: list[str], turn: list[str], order: str
+    def _doubts(self, position: list[str], frame: str | None) -> list[str]:
+        """That a coordinate is taken for a depth because the others are north and east, in this order."""
+        if self.course.frame is not None or frame != "ned" or meaning.ways_of(position)[2] == "down":
+            return []
+        return [f"'{position[2]}' is taken for a depth, for {position[0]} and {position[1]} before it are north and "
+                "east; if it is a height, give trajectory.frame: enu and columns.position in the order east, north, up"]
+
+    def _called(self, i: int) -> str:
+        """The name of a column, with its unit where a row of units has one."""
+        name = self.names[i] if self.names else f"column {i + 1}"
+        unit = self.remarks.units[i] if self.remarks.units else ""
+        if (named := with_unit(name, unit)) is None:
+            raise self._error(f"column '{name}' is in '{unit}' by the remark in line {self.remarks.line_of_units}",
+                              "Leave one of the two units out.")
+        return named
+
+    def _meaning(self, kind: str, position: list[str], turn: list[str], columns: Columns
                  ) -> tuple[tuple[float, ...], str | None]:
-        """What numbers are multiplied by, and the frame that names tell; nothing where there are no names."""
-        if not position:
-            return (), None
+        """What numbers are multiplied by, and the frame that names tell."""
         if found := meaning.geographic_position(position):
             raise self._error(*found)
         self._check_order(position, "xyz", "position")
@@ -219,12 +266,14 @@ class _Finder:
                 "Name them in that order, or give another trajectory.frame")
             raise self._error(f"columns of the position are {', '.join(position)}, but of frame {frame} they are "
                               f"{', '.join(meaning.FRAMES[frame])}", f"{named}.")
-        factors = [self._factor(name, LENGTHS, "length") for name in position]
+        if self.course.frame is None and (half := meaning.frame_is_half_told(position)):
+            raise self._error(*half)
+        factors = [self._length(name, columns.position_unit) for name in position]
         if kind == "quaternion":
             self._check_order(turn, "wxyz", "quaternion")
         if not kind.startswith("euler"):
             return (*factors, *[1.0] * len(turn)), frames[0] if len(frames) == 1 else None
-        if found := meaning.order_of_angles(turn, order, self._body(frames)):
+        if found := meaning.order_of_angles(turn, columns.euler_order, self._body(frames)):
             raise self._error(*found)
         factors += [self._factor_of_angle(kind, name) for name in turn]
         return tuple(factors), frames[0] if len(frames) == 1 else None
@@ -235,6 +284,20 @@ class _Finder:
             return None
         ned = "ned" in (self.course.frame, *frames[:len(frames) == 1])
         return self.course.body or ("frd" if ned else "flu")
+
+    def _length(self, name: str, stated: str | None) -> float:
+        """How many metres the unit of a column of the position is."""
+        own = parse_name(name, LENGTHS)
+        if stated is None:
+            hidden = None if own.unknown else hidden_unit(name, LENGTHS)
+            if hidden and LENGTHS[hidden] != 1.0:
+                raise self._error(f"column '{name}' may be in '{hidden}' by its name",
+                                  "State the unit in trajectory.columns.position_unit, or end its name with it: [mm].")
+            return self._factor(name, LENGTHS, "length")
+        if own.unit and LENGTHS[own.unit] != LENGTHS[stated]:
+            raise self._error(f"column '{name}' is in {own.unit} by its name, in {stated} by columns.position_unit",
+                              "Leave one of them out.")
+        return LENGTHS[stated]
 
     def _factor(self, name: str, units: Mapping[str, float], what: str) -> float:
         """How many metres, or the like, a unit of a column is."""
@@ -249,6 +312,8 @@ class _Finder:
         """How many radians, or degrees, a unit of an angle's column is; refused where it is of the other kind."""
         said = "rad" if kind == "euler" else "deg"
         unit = parse_name(name, ANGLES).unit
+        if (hidden := hidden_unit(name, ANGLES)) and ANGLES[hidden][1] != 1.0:
+            raise self._error(f"column '{name}' may be in '{hidden}' by its name", f"End its name with it: [{hidden}].")
         family = ANGLES[unit][0] if unit else next((word for word, other in (("deg", "deg|°"), ("rad", "rad"))
                                                     if re.search(other, name.lower())), said)
         if family != said:
@@ -276,17 +341,30 @@ class _Finder:
 
     def _time_unit(self, columns: Columns, at: int) -> tuple[str, bool]:
         """Unit of the times, and whether it is stated."""
-        name = self.names[at] if self.names else ""
+        name = self._called(at)
+        self._check_one_time(name)
         found = parse_name(name, TIMES)
         if columns.time_unit is None and found.unknown:
             raise self._error(f"column '{name}' is in '{found.unknown}', which is no unit of time that is known",
                               "State the unit in trajectory.columns.time_unit: s, ms, us, ns, min or h.")
+        if columns.time_unit is None and (hidden := hidden_unit(name, TIMES)) and TIMES[hidden] != "s":
+            raise self._error(f"column '{name}' may be in '{hidden}' by its name",
+                              "State the unit in trajectory.columns.time_unit, or end its name with it: t [ms].")
         named = TIMES[found.unit] if found.unit else None
         if named and columns.time_unit not in (None, named):
             raise self._error(f"column '{name}' is in {named} by its name, in {columns.time_unit} by "
                               "columns.time_unit", "Leave one of them out.")
         unit = columns.time_unit or named
         return unit or "s", unit is not None
+
+    def _check_one_time(self, name: str) -> None:
+        """Refuse whole seconds beside a column of the rest, as messages of ROS have them."""
+        if not (seconds := re.fullmatch(r"(.*?)secs?", name.strip().lower())):
+            return
+        part = re.compile(re.escape(seconds[1]) + r"(n|nano|u|micro)secs?")
+        if rest := next((other for other in self.names if part.fullmatch(other.strip().lower())), None):
+            raise self._error(f"column '{name}' has whole seconds, and '{rest}' the rest of the time",
+                              "Write one column of times, such as t_ns = 1000000000 sec + nanosec.")
 
     def _check_order(self, columns: Sequence[str], letters: str, key: str) -> None:
         """Refuse names whose last letters say another order than the key asks for."""
@@ -301,7 +379,8 @@ class _Finder:
                            "[qw, qx, qy, qz]}.")
 
     def _error(self, problem: str, remedy: str) -> InputError:
-        return InputError(problem, file=self.path, line=self._line, key=self.key, remedy=remedy)
+        line = self._line or self.remarks.line_of_units
+        return InputError(problem, file=self.path, line=line, key=self.key, remedy=remedy)
 
     @property
     def _line(self) -> int | None:

@@ -7,6 +7,7 @@ from typing import NamedTuple, TextIO
 
 from varos_warp.errors import InputError
 from varos_warp.files import require_file
+from varos_warp.scene.headers import SEPARATOR_LINE
 
 BLOCK = 1 << 22
 """Characters that are read at a time."""
@@ -23,8 +24,8 @@ class Row(NamedTuple):
 
     @property
     def is_comment(self) -> bool:
-        """Whether it begins with #."""
-        return self.text.startswith("#")
+        """Whether it begins with #, or is what spreadsheets write above a table, ``sep=;``."""
+        return self.text.startswith("#") or (self.number == 1 and bool(SEPARATOR_LINE.fullmatch(self.text.strip())))
 
 
 def rows_of(path: Path, key: str) -> Iterator[list[Row]]:

@@ -10,7 +10,11 @@ DIRECTIONS = {
     **dict.fromkeys(("n", "north", "northing", "northings", "utm_n", "utm_north", "utm_northing"), "north"),
     **dict.fromkeys(("u", "up", "height", "elev", "elevation"), "up"),
     **dict.fromkeys(("d", "down", "depth"), "down")}
-"""Which way a coordinate grows, by its name. Altitude is none: of vehicles in water it is that above the bottom."""
+"""Which way a coordinate grows, by its name, by which a position is found, too.
+
+Altitude is none: of vehicles in water it is that above the bottom."""
+WAYS = {**{word: way for word, way in DIRECTIONS.items() if len(word) > 1}, "alt": "up", "altitude": "up"}
+"""Which way a coordinate of a position grows, by a word of its name."""
 FRAMES = {"enu": ("east", "north", "up"), "ned": ("north", "east", "down")}
 """Which way the axes of a frame point."""
 TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "heading": "yaw", "hdg": "yaw", "azimuth": "yaw"}
@@ -30,9 +34,40 @@ def base(name: str) -> str:
     return re.sub(r"^(pos|position)[_ .]", "", parse_name(name, LENGTHS).base)
 
 
+def ways_of(names: Sequence[str]) -> list[str | None]:
+    """Which way each coordinate of a position grows, by the name of its column; None: that does not say."""
+    return [_way(name) for name in names]
+
+
+def _way(name: str) -> str | None:
+    if way := DIRECTIONS.get(base(name)):
+        return way
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+    words = [word for word in re.split(r"[\W\d_]+", parse_name(parted, LENGTHS).base) if word]
+    ways = {WAYS[word] for word in words if word in WAYS}
+    if len(ways) == 1:
+        return ways.pop()
+    letters = [word[-1] for word in words if re.fullmatch(r"[tp]?[xyz]", word)]
+    frames = [word for word in words if word in FRAMES]
+    if len(frames) == len(letters) == 1:
+        return FRAMES[frames[0]]["xyz".index(letters[0])]
+    short = re.fullmatch(r"(?:p|pos)_?([nedu])", "_".join(words))
+    return DIRECTIONS[short[1]] if short else None
+
+
+def frame_is_half_told(names: Sequence[str]) -> Found | None:
+    """That names of a position say that it is ned by its depth alone, and not which columns are north and east."""
+    ways = ways_of(names)
+    if frames_told(names) != ["ned"] or ways[:2] == ["north", "east"]:
+        return None
+    down = next((name for name, way in zip(names, ways, strict=True) if way == "down"), names[2])
+    return (f"its positions may be ned by '{down}', but {', '.join(names[:2])} do not both say whether they are north "
+            "or east", "Say trajectory.frame: ned, and columns.position in the order north, east, down.")
+
+
 def frames_told(names: Sequence[str]) -> list[str]:
     """Frames whose axes point as the names of the columns of x, y and z say; both where they say nothing."""
-    ways = [DIRECTIONS.get(base(name)) for name in names]
+    ways = ways_of(names)
     return [frame for frame, axes in FRAMES.items()
             if all(way in (None, axis) for way, axis in zip(ways, axes, strict=True))]
 

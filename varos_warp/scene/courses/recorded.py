@@ -103,7 +103,7 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
         raise InputError("is not before the last pose", key="trajectory.start_s", value=course.start_s,
                          remedy=f"The poses of the file last {seconds[-1]:g} s.")
     turned = _attitudes(layout, course, lines, values[:, 3:])
-    told = [*doubts.gaps(seconds, step_s, lines), *doubts.whole_times(layout, seconds, step_s),
+    told = [*layout.notes, *doubts.gaps(seconds, step_s, lines), *doubts.whole_times(layout, seconds, step_s),
             *doubts.odd_angles(layout, turned, values[:, 3:]), *doubts.whose_poses(layout, course)]
     place, turned, changes = _poses(scene, layout, seconds, values[:, :3], turned)
     stated = _stated(course, layout)

@@ -38,6 +38,8 @@ class Columns(Block):
     """Unit of the times. Absent: what the name of the column says, else s."""
     position: tuple[Column, Column, Column] = Field(examples=[["x", "y", "z"]])
     """Position along the three axes of ``frame``, x, y, z or north, east, down [m]."""
+    position_unit: Literal["m", "dm", "cm", "mm", "km", "ft", "us_ft"] | None = Field(default=None, examples=["mm"])
+    """Unit of the position. Absent: what the names of its columns say, else m."""
     quaternion: tuple[Column, Column, Column, Column] | None = Field(default=None, examples=[["qw", "qx", "qy", "qz"]])
     """Attitude as a Hamilton quaternion w, x, y, z. Absent: ``euler``, ``euler_deg``, or none."""
     euler: tuple[Column, Column, Column] | None = Field(default=None, examples=[["roll", "pitch", "yaw"]])
@@ -54,7 +56,7 @@ class Columns(Block):
         turn = next(filter(None, (self.quaternion, self.euler, self.euler_deg)), ())
         return [self.time, *self.position, *turn]
 
-    _written = unwritten_if_absent("time_unit", "quaternion", "euler", "euler_deg")
+    _written = unwritten_if_absent("time_unit", "position_unit", "quaternion", "euler", "euler_deg")
 
     @model_validator(mode="after")
     def _one_attitude(self):

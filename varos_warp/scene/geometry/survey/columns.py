@@ -10,7 +10,23 @@ from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.asc import reference_beside
 from varos_warp.scene.geometry.survey.content import Cloud, Reference, Request
 from varos_warp.scene.geometry.survey.crs import refuse_degrees
-from varos_warp.scene.headers import LENGTHS, MARKS, is_geographic, names_in_remark, parse_name, split_names
+from varos_warp.scene.headers import (
+    ANGLES,
+    LENGTHS,
+    LIKE_NAMES,
+    MARKS,
+    SEPARATOR_LINE,
+    Name,
+    hidden_unit,
+    is_geographic,
+    is_number,
+    names_in_remark,
+    parse_name,
+    split_names,
+    units_in_remark,
+    units_said,
+    with_unit,
+)
 
 COMMENTS = ("#", "//", "%", "!")
 NAMES = (
@@ -22,6 +38,8 @@ FEET = re.compile(r"(?<![a-z])(ft|feet|foot|ftus|us_ft)(?![a-z])")
 MISSING = ("", "na", "n/a", "null", "none", "nodata")
 """What a cell without a height holds, besides NaN."""
 MOST_LINE = 100_000
+ROWS_LOOKED_AT = 100
+"""Rows whose first cells tell whether they are names of rows."""
 MOST_REMARKS = 100
 """Remarks above the points that are looked at for names, the last ones."""
 
@@ -31,20 +49,24 @@ class Table:
 
     def __init__(self, request: Request):
         self.request, self.header, self.skip, self.delimiter, self.comma = request, None, 0, None, False
-        remarks: list[str] = []
+        self.remarks: list[tuple[int, str]] = []
+        self.units: list[str] = []
         with request.path.open(encoding="utf-8-sig", errors="replace") as file:
             for number, line in enumerate(iter(lambda: file.readline(MOST_LINE), ""), 1):
                 if line.lstrip().startswith(COMMENTS):
-                    remarks = [*remarks[1 - MOST_REMARKS:], line]
+                    self.remarks = [*self.remarks[1 - MOST_REMARKS:], (number, line)]
                 elif not line.strip():
                     continue
+                elif number == 1 and SEPARATOR_LINE.fullmatch(line.strip()):
+                    self.skip = 1
                 elif self.header is None and not _is_number(next(filter(None, re.split(r"[\s,;]+", line)), "")):
                     self.header, self.skip = line, number
                 else:
                     line = line.strip(" \r\n")  # a tab may end an empty cell
                     self._divide(line)
                     self.width = len(self.words(line))
-                    self.names = self._names_of_header(line) if self.header else self._names_of(remarks)
+                    self._read_remarks()
+                    self.names = self._names_of_header(line, file) if self.header else self._names_of(self.remarks)
                     return
         raise request.error("there are no points in it", "Give lines of x, y and height.")
 
@@ -58,9 +80,28 @@ class Table:
             raise self.request.error("its commas may be decimal commas or stand between columns",
                                      "Write decimal points, or ; between columns.")
 
-    def _names_of_header(self, line: str) -> list[str]:
+    def _read_remarks(self) -> None:
+        """Take the units of the columns from the last remark that has a row of them."""
+        for place, (_, remark) in reversed([*enumerate(self.remarks)]):
+            if units := units_in_remark(remark.strip().lstrip(MARKS), self.width, self.delimiter):
+                self.units = units
+                del self.remarks[place]
+                return
+
+    def called(self, i: int) -> str:
+        """The name of a column, with its unit where a row of units has one."""
+        name = self.names[i] if self.names else f"column {i + 1}"
+        if (named := with_unit(name, self.units[i] if self.units else "")) is None:
+            raise self.request.error(f"column '{name}' is in '{self.units[i]}' by a remark",
+                                     "Leave one of the two out.")
+        return named
+
+    def _names_of_header(self, line: str, file) -> list[str]:
         """Names of the columns by the header; where rows have one cell more, the first is R's name of the row."""
-        header = (self.header or "").strip()
+        header = (self.header or "").strip(" \r\n")
+        names = split_names(header, self.delimiter)
+        if len(names) == self.width and not names[0] and not any(map(is_number, names)):
+            return names  # the first has none, as pandas writes it
         for names in names_in_remark(header, self.width, self.delimiter):
             return names
         names, cells = split_names(header, self.delimiter), line.split(self.delimiter)
@@ -68,7 +109,7 @@ class Table:
             if not cells[-1].strip():
                 self.width -= 1  # what a last separator parts is nothing
                 return names
-            if re.fullmatch(r"\s*(\d+|\".*\"|'.*'|[^\W\d]\S*)\s*", cells[0]):
+            if self._are_names_of_rows([line, *(file.readline(MOST_LINE) for _ in range(ROWS_LOOKED_AT))]):
                 return ["", *names]
         asked = self.request.asked.columns
         if asked is not None and all(isinstance(column, int) for column in asked):
@@ -76,20 +117,34 @@ class Table:
         raise self.request.error(f"its header '{header[:80]}' does not name {self.width} columns, as many as the rows "
                                  "have", "Give the numbers of the columns from 1, such as [1, 2, 3].", "columns")
 
-    def _names_of(self, remarks: list[str]) -> list[str]:
+    def _are_names_of_rows(self, lines: list[str]) -> bool:
+        """Whether first cells are names of rows, as R writes them: quoted, or words, or 1, 2, 3 and so on."""
+        cells = [line.strip(" \r\n").split(self.delimiter)[0].strip() for line in lines
+                 if line.strip() and not line.lstrip().startswith(COMMENTS)]
+        counted = all(cell == str(i) for i, cell in enumerate(cells, 1))
+        return counted or all(re.fullmatch(r"\".*\"|'.*'|[^\W\d]\S*", cell) for cell in cells)
+
+    def _names_of(self, remarks: list[tuple[int, str]]) -> list[str]:
         """Names of the columns by the last remark that tells which are x, y and height; empty where none does."""
         asked = self.request.asked.columns
         wanted = [column.lower() for column in asked or () if isinstance(column, str)]
-        for remark in reversed(remarks):
+        found: tuple[int, list[str]] | None = None
+        for place, (_, remark) in reversed([*enumerate(remarks)]):
             for names in names_in_remark(remark, self.width, self.delimiter):
                 bare = _bare(names)
                 if (wanted and {*wanted} <= {*bare, *map(str.lower, names)}) or (
                         not wanted and (None not in _places(bare) or any(map(is_geographic, names)))):
+                    del remarks[place]
                     return names
-        for remark in reversed(remarks if asked is None else ()):
+                found = found or (place, names)
+        if found and asked is not None and not wanted:  # numbers of columns: as many names are theirs
+            if LIKE_NAMES.search(remarks[found[0]][1]):
+                del remarks[found[0]]
+            return found[1]
+        for _, remark in reversed(remarks if asked is None else ()):
             words = re.split(r"[\s,;]+", remark.strip().lstrip(MARKS))
-            found = [place for name in _bare(words) for place, known in enumerate(NAMES) if name in known]
-            if len({*found}) == 3 and found[:3] != [0, 1, 2]:
+            places = [place for name in _bare(words) for place, known in enumerate(NAMES) if name in known]
+            if len({*places}) == 3 and places[:3] != [0, 1, 2]:
                 raise self.request.error(f"the remark '{remark.strip()[:80]}' may name its columns, which are not x, y "
                                          "and height in this order", "Give their numbers from 1, such as [2, 1, 3].",
                                          "columns")
@@ -156,7 +211,41 @@ def read_points(request: Request) -> Cloud:
         raise request.error("there are no points in it", "Give lines of x, y and height.")
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     reference = reference_beside(request, (middle[0], middle[1]))
-    return Cloud(points, _with_units_of_header(reference, table, columns), notes)
+    reference = _with_units_of_header(reference, table, columns)
+    return Cloud(points, reference, [*notes, *_checked_remarks(reference, table, columns, middle)])
+
+
+def _checked_remarks(reference: Reference, table: Table, columns: list[int], middle: np.ndarray) -> list[str]:
+    """Notes of what remarks say of units that is not followed.
+
+    Raises:
+        InputError: One says another unit of length than the file is read in, or that coordinates are degrees.
+    """
+    asked, request = table.request.asked, table.request
+    stated = all(parse_name(table.called(i), LENGTHS).unit for i in columns) or asked.unit is not None
+    in_part = asked.height_unit is not None or asked.height_scale is not None
+    may_be_degrees = abs(middle[0]) <= 360.0 and abs(middle[1]) <= 90.0 and reference.name is None
+    unit = reference.unit_m or 1.0
+    used, notes = [unit, reference.height_unit_m or unit], []
+    for number, remark in table.remarks:
+        said = units_said(remark)
+        lengths = [one for one in said if one.word in LENGTHS]
+        where = f"line {number}, '{remark.strip()[:60]}', may say that its numbers are in "
+        words = {*re.split(r"[\W\d_]+", remark.lower())}
+        degrees = ["degrees"] * bool(words & {"lon", "lng", "longitude"} and words & {"lat", "latitude"})
+        degrees += [one.word for one in said if one.word in ANGLES and not one.is_doubtful]
+        if degrees and may_be_degrees and not stated:
+            raise request.error(f"{where}{degrees[0]}", "Project degrees to metres; or if x and y are lengths, give "
+                                "their unit: m, ft or us_ft.", "unit")
+        for one in lengths if not stated else ():
+            if np.allclose(used, LENGTHS[one.word], rtol=1e-8):
+                continue
+            if not (one.is_doubtful or in_part or any(np.allclose(used, LENGTHS[other.word]) for other in lengths)):
+                raise request.error(f"{where}{one.word}, which is not followed", "Give the unit of the file, m, ft or "
+                                    "us_ft, and height_scale if heights have another; or write it behind the names of "
+                                    "the columns: x [mm].", "unit")
+            notes.append(f"{where}{one.word}, which is not followed; unit: and height_scale: state it")
+    return [*dict.fromkeys(notes)]
 
 
 def _with_units_of_header(reference: Reference, table: Table, columns: list[int]) -> Reference:
@@ -165,10 +254,10 @@ def _with_units_of_header(reference: Reference, table: Table, columns: list[int]
     Raises:
         InputError: They are not the same along x and y, or not those of the file beside it, or there is a scale, too.
     """
-    if not table.names:
+    if not (table.names or table.units) or max(columns) >= table.width:
         return reference
-    request, named = table.request, [table.names[i] for i in columns]
-    x, y, z = (parse_name(name, LENGTHS) for name in named)
+    request, named = table.request, [table.called(i) for i in columns]
+    x, y, z = (_with_hidden_unit(name) for name in named)
     unknown, unknown_height = next(filter(None, (x.unknown, y.unknown)), None), z.unknown
     sizes = {LENGTHS[axis.unit] for axis in (x, y) if axis.unit}
     if reference.unit_m is not None and sizes:
@@ -186,6 +275,15 @@ def _with_units_of_header(reference: Reference, table: Table, columns: list[int]
     return replace(reference, unknown_unit=(unknown and f"a column has '{unknown}'") or reference.unknown_unit,
                    unknown_height_unit=(unknown_height and f"{named[2]} has '{unknown_height}'")
                    or reference.unknown_height_unit)
+
+
+def _with_hidden_unit(name: str) -> Name:
+    """The parts of a name, where a unit that stands before its end counts as one that is not known, but metres."""
+    parts = parse_name(name, LENGTHS)
+    hidden = None if parts.unknown else hidden_unit(name, LENGTHS)
+    if hidden and LENGTHS[hidden] == 1.0:
+        return parts._replace(unit=hidden)
+    return parts._replace(unknown=parts.unknown or hidden)
 
 
 def _numbers(table: Table, columns: list[int]) -> np.ndarray:
@@ -222,12 +320,12 @@ def _columns(table: Table) -> list[int]:
         columns = [_column(column, i, table.names, bare, request) for i, column in enumerate(asked.columns)]
     else:
         columns = _known_columns(table, bare) if table.names else [0, 1, 2]
-    if not table.names or max(columns) >= len(bare):
+    if not (table.names or table.units) or max(columns) >= table.width:
         return columns
-    named = [table.names[i].lower() for i in columns]
+    named = [table.called(i).lower() for i in columns]
     if degrees := [name for name in named[:2] if is_geographic(name)]:
         refuse_degrees(request, f"a column is called {degrees[0]}")
-    if "depth" in bare[columns[2]] and asked.positive is None:
+    if table.names and "depth" in bare[columns[2]] and asked.positive is None:
         raise request.error("its heights are called depth, which may grow up or down", "Give down if they are positive "
                             "below the surface, or up.", "positive")
     if (feet := [name for name in named if FEET.search(name)]) and asked.unit is None and asked.height_unit is None:
