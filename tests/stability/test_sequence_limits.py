@@ -10,10 +10,11 @@ from typer.testing import CliRunner
 from varos_warp.cli import app
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.sim import clock, driving, guidance
+from varos_warp.sim import clock, guidance
 from varos_warp.sim.clock import LONGEST_S, TICK_S
 from varos_warp.sim.guidance import BLOCK_TICKS, Guidance, plan
 from varos_warp.sim.trajectory import simulate
+from varos_warp.sim.vehicle import flight
 
 DAY = 86_400.0
 
@@ -75,7 +76,7 @@ def test_a_rate_of_less_than_a_sample_a_day_is_refused(rate, block, key):
 
 
 def test_a_vehicle_that_waits_longer_than_a_day_is_stopped_with_the_waypoint_it_waits_at(monkeypatch):
-    monkeypatch.setattr(driving, "MAX_TICKS", 4000)
+    monkeypatch.setattr(flight, "MAX_TICKS", 4000)
     scene = scene_from_dict({"trajectory": {"waypoints": [{"position": (0, 0, 0)}, {"position": (0, 1, 0)}],
                                             "handover_timeout_s": 1e9}, "current": {"velocity": (3.0, 0.0, 0.0)}})
     error = refusal(scene)
