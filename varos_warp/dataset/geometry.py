@@ -1,14 +1,10 @@
 """The geometry of a dataset's scene, made anew."""
 
-from weakref import WeakKeyDictionary
-
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import scene_from_dict
-
-_KEPT: WeakKeyDictionary[Dataset, tuple[Scene, list]] = WeakKeyDictionary()
 
 
 def rebuilt(data: Dataset) -> tuple[Scene, list]:
@@ -19,9 +15,7 @@ def rebuilt(data: Dataset) -> tuple[Scene, list]:
     Raises:
         InputError: If a file that it names is not at hand, or not as it was when the dataset was made.
     """
-    if data not in _KEPT:
-        _KEPT[data] = _rebuilt(data)
-    return _KEPT[data]
+    return data._once("geometry", lambda: _rebuilt(data))
 
 
 def _rebuilt(data):

@@ -125,7 +125,7 @@ class DeviceScene:
             medium=bool(self.water.sigma_s.any()), surfaces=bool(parts),
             instances=not self.joins_copies or bool(self.moving), textures=any(is_textured(part) for part in parts),
             masks=any(part.has_holes for part in parts))
-        """What is present, for which kernels are compiled; `seen_by` a camera, of its optics too."""
+        """What is present, for which kernels are compiled; of a camera's optics the images know."""
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
         self.poses: Poses = lambda offset_ns: {}

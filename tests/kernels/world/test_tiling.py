@@ -14,7 +14,8 @@ from varos_warp.kernels.world import tiling
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.images import linear
-from varos_warp.scene.materials.textures import bake_ground, map_pyramid, reflectance_pyramid, tile_pyramid
+from varos_warp.scene.materials import textures
+from varos_warp.scene.materials.textures import bake_ground, map_pyramid, tile_pyramid
 
 DOWN = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Attitude of a vehicle that looks down."""
@@ -45,6 +46,12 @@ def mapped(pyramid, x, footprint):
 
 def tiles(pyramid, p, n=(0.0, 0.0, 1.0), footprint=0.0):
     return run(sample_tiles, [pyramid.upload("cpu"), np.asarray(p, np.float32), wp.vec3(*n), footprint], [wp.vec3])
+
+
+def reflectance_pyramid(reflectance):
+    """Pyramid of linear reflectances [H, W, 3], which pictures hold with 8 bits only."""
+    levels = textures._levels(np.asarray(reflectance, np.float32))
+    return textures._pyramid([textures._packed(level) for level in levels])
 
 
 def gray(values):

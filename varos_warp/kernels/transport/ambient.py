@@ -1,6 +1,5 @@
 """Image B: the scene without water in uniform ambient light of radiance 1."""
 
-
 import warp as wp
 
 from varos_warp.kernels.conventions import LONG_KERNEL

@@ -6,7 +6,6 @@ their own: a segment takes a tenth of the time of a subpath, and decides what ed
 look like.
 """
 
-
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel

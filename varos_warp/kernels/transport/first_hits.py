@@ -1,6 +1,5 @@
 """Images C, D and S, what hides in F, guides for a denoiser: the first hit of the ray through each pixel's centre."""
 
-
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest

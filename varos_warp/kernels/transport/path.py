@@ -17,7 +17,6 @@ The camera's own segment adds F up to its end. The field does not store its own 
 that leaves a metal carries L, not D. docs/transport.md derives this, and says why second moments are finite.
 """
 
-
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel

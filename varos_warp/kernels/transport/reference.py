@@ -5,7 +5,6 @@ light at every vertex, and plays roulette on the throughput. It has the same exp
 noise. It shares the world with them (rays, lights, water, materials), but not the light transport.
 """
 
-
 import warp as wp
 
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store

@@ -7,7 +7,6 @@ fails for small bright areas far away, the second for points close by. Both are 
 contribution (resampling, Talbot et al. 2005).
 """
 
-
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest

@@ -119,11 +119,6 @@ def map_pyramid(texels: np.ndarray, shown: np.ndarray | None = None) -> Pyramid:
     return _pyramid([finest, *map(_packed, levels)])
 
 
-def reflectance_pyramid(reflectance: np.ndarray) -> Pyramid:
-    """Pyramid of linear reflectances, float [H, W, 3]."""
-    return _pyramid([_packed(level) for level in _levels(np.asarray(reflectance, np.float32))])
-
-
 def _pyramid(levels, **of_tile) -> Pyramid:
     """A pyramid of packed levels [h, w]."""
     starts = np.cumsum([0, *(level.size for level in levels[:-1])])

@@ -94,6 +94,7 @@ class _Text:
         """Of the materials, in the order of their first use; the first has none."""
         self._libraries: list[str] = []
         self._rows: dict[bytes, list[bytes]] = {b"v": [], b"vt": [], b"f": []}
+        self._counted: dict[bytes, np.ndarray] = {}
         self._events: list[tuple[int, int, int, int]] = []
         """Of each run of faces with one material: its first face, the material, and how many v and vt came before."""
         self._sort(data)
@@ -138,7 +139,7 @@ class _Text:
 
     def vertices(self, with_colours: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Places float64 [V, 3], and linear colours float32 [V, 3], of some perhaps NaN; None if no vertex has one."""
-        widths = _widths(self._rows[b"v"])
+        widths = self._widths_of(b"v")
         if (widths > 3).any():
             self._note_widths(widths)
         if not (with_colours and (widths >= 6).any()):
@@ -176,7 +177,7 @@ class _Text:
 
     def coordinates(self) -> np.ndarray:
         """Coordinates of textures, float64 [N, 2]; v may be missing and is 0, a third number counts in solids alone."""
-        if (most := _widths(self._rows[b"vt"]).max(initial=0)) > 3:
+        if (most := self._widths_of(b"vt").max(initial=0)) > 3:
             self.file.note(f"it has texture coordinates (vt) of {most} numbers, of which the first 2 (u v) are taken")
         return self.numbers(b"vt", 2)
 
@@ -186,8 +187,7 @@ class _Text:
         Raises:
             InputError: A vertex has less than 3 numbers, a texture coordinate none, or words are no numbers.
         """
-        rows = self._rows[keyword]
-        widths = _widths(rows)
+        rows, widths = self._rows[keyword], self._widths_of(keyword)
         least, what = (3, "vertex") if keyword == b"v" else (1, "texture coordinate")
         if (short := np.flatnonzero(widths < least)).size:
             raise InputError(f"has a {what} of {widths[short[0]]} numbers: "
@@ -207,6 +207,12 @@ class _Text:
                 raise InputError(f"has a line that is no numbers: {row[:60].decode('utf-8', 'replace')}",
                                  file=self.path, remedy="The file is damaged; export it again.") from None
         return out
+
+    def _widths_of(self, keyword: bytes) -> np.ndarray:
+        """How many words each line of a keyword has, int64 [N]; counted once, for there may be millions."""
+        if keyword not in self._counted:
+            self._counted[keyword] = _widths(self._rows[keyword])
+        return self._counted[keyword]
 
     def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Corners of all faces, where these start, and their materials.

@@ -173,11 +173,8 @@ class Table:
 
 
 def _is_number(word: str) -> bool:
-    try:
-        float(word.strip('"').replace(",", "."))
-    except ValueError:
-        return False
-    return True
+    """As `is_number`, of a word in quotes or with a decimal comma too."""
+    return is_number(word.strip('"').replace(",", "."))
 
 
 def _bare(names: list[str]) -> list[str]:
