@@ -7,7 +7,7 @@ from chance import assert_plausible, rng_array, run, two_sided
 from scipy import stats
 
 from varos_warp.kernels.world import bsdf as kernels
-from varos_warp.kernels.world.texture import Surface
+from varos_warp.kernels.world.texture import Bsdf
 from varos_warp.scene.materials.lobe import lobe_albedo_table
 
 NORMAL = np.array([0.36, -0.48, 0.8])
@@ -16,27 +16,27 @@ COUNT = 200_000
 
 @wp.kernel(enable_backward=False)
 def sample_kernel(
-    table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, v: wp.vec3, u: wp.array(dtype=wp.vec3),
+    table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, u: wp.array(dtype=wp.vec3),
     # out
     direction: wp.array(dtype=wp.vec3), pdf: wp.array(dtype=float), f: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
-    l = kernels.sample_surface(surface, n, v, u[i][0], u[i][1], u[i][2])
+    l = kernels.bsdf_sample(bsdf, n, v, u[i][0], u[i][1], u[i][2])
     direction[i] = l
-    pdf[i] = kernels.surface_pdf(surface, n, v, l)
-    f[i] = kernels.surface_eval(table, surface, n, v, l)
+    pdf[i] = kernels.bsdf_pdf(bsdf, n, v, l)
+    f[i] = kernels.bsdf_eval(table, bsdf, n, v, l)
 
 
 @wp.kernel(enable_backward=False)
 def eval_kernel(
-    table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3,
+    table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3,
     v: wp.array(dtype=wp.vec3), l: wp.array(dtype=wp.vec3),
     # out
     pdf: wp.array(dtype=float), f: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
-    pdf[i] = kernels.surface_pdf(surface, n, v[i], l[i])
-    f[i] = kernels.surface_eval(table, surface, n, v[i], l[i])
+    pdf[i] = kernels.bsdf_pdf(bsdf, n, v[i], l[i])
+    f[i] = kernels.bsdf_eval(table, bsdf, n, v[i], l[i])
 
 
 def table():
@@ -45,7 +45,7 @@ def table():
 
 def metal(roughness, base=1.0, share=1.0, diffuse=0.0):
     """A surface of ``share`` bare metal, the rest diffuse."""
-    made = Surface()
+    made = Bsdf()
     made.specular, made.metal, made.roughness = wp.vec3(base * share), share, roughness
     made.reflectance = wp.vec3((1.0 - share) * diffuse)
     return made

@@ -22,7 +22,7 @@ UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 def colour(material: texture.Material, p: wp.array(dtype=wp.vec3), n: wp.array(dtype=wp.vec3),
            footprint: float, out: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    surface = texture.surface_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
+    surface = texture.material_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
     out[i] = surface.reflectance + surface.specular
 
 
@@ -194,7 +194,7 @@ def test_patterns_keep_their_fineness_at_a_million_metres():
 def lobe(material: texture.Material, p: wp.array(dtype=wp.vec3), diffuse: wp.array(dtype=wp.vec3),
          specular: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float)):
     i = wp.tid()
-    surface = texture.surface_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
+    surface = texture.material_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
     diffuse[i] = surface.reflectance
     specular[i] = surface.specular
     roughness[i] = surface.roughness

@@ -7,7 +7,7 @@ from varos_warp.kernels.sampling import asinh, inverse_distance_area, inverse_di
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count, light_strength
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.texture import Surface
+from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
 
@@ -16,14 +16,14 @@ STRAIGHT_SHARE = wp.constant(0.5)
 
 
 @wp.func
-def reflected_field(scene: SceneData, field: Field, surface: Surface, p: wp.vec3, n: wp.vec3):
+def reflected_field(scene: SceneData, field: Field, bsdf: Bsdf, p: wp.vec3, n: wp.vec3):
     """Radiance of the field off a matte surface at ``p`` with normal ``n``, reflectance E_F / pi; 0 for a metal."""
     E = wp.vec3(0.0)
-    if surface.metal > 0.0:
+    if bsdf.metal > 0.0:
         return E
     for i in range(light_count(scene.lights)):
         E += scattered_irradiance(field.lights[i], get_light(scene.lights, i), p, n)
-    return wp.cw_mul(surface.reflectance, E) / wp.pi
+    return wp.cw_mul(bsdf.reflectance, E) / wp.pi
 
 
 @wp.struct

@@ -8,10 +8,11 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.segment import draw
-from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_albedo
+from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
-from varos_warp.kernels.world.intersect import SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.texture import SUBPATH_ANGLE, footprint_width
+from varos_warp.kernels.world.intersect import SceneData, make_rays
+from varos_warp.kernels.world.surface import make_surface_at
+from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -28,7 +29,7 @@ class Ambient:
 def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
     first_hit = make_rays(spec).first_hit
-    hit_surface = make_hit_surface(spec)
+    surface_at = make_surface_at(spec)
 
     @wp.func
     def ambient_radiance(
@@ -46,24 +47,22 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
             if hit.face < 0:
                 found.L = throughput
                 return found
-            n = shading_normal(scene, hit)
-            angle = wp.where(bounces == 0, pixel_angle, SUBPATH_ANGLE)
-            footprint = footprint_width(angle, hit.t, direction, hit.n)
-            surface = hit_surface(scene, hit, n, footprint)
+            point = surface_at(scene, hit, direction, wp.where(bounces == 0, pixel_angle, SUBPATH_ANGLE))
             if bounces == 0:
-                found.open = surface_albedo(surface)
+                found.open = bsdf_albedo(point.bsdf)
             bounces += 1
             u = draw(key, pixel, sample, bounces)
             v = -direction
-            direction = sample_surface(surface, n, v, u[0], u[1], u[3])
-            throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, v, direction))
-            origin = hit.start
+            direction = bsdf_sample(point.bsdf, point.n, v, u[0], u[1], u[3])
+            weight = bsdf_weight(scene.lobe_albedo, point.bsdf, point.n, v, direction)
+            throughput = wp.cw_mul(throughput, weight)
+            origin = point.start
             survival = wp.where(bounces < 3, 1.0, wp.min(brightest(throughput), 0.95))
             if u[2] >= survival:
                 return found
             # around a smoothed normal some directions point into the surface; mirror them out, so that no light is lost
-            below = wp.min(wp.dot(direction, hit.n), 0.0)
-            direction = direction - 2.0 * below * hit.n
+            below = wp.min(wp.dot(direction, point.n_geometric), 0.0)
+            direction = direction - 2.0 * below * point.n_geometric
             throughput /= survival
         return found
 

@@ -74,7 +74,7 @@ def make_mirrored(spec: SceneSpec) -> wp.Function:
             end = end_vertex(scene, hit, d, SUBPATH_ANGLE)
             L_end = reflected_once(scene, hit, end, u[2]).L
             if wp.static(spec.field):
-                L_end += reflected_field(scene, field, end.surface, end.p, end.n)
+                L_end += reflected_field(scene, field, end.bsdf, end.p, end.n)
             L += wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
         return wp.cw_mul(path.throughput, L)
 
@@ -164,7 +164,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             in_step()
             if wp.static(field_layer):
                 if reflects:
-                    L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.surface, end.p, end.n))
+                    L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.bsdf, end.p, end.n))
             in_step()
             if wp.static(spec.multiple and spec.mirrors):
                 if reflects and is_metal(end):

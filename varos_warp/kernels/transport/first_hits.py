@@ -5,19 +5,10 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, instant_of_row
-from varos_warp.kernels.world.bsdf import surface_albedo
+from varos_warp.kernels.world.bsdf import bsdf_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
-from varos_warp.kernels.world.intersect import (
-    Instance,
-    SceneData,
-    corner_normal,
-    make_hit_surface,
-    make_rays,
-    moves,
-    shading_normal,
-    to_instance,
-)
-from varos_warp.kernels.world.texture import footprint_width
+from varos_warp.kernels.world.intersect import Instance, SceneData, make_rays, moves, to_instance
+from varos_warp.kernels.world.surface import corner_normal, make_surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -153,16 +144,15 @@ class Guides:
 def make_guides_kernel(spec: SceneSpec) -> wp.Kernel:
     """Guides for a denoiser, for scenes with or without instances and textures, through a lens, a port, a shutter."""
     centre_hit = make_centre_hit(spec)
-    hit_surface = make_hit_surface(spec)
+    surface_at = make_surface_at(spec)
 
     @wp.func
     def centre_guides(scene: SceneData, camera: Camera, row: int, col: int):
         guides = Guides()
         ray, hit = centre_hit(scene, camera, row, col)
         if hit.face >= 0:
-            n = shading_normal(scene, hit)
-            surface = hit_surface(scene, hit, n, footprint_width(camera.pixel_angle, hit.t, ray.d, hit.n))
-            guides.albedo = wp.min(surface_albedo(surface), wp.vec3(1.0))
+            point = surface_at(scene, hit, ray.d, camera.pixel_angle)
+            guides.albedo = wp.min(bsdf_albedo(point.bsdf), wp.vec3(1.0))
             guides.normal = corner_normal(scene, scene.smooth_normals, hit)
         return guides
 

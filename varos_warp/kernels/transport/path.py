@@ -195,7 +195,7 @@ def make_gather(spec: SceneSpec) -> wp.Function:
             L_end *= beside_virtual_lights(scene, path, hit, reflected.light)
         if wp.static(spec.field):
             if hit.face >= 0 and path.bounces < bounds.bounces:
-                L_end += reflected_field(scene, field, end.surface, end.p, end.n)
+                L_end += reflected_field(scene, field, end.bsdf, end.p, end.n)
             if hit.face >= 0 and not whole:
                 L_end -= field_behind(scene, field, hit, d, w)
         L = wp.cw_mul(transmittance(scene.medium, hit.t), L_end)

@@ -13,13 +13,14 @@ from varos_warp.kernels.sampling import uniforms
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import irradiance
-from varos_warp.kernels.world.bsdf import sample_surface, sample_weight, surface_eval
+from varos_warp.kernels.world.bsdf import bsdf_eval, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
-from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
+from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays
 from varos_warp.kernels.world.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
-from varos_warp.kernels.world.texture import SUBPATH_ANGLE, Surface, footprint_width
+from varos_warp.kernels.world.surface import SurfacePoint, make_surface_at
+from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -99,16 +100,16 @@ def make_gather(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
         return L
 
     @wp.func
-    def reflected_light(scene: SceneData, hit: Hit, n: wp.vec3, surface: Surface, d: wp.vec3):
-        """Light of all lights that the surface at ``hit`` reflects back along a ray of direction ``d``."""
+    def reflected_light(scene: SceneData, hit: Hit, point: SurfacePoint, d: wp.vec3):
+        """Light of all lights that the surface at a hit reflects back along a ray of direction ``d``."""
         L = wp.vec3(0.0)
         for i in range(light_count(scene.lights)):
             sample = light_sample(get_light(scene.lights, i), hit.p)
-            if wp.dot(sample.d, hit.n) > 0.0:
-                f = surface_eval(scene.lobe_albedo, surface, n, -d, sample.d)
+            if wp.dot(sample.d, point.n_geometric) > 0.0:
+                f = bsdf_eval(scene.lobe_albedo, point.bsdf, point.n, -d, sample.d)
                 arriving = wp.cw_mul(f, irradiance(scene.medium, sample))
                 if brightest(arriving) > 0.0:
-                    if visible(scene, hit.start, sample.p):
+                    if visible(scene, point.start, sample.p):
                         L += arriving
         return L
 
@@ -118,7 +119,7 @@ def make_gather(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
 @specialised("instances", "textures", "masks")
 def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
-    hit_surface = make_hit_surface(spec)
+    surface_at = make_surface_at(spec)
     scattered_light, reflected_light = make_gather(spec)
 
     @wp.func
@@ -141,13 +142,13 @@ def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
         after.bounces += 1
         T = transmittance(scene.medium, hit.t)
         throughput = balance(path.throughput, T, T)
-        n = shading_normal(scene, hit)
-        surface = hit_surface(scene, hit, n, footprint_width(angle, hit.t, path.d, hit.n))
-        after.L = wp.cw_mul(throughput, reflected_light(scene, hit, n, surface, path.d))
-        after.d = sample_surface(surface, n, -path.d, v[0], v[1], v[2])
-        after.throughput = wp.cw_mul(throughput, sample_weight(scene.lobe_albedo, surface, n, -path.d, after.d))
-        after.alive = wp.where(wp.dot(after.d, hit.n) > 0.0, 1, 0)
-        after.p = hit.start
+        point = surface_at(scene, hit, path.d, angle)
+        after.L = wp.cw_mul(throughput, reflected_light(scene, hit, point, path.d))
+        after.d = bsdf_sample(point.bsdf, point.n, -path.d, v[0], v[1], v[2])
+        weight = bsdf_weight(scene.lobe_albedo, point.bsdf, point.n, -path.d, after.d)
+        after.throughput = wp.cw_mul(throughput, weight)
+        after.alive = wp.where(wp.dot(after.d, point.n_geometric) > 0.0, 1, 0)
+        after.p = point.start
         return after
 
     return scatter, reflect

@@ -15,8 +15,8 @@ from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_
 from varos_warp.kernels.transport.pixel import sample_pixel
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
-from varos_warp.kernels.world.intersect import Hit, SceneData, make_hit_surface, make_rays, shading_normal
-from varos_warp.kernels.world.texture import footprint_width
+from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays
+from varos_warp.kernels.world.surface import make_surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -62,7 +62,7 @@ class Segment(NamedTuple):
 def make_segment(spec: SceneSpec) -> Segment:
     """The functions of a segment, specialised to ``spec``."""
     first_hit, visible = make_rays(spec)
-    hit_surface = make_hit_surface(spec)
+    surface_at = make_surface_at(spec)
     # where a light is seen is known of straight rays only
     straight = not spec.optics.bends
     peaks_at_lights = straight and spec.medium and (spec.single or spec.multiple) and not spec.camera_field
@@ -70,8 +70,7 @@ def make_segment(spec: SceneSpec) -> Segment:
     @wp.func
     def end_vertex(scene: SceneData, hit: Hit, d: wp.vec3, angle: float):
         """The vertex at the end of a segment along ``d``, whose ray stands for a cone of ``angle``."""
-        n = shading_normal(scene, hit)
-        return surface_vertex(hit, d, n, hit_surface(scene, hit, n, footprint_width(angle, hit.t, d, hit.n)))
+        return surface_vertex(surface_at(scene, hit, d, angle), d)
 
     @wp.func
     def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: float, v: float):

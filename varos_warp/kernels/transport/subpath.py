@@ -13,7 +13,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import joint_pdf, sample_joint
-from varos_warp.kernels.world.bsdf import lobe_alpha, sample_surface, surface_albedo, surface_eval, surface_pdf
+from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_eval, bsdf_pdf, bsdf_sample, lobe_alpha
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.light import (
     choose_by_importance,
@@ -32,7 +32,8 @@ from varos_warp.kernels.world.medium import (
     truncated_exponential_pdf,
 )
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
-from varos_warp.kernels.world.texture import Surface
+from varos_warp.kernels.world.surface import SurfacePoint
+from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,7 +48,7 @@ class Vertex:
     """Direction of the ray that arrived; after `sample_direction`, of the one that leaves."""
     n_geometric: wp.vec3
     n: wp.vec3
-    surface: Surface
+    bsdf: Bsdf
     shadowed: int
     """1 where a light was found to be blocked."""
 
@@ -55,7 +56,7 @@ class Vertex:
 @wp.func
 def is_metal(vertex: Vertex):
     """Whether the vertex lies on a surface with a metal's lobe."""
-    return vertex.on_surface == 1 and vertex.surface.metal > 0.0
+    return vertex.on_surface == 1 and vertex.bsdf.metal > 0.0
 
 
 @wp.func
@@ -69,15 +70,15 @@ def water_vertex(p: wp.vec3, d: wp.vec3):
 
 
 @wp.func
-def surface_vertex(hit: Hit, d: wp.vec3, n: wp.vec3, surface: Surface):
-    """Vertex on the surface with normal ``n`` that a ray along ``d`` hit."""
+def surface_vertex(point: SurfacePoint, d: wp.vec3):
+    """Vertex on the surface that a ray along ``d`` hit."""
     vertex = Vertex()
     vertex.on_surface = 1
-    vertex.p = hit.start
+    vertex.p = point.start
     vertex.d = d
-    vertex.n_geometric = hit.n
-    vertex.n = n
-    vertex.surface = surface
+    vertex.n_geometric = point.n_geometric
+    vertex.n = point.n
+    vertex.bsdf = point.bsdf
     return vertex
 
 
@@ -108,7 +109,7 @@ def light_lobes(vertex: Vertex):
     lobes.most = wp.pi
     if is_metal(vertex):
         lobes.phase_share = 0.0
-        lobes.most = wp.min(GLOW * lobe_alpha(vertex.surface.roughness), wp.pi)
+        lobes.most = wp.min(GLOW * lobe_alpha(vertex.bsdf.roughness), wp.pi)
     return lobes
 
 
@@ -144,7 +145,7 @@ def sample_light_lobes(scene: SceneData, vertex: Vertex, u: wp.vec4):
 def sample_own_lobe(scene: SceneData, vertex: Vertex, u: float, v: float, w: float):
     """Direction from the phase function or the surface's scattering function."""
     if vertex.on_surface == 1:
-        return sample_surface(vertex.surface, vertex.n, -vertex.d, u, v, w)
+        return bsdf_sample(vertex.bsdf, vertex.n, -vertex.d, u, v, w)
     return phase_sample(scene.medium.phase, vertex.d, u, v)
 
 
@@ -152,7 +153,7 @@ def sample_own_lobe(scene: SceneData, vertex: Vertex, u: float, v: float, w: flo
 def own_lobe_pdf(scene: SceneData, vertex: Vertex, d: wp.vec3):
     """Density of sample_own_lobe."""
     if vertex.on_surface == 1:
-        return surface_pdf(vertex.surface, vertex.n, -vertex.d, d)
+        return bsdf_pdf(vertex.bsdf, vertex.n, -vertex.d, d)
     apart = vertex.d - d
     return phase_eval(scene.medium.phase, 0.5 * wp.dot(apart, apart))
 
@@ -163,7 +164,7 @@ def vertex_eval(scene: SceneData, vertex: Vertex, d: wp.vec3):
     if vertex.on_surface == 1:
         if wp.dot(d, vertex.n_geometric) <= 0.0:
             return wp.vec3(0.0)
-        return surface_eval(scene.lobe_albedo, vertex.surface, vertex.n, -vertex.d, d)
+        return bsdf_eval(scene.lobe_albedo, vertex.bsdf, vertex.n, -vertex.d, d)
     return wp.vec3(own_lobe_pdf(scene, vertex, d))
 
 
@@ -283,7 +284,7 @@ def expected_light(scene: SceneData, path: Subpath):
     of the distance; with the throughput alone, subpaths would continue for kilometres in water that absorbs little.
     (With the square, the paper's water takes half as much time again, and no scene has noticeably less noise.)
     """
-    albedo = wp.where(path.vertex.on_surface == 1, brightest(surface_albedo(path.vertex.surface)), 1.0)
+    albedo = wp.where(path.vertex.on_surface == 1, brightest(bsdf_albedo(path.vertex.bsdf)), 1.0)
     near = wp.min(path.reach / light_distance(scene, path.vertex.p), 1.0)
     near *= near
     return albedo * brightest(path.throughput) * near * near
@@ -296,7 +297,7 @@ def subpath_from_surface(scene: SceneData, vertex: Vertex, t: float, reach: floa
     path.vertex = vertex
     path.bounces = 1
     path.throughput = transmittance(scene.medium, t)
-    reflected = wp.cw_mul(path.throughput, surface_albedo(vertex.surface))
+    reflected = wp.cw_mul(path.throughput, bsdf_albedo(vertex.bsdf))
     path.alive = wp.where(brightest(reflected) > 0.0, 1, 0)
     path.reach = reach
     path.expected_at_start = expected_light(scene, path)

@@ -16,15 +16,7 @@ from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moment, Moments, first_instant, instants_taken
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
-from varos_warp.kernels.world.intersect import (
-    Hit,
-    SceneData,
-    make_hit_surface,
-    make_rays,
-    moves,
-    shading_normal,
-    to_instance,
-)
+from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays, moves, to_instance
 from varos_warp.kernels.world.light import (
     choose_by_flux,
     get_light,
@@ -36,7 +28,8 @@ from varos_warp.kernels.world.light import (
     total_flux,
 )
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE, footprint_width
+from varos_warp.kernels.world.surface import make_surface_at
+from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -99,7 +92,7 @@ def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
 def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit = make_rays(spec).first_hit
-    hit_surface = make_hit_surface(spec)
+    surface_at = make_surface_at(spec)
 
     @wp.func
     def moves_with(scene: SceneData, hit: Hit, point: VirtualLight):
@@ -139,13 +132,12 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
         point = VirtualLight()
         point.moving = -1
         if hit.face >= 0:
-            n = shading_normal(scene, hit)
-            surface = hit_surface(scene, hit, n, footprint_width(SUBPATH_ANGLE, hit.t, d, hit.n))
-            point.p = hit.start
-            point.n = hit.n
+            lit = surface_at(scene, hit, d, SUBPATH_ANGLE)
+            point.p = lit.start
+            point.n = lit.n_geometric
             if not may_have_lobe(scene, hit):
-                E = wp.max(-wp.dot(n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
-                point.L = wp.cw_mul(surface.reflectance, E) / wp.pi
+                E = wp.max(-wp.dot(lit.n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
+                point.L = wp.cw_mul(lit.bsdf.reflectance, E) / wp.pi
                 point.density = virtual_density(scene, i, hit.p, hit.n)
             if wp.static(spec.instances and spec.varies):
                 point = moves_with(scene, hit, point)

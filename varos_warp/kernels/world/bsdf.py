@@ -9,7 +9,7 @@ import warp as wp
 
 from varos_warp.kernels.numerics import bilinear, brightest
 from varos_warp.kernels.sampling import basis, sample_cosine
-from varos_warp.kernels.world.texture import Surface
+from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
 
@@ -88,21 +88,21 @@ def lobe_albedo(table: wp.array2d(dtype=float), cosine: float, alpha: float):
 
 
 @wp.func
-def lobe_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, viewer: wp.vec3, l: wp.vec3):
+def lobe_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3, l: wp.vec3):
     """Lobe times the cosine of the light, per channel [1/sr]; Fresnel's term is Schlick's (1994)."""
     n_l = wp.dot(n, l)
     if n_l <= 0.0:
         return wp.vec3(0.0)
-    alpha = lobe_alpha(surface.roughness)
+    alpha = lobe_alpha(bsdf.roughness)
     v = facing(n, viewer)
     n_v = wp.dot(n, v)
     h = wp.normalize(v + l)
     grazing = wp.pow(1.0 - wp.clamp(wp.dot(v, h), 0.0, 1.0), 5.0)
-    F = surface.specular + grazing * (wp.vec3(surface.metal) - surface.specular)
+    F = bsdf.specular + grazing * (wp.vec3(bsdf.metal) - bsdf.specular)
     shadowing = 1.0 / (1.0 + smith_lambda(n_v, alpha) + smith_lambda(n_l, alpha))
     once = ggx(wp.dot(n, h), alpha) * shadowing / (4.0 * n_v)
     E = lobe_albedo(table, n_v, alpha)
-    again = wp.vec3(1.0) + ((1.0 - E) / (E * surface.metal)) * surface.specular
+    again = wp.vec3(1.0) + ((1.0 - E) / (E * bsdf.metal)) * bsdf.specular
     return once * wp.cw_mul(F, again)
 
 
@@ -110,50 +110,50 @@ def lobe_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, view
 
 
 @wp.func
-def surface_albedo(surface: Surface):
+def bsdf_albedo(bsdf: Bsdf):
     """Approximate albedo of a surface, per channel."""
-    return surface.reflectance + surface.specular
+    return bsdf.reflectance + bsdf.specular
 
 
 @wp.func
-def lobe_share(surface: Surface):
+def lobe_share(bsdf: Bsdf):
     """Fraction of directions drawn from the lobe."""
-    if surface.metal <= 0.0:
+    if bsdf.metal <= 0.0:
         return 0.0
-    lobe = brightest(surface.specular)
-    return lobe / wp.max(lobe + brightest(surface.reflectance), 1.0e-20)
+    lobe = brightest(bsdf.specular)
+    return lobe / wp.max(lobe + brightest(bsdf.reflectance), 1.0e-20)
 
 
 @wp.func
-def surface_eval(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+def bsdf_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Scattering function times the cosine of the light, per channel [1/sr]."""
-    f = (wp.max(wp.dot(n, l), 0.0) / wp.pi) * surface.reflectance
-    if surface.metal > 0.0:
-        f += lobe_eval(table, surface, n, v, l)
+    f = (wp.max(wp.dot(n, l), 0.0) / wp.pi) * bsdf.reflectance
+    if bsdf.metal > 0.0:
+        f += lobe_eval(table, bsdf, n, v, l)
     return f
 
 
 @wp.func
-def surface_pdf(surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Density of sample_surface [1/sr]."""
-    share = lobe_share(surface)
+def bsdf_pdf(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """Density of bsdf_sample [1/sr]."""
+    share = lobe_share(bsdf)
     pdf = (1.0 - share) * wp.max(wp.dot(n, l), 0.0) / wp.pi
     if share > 0.0:
-        pdf += share * lobe_pdf(n, v, l, lobe_alpha(surface.roughness))
+        pdf += share * lobe_pdf(n, v, l, lobe_alpha(bsdf.roughness))
     return pdf
 
 
 @wp.func
-def sample_surface(surface: Surface, n: wp.vec3, v: wp.vec3, u: float, w: float, choice: float):
+def bsdf_sample(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, u: float, w: float, choice: float):
     """Direction of light, from the cosine or the lobe; it may point into the surface."""
-    if choice < lobe_share(surface):
-        return sample_lobe(n, v, lobe_alpha(surface.roughness), u, w)
+    if choice < lobe_share(bsdf):
+        return sample_lobe(n, v, lobe_alpha(bsdf.roughness), u, w)
     return sample_cosine(n, u, w)
 
 
 @wp.func
-def sample_weight(table: wp.array2d(dtype=float), surface: Surface, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """surface_eval over surface_pdf for a direction from sample_surface; without a lobe exactly the reflectance."""
-    if surface.metal <= 0.0:
-        return surface.reflectance
-    return surface_eval(table, surface, n, v, l) / wp.max(surface_pdf(surface, n, v, l), 1.0e-20)
+def bsdf_weight(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """bsdf_eval over bsdf_pdf for a direction from bsdf_sample; without a lobe exactly the reflectance."""
+    if bsdf.metal <= 0.0:
+        return bsdf.reflectance
+    return bsdf_eval(table, bsdf, n, v, l) / wp.max(bsdf_pdf(bsdf, n, v, l), 1.0e-20)

@@ -8,7 +8,7 @@ from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.world.light import Light
 from varos_warp.kernels.world.medium import Medium
-from varos_warp.kernels.world.texture import MAPPED, Material, Surface, page_alpha, surface_at
+from varos_warp.kernels.world.texture import Material, page_alpha
 
 wp.set_module_options({"enable_backward": False})
 
@@ -59,7 +59,7 @@ class SceneData:
     smooth_normals: wp.array(dtype=wp.vec3)
     """Normals of image C, per face corner in the mesh's axes."""
     corner_values: wp.array(dtype=wp.vec3)
-    """Texture coordinates or colours from mesh files, per face corner (see texture.surface_at); may be empty."""
+    """Texture coordinates or colours from mesh files, per face corner (see texture.material_at); may be empty."""
     face_tint: wp.array(dtype=wp.int32)
     """Of each face, where its corners are in ``corner_tints``, in threes; -1: nowhere. Empty if no face has any."""
     corner_tints: wp.array(dtype=wp.vec4)
@@ -381,64 +381,3 @@ def make_rays(spec: SceneSpec) -> Rays:
         return True
 
     return Rays(first_hit, visible)
-
-
-@wp.func
-def between_corners(values: wp.array(dtype=wp.vec3), hit: Hit):
-    """Values given per face corner, interpolated at a hit."""
-    return between(values, hit.face, hit.bary)
-
-
-@wp.func
-def corner_normal(scene: SceneData, normals: wp.array(dtype=wp.vec3), hit: Hit):
-    """Interpolated corner normal in the world, flipped to the side of ``hit.n``."""
-    n = wp.normalize(between_corners(normals, hit))
-    if hit.instance >= 0:
-        n = get_instance(scene, hit.instance).R * n
-    return wp.where(wp.dot(n, hit.n) < 0.0, -n, n)
-
-
-@wp.func
-def shading_normal(scene: SceneData, hit: Hit):
-    """Shading normal at a hit."""
-    if scene.has_shading_normals == 0:
-        return hit.n
-    return corner_normal(scene, scene.shading_normals, hit)
-
-
-@specialised("textures", "instances")
-def make_hit_surface(spec: SceneSpec):
-    """The function ``hit_surface(scene, hit, n, footprint)``; without textures every surface is a plain reflectance.
-
-    On a GPU textures take half as many registers again, which spill to memory.
-    """
-
-    @wp.func
-    def hit_surface(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
-        """Surface at a hit, averaged over ``footprint`` [m] (see texture.footprint_width)."""
-        if wp.static(spec.textures):
-            m = scene.materials[hit.part]
-            at = wp.vec3(0.0)
-            if scene.corner_values.shape[0] > 0:
-                at = between_corners(scene.corner_values, hit)
-            page = page_of(scene, hit.face)
-            p = hit.p
-            up = n
-            if wp.static(spec.instances):
-                if hit.instance >= 0 and m.kind == MAPPED and page >= 0:
-                    at[2] = at[2] / get_instance(scene, hit.instance).scale
-                if moves(scene, hit):
-                    # patterns move with their object
-                    copy = scene.moving[hit.instance]
-                    p = to_instance(copy, hit.p - copy.p)
-                    up = to_instance(copy, n)
-            surface = surface_at(m, p, up, at, page, footprint)
-            if scene.face_tint.shape[0] > 0:
-                tint = tint_at(scene, hit.face, hit.bary)
-                surface.reflectance = wp.cw_mul(surface.reflectance, wp.vec3(tint[0], tint[1], tint[2]))
-            return surface
-        surface = Surface()
-        surface.reflectance = scene.materials[hit.part].base
-        return surface
-
-    return hit_surface

@@ -55,7 +55,7 @@ class Layer:
 
 @wp.struct
 class Material:
-    """Input of ``surface_at``; scene/materials/records.py makes it."""
+    """Input of ``material_at``; scene/materials/records.py makes it."""
 
     kind: int
     offset: wp.vec3
@@ -81,7 +81,7 @@ class Material:
 
 
 @wp.struct
-class Surface:
+class Bsdf:
     """Scattering function of a point on a surface: a Lambertian part and a metal's lobe."""
 
     reflectance: wp.vec3
@@ -168,19 +168,19 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
     noise = fbm(m.seed, m.cycles * q, 4, m.cycles * footprint)
     bias = wp.where(m.kind == DIRT, 0.5 * n[2], 0.0)
     s = covered(m, noise, bias, footprint)
-    surface = Surface()
+    bsdf = Bsdf()
     if m.metallic == 1:
-        surface.metal = 1.0 - s
-        surface.specular = surface.metal * m.base
-        surface.roughness = m.roughness
+        bsdf.metal = 1.0 - s
+        bsdf.specular = bsdf.metal * m.base
+        bsdf.roughness = m.roughness
     else:
-        surface.reflectance = (1.0 - s) * m.base
+        bsdf.reflectance = (1.0 - s) * m.base
     if s > 0.0:
         grain = 1.0 + 0.6 * fbm(m.seed + wp.uint32(9), 12.0 * m.cycles * q, 2, 12.0 * m.cycles * footprint)
         shade = wp.clamp(0.5 + 0.8 * noise, 0.0, 1.0)
-        surface.reflectance += s * grain * wp.lerp(m.layer_dark, m.layer_pale, shade)
-    surface.reflectance = unit_clamp(surface.reflectance)
-    return surface
+        bsdf.reflectance += s * grain * wp.lerp(m.layer_dark, m.layer_pale, shade)
+    bsdf.reflectance = unit_clamp(bsdf.reflectance)
+    return bsdf
 
 
 @wp.func
@@ -231,25 +231,25 @@ def page_alpha(layer: Layer, u: float, v: float):
 
 
 @wp.func
-def surface_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, page: int, footprint: float):
-    """Surface at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
+def material_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, page: int, footprint: float):
+    """Scattering function of a material at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
 
     ``at`` holds the mesh file's data for the point: u, v and their units per metre on the ``page`` of its textures, or
     where that is -1 the colour; other kinds do not use it.
     """
-    surface = Surface()
+    bsdf = Bsdf()
     if m.kind == DIFFUSE:
-        surface.reflectance = m.base
+        bsdf.reflectance = m.base
     elif m.kind == GROUND:
-        surface.reflectance = unit_clamp(ground(m, p, n, footprint))
+        bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))
     elif m.kind == MAPPED and page >= 0:
-        surface.reflectance = mapped(m.layers[page], at, footprint)
+        bsdf.reflectance = mapped(m.layers[page], at, footprint)
     elif m.kind == COLOURED or m.kind == MAPPED:
-        surface.reflectance = at
+        bsdf.reflectance = at
     elif m.kind == METAL:
-        surface.metal = 1.0
-        surface.specular = m.base
-        surface.roughness = m.roughness
+        bsdf.metal = 1.0
+        bsdf.specular = m.base
+        bsdf.roughness = m.roughness
     else:
-        surface = layered(m, p + m.offset, n, footprint)
-    return surface
+        bsdf = layered(m, p + m.offset, n, footprint)
+    return bsdf

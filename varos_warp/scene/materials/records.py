@@ -111,7 +111,7 @@ def _set_layer(record, part):
 
 
 def corner_values(parts: list[Part | Instances]) -> np.ndarray:
-    """What ``texture.surface_at`` reads per face corner of all parts, float32 [3 F, 3]; empty if no part has a skin.
+    """What ``texture.material_at`` reads per face corner of all parts, float32 [3 F, 3]; empty if no part has a skin.
 
     Of textures u, v and their units per metre before the scale of instances, of colours the reflectances.
     """
