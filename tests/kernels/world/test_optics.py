@@ -8,6 +8,7 @@ import warp as wp
 from chance import rng_array, run
 from scipy.spatial.transform import Rotation
 
+from varos_warp.kernels.sampler import make_sampler
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.camera import channel_of, make_ray
 from varos_warp.kernels.world.optics import OpticsSpec
@@ -199,7 +200,7 @@ def channels(key: wp.uint32, pixel: wp.array(dtype=int), samples: int, counts: w
     i = wp.tid()
     total = wp.vec3(0.0)
     for sample in range(samples):
-        total[channel_of(key, pixel[i], sample)] += 1.0
+        total[channel_of(make_sampler(key, pixel[i], sample))] += 1.0
     counts[i] = total
 
 

@@ -5,9 +5,9 @@ import warp as wp
 from varos_warp.kernels.conventions import LONG_KERNEL
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, moment_of
-from varos_warp.kernels.transport.segment import draw
 from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
@@ -32,9 +32,7 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     surface_at = make_surface_at(spec)
 
     @wp.func
-    def ambient_radiance(
-        scene: SceneData, o: wp.vec3, d: wp.vec3, pixel_angle: float, key: wp.uint32, pixel: int, sample: int
-    ):
+    def ambient_radiance(scene: SceneData, o: wp.vec3, d: wp.vec3, pixel_angle: float, at_camera: Sampler):
         """Radiance along a ray: surfaces absorb light until the path escapes to the ambient light."""
         found = Ambient()
         found.open = wp.vec3(1.0)
@@ -42,6 +40,7 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
         origin = o
         direction = d
         bounces = int(0)
+        sampler = at_camera
         while True:
             hit = first_hit(scene, origin, direction)
             if hit.face < 0:
@@ -51,7 +50,8 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
             if bounces == 0:
                 found.open = bsdf_albedo(point.bsdf)
             bounces += 1
-            u = draw(key, pixel, sample, bounces)
+            sampler = next_vertex(sampler, 1)
+            u = draw(sampler, 0)
             v = -direction
             direction = bsdf_sample(point.bsdf, point.n, v, u[0], u[1], u[3])
             weight = bsdf_weight(scene.lobe_albedo, point.bsdf, point.n, v, direction)
@@ -92,18 +92,18 @@ def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
         """
         i = first_row + wp.tid()
         part = film.parts[i]
-        pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
-            u = draw(key, pixel, sample, 0)
+            sampler = make_sampler(key, pixel_of(film, part), sample)
+            u = draw(sampler, 0)
             if wp.static(spec.varies):
-                moment = moment_of(moments, part.row, key, pixel, sample)
+                moment = moment_of(moments, part.row, sampler)
                 camera = moments.cameras[moment.instant]
                 scene.moving = moments.moving[moment.instant]
             ray, seen = ray_of(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0), GREEN)
             if brightest(seen) <= 0.0:
                 continue
-            found = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, key, pixel, sample)
+            found = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, sampler)
             rest = found.L - found.open
             sums = add_sample(sums, sample, found.open, wp.vec3(0.0), rest, wp.vec3(0.0))
         store(film, i, sums)

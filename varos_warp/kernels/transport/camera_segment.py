@@ -14,9 +14,10 @@ from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
-from varos_warp.kernels.transport.segment import PATH, PathBounds, draw, make_segment
+from varos_warp.kernels.transport.moments import Moments, moment_of, scene_at
+from varos_warp.kernels.transport.segment import PATH, PathBounds, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -32,6 +33,13 @@ from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
+
+FILM = wp.constant(0)
+"""Random numbers for the place in the pixel and on the lens."""
+END, FIELD = wp.constant(0), wp.constant(1)
+"""For the light of one more event on a segment, and for that of the field."""
+LEAVE = wp.constant(0)
+"""For the direction from a metal, two groups, before those of its segment."""
 
 
 @wp.func(inline=False)
@@ -79,13 +87,13 @@ def make_mirrored(spec: SceneSpec) -> wp.Function:
         return wp.cw_mul(path.throughput, L)
 
     @wp.func
-    def mirrored(scene: SceneData, field: Field, bounds: PathBounds, metal: Vertex, t: float, key: wp.uint32,
-                 pixel: int, sample: int):
+    def mirrored(scene: SceneData, field: Field, bounds: PathBounds, metal: Vertex, t: float, sampler: Sampler):
         """What the metal at the end of a segment of length ``t`` mirrors into it, of one more event."""
-        path = leave_metal(scene, bounds, metal, t, draw(key, pixel, sample, 3), draw(key, pixel, sample, 4))
+        path = leave_metal(scene, bounds, metal, t, draw(sampler, LEAVE), draw(sampler, LEAVE + 1))
         if path.alive == 0:
             return wp.vec3(0.0)
-        return light_of_one_event(scene, field, path, bounds, draw(key, pixel, sample, 5), draw(key, pixel, sample, 6))
+        sampler = next_vertex(sampler, 2)
+        return light_of_one_event(scene, field, path, bounds, draw(sampler, END), draw(sampler, FIELD))
 
     return mirrored
 
@@ -115,26 +123,25 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
         i = first_row + wp.tid()
         part = film.parts[i]
         height, width = film.sums.shape[1], film.sums.shape[2]
-        pixel = pixel_of(film, part)
         sums = Sums()
         for taken in range(part.begin, part.end):
-            sample = sample_of(film, part, taken)
+            sampler = make_sampler(key, pixel_of(film, part), sample_of(film, part, taken))
             in_step()
             if wp.static(spec.varies):
-                moment = moment_of(moments, part.row, key, pixel, sample)
-                scene.lights = moments.lights[moment.lights]
+                moment = moment_of(moments, part.row, sampler)
+                scene = scene_at(scene, moments, moment)
                 camera = moments.cameras[moment.instant]
-                scene.moving = moments.moving[moment.instant]
-            u = draw(key, pixel, sample, 0)
+            u = draw(sampler, FILM)
             place = image_place(scene, camera, part.row, part.col, u)
-            ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
-            if brightest(seen) <= 0.0:
+            ray, weight = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), sampler)
+            if brightest(weight) <= 0.0:
                 continue
             in_step()
             hit = first_hit(scene, ray.o, ray.d)
             in_step()
-            u = draw(key, pixel, sample, 1)
-            v = draw(key, pixel, sample, 2)
+            sampler = next_vertex(sampler, 1)
+            u = draw(sampler, END)
+            v = draw(sampler, FIELD)
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
@@ -168,10 +175,10 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             in_step()
             if wp.static(spec.multiple and spec.mirrors):
                 if reflects and is_metal(end):
-                    L_multiple += mirrored(scene, field, bounds, end, hit.t, key, pixel, sample)
-            seen *= place[2]
-            sums = add_sample(sums, sample, wp.cw_mul(seen, L_direct), wp.cw_mul(seen, L_single),
-                              wp.cw_mul(seen, L_multiple), wp.cw_mul(seen, correction))
+                    L_multiple += mirrored(scene, field, bounds, end, hit.t, next_vertex(sampler, 2))
+            weight *= place[2]
+            sums = add_sample(sums, sampler.sample, wp.cw_mul(weight, L_direct), wp.cw_mul(weight, L_single),
+                              wp.cw_mul(weight, L_multiple), wp.cw_mul(weight, correction))
         store(film, i, sums)
 
     return trace_camera_segments

@@ -8,10 +8,11 @@ image has them.
 
 import warp as wp
 
+from varos_warp.kernels.sampler import Sampler
 from varos_warp.kernels.sampling import half_key
 from varos_warp.kernels.sobol import sobol2
 from varos_warp.kernels.world.camera import Camera
-from varos_warp.kernels.world.intersect import Instance
+from varos_warp.kernels.world.intersect import Instance, SceneData
 from varos_warp.kernels.world.light import Light
 
 wp.set_module_options({"enable_backward": False})
@@ -71,10 +72,19 @@ def instants_taken(moments: Moments):
 
 
 @wp.func
-def moment_of(moments: Moments, row: int, key: wp.uint32, pixel: int, sample: int):
+def moment_of(moments: Moments, row: int, sampler: Sampler):
     """The moment of a sample in a row of the image; even and odd samples have sequences of their own."""
-    u = sobol2(half_key(key + TIME, sample & 1), pixel, sample >> 1, 0)
+    u = sobol2(half_key(sampler.key + TIME, sampler.sample & 1), sampler.pixel, sampler.sample >> 1, 0)
     moment = Moment()
     moment.instant = instant_of_row(moments, row, u[0])
     moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
     return moment
+
+
+@wp.func
+def scene_at(scene: SceneData, moments: Moments, moment: Moment):
+    """The scene with the lights and what moves of a moment."""
+    then = scene
+    then.lights = moments.lights[moment.lights]
+    then.moving = moments.moving[moment.instant]
+    return then

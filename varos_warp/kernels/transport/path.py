@@ -24,10 +24,11 @@ from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.sampler import draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, moment_of, scene_at
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
-from varos_warp.kernels.transport.segment import PATH, PathBounds, draw, make_segment
+from varos_warp.kernels.transport.segment import PATH, PathBounds, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
     Vertex,
@@ -64,8 +65,18 @@ MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.03)
 find there, so it is the second number at vertices where no light was found to be blocked."""
 NEAR_SHARE = wp.constant(0.5)
 """Fraction of first scatterings drawn near the lights, where objects light the water and shade it."""
+FILM = wp.constant(0)
+"""Random numbers for the place in the pixel and on the lens."""
+LEAVE = wp.constant(0)
+"""For the direction from a vertex, two groups."""
+CAMERA_END, END = wp.constant(1), wp.constant(2)
+"""For the direct light at a segment's end, and scattered on the way."""
+CAMERA_GO_ON, GO_ON = wp.constant(4), wp.constant(3)
+"""For the next vertex."""
+FIELD = wp.constant(4)
+"""For the field's light on the way and behind the end."""
 GROUPS = wp.constant(5)
-"""Groups of four random numbers to a segment: two where it begins, three on it; on the camera's one and four."""
+"""Number of a vertex's groups."""
 LEAST_CHOSEN = wp.constant(0.25)
 """Least probability of either start of a subpath, in the water or on a surface, where both are possible."""
 
@@ -103,10 +114,10 @@ def start_subpath(scene: SceneData, eye: Vertex, hit: Hit, end: Vertex, bounds: 
 
 
 @wp.func
-def start_at_camera(ray: Ray, seen: wp.vec3):
-    """A path on the camera's segment, without an event as yet; none where nothing of it is ``seen``."""
+def start_at_camera(ray: Ray, weight: wp.vec3):
+    """A path on the camera's segment, without an event as yet; none where the sensor gets nothing of it."""
     path = Subpath()
-    path.alive = int(brightest(seen) > 0.0)
+    path.alive = int(brightest(weight) > 0.0)
     path.vertex = water_vertex(ray.o, ray.d)
     return path
 
@@ -268,58 +279,59 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
     ):
         i = first_row + wp.tid()
         part = film.parts[i]
-        pixel = pixel_of(film, part)
         taken = part.begin
         sums = Sums()
         L = wp.vec3(0.0)
-        weight = float(1.0)
-        seen = wp.vec3(1.0)
+        weight = wp.vec3(1.0)
         path = Subpath()
-        lights_of = int(0)
+        sampler = make_sampler(key, pixel_of(film, part), sample_of(film, part, taken))
+        group = int(0)
         while i < film.parts.shape[0]:
+            # a ray: from the camera, or on from a subpath's vertex
             in_step()
-            sample = sample_of(film, part, taken)
-            u = draw(key, pixel, sample, GROUPS * events(path))
-            if events(path) == 0:
+            on_camera = events(path) == 0
+            if on_camera:
                 if wp.static(spec.varies):
-                    moment = moment_of(moments, part.row, key, pixel, sample)
-                    scene.lights = moments.lights[moment.lights]
+                    moment = moment_of(moments, part.row, sampler)
+                    scene = scene_at(scene, moments, moment)
                     camera = moments.cameras[moment.instant]
-                    scene.moving = moments.moving[moment.instant]
-                    lights_of = group_of(moment.instant, moments, virtual_lights)
+                    group = group_of(moment.instant, moments, virtual_lights)
+                u = draw(sampler, FILM)
                 place = image_place(scene, camera, part.row, part.col, u)
-                ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), key, pixel, sample)
+                ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), sampler)
                 path = start_at_camera(ray, seen)
-                weight = place[2]
+                weight = place[2] * seen
             else:
-                v = draw(key, pixel, sample, GROUPS * events(path) + 1)
-                of_half = virtual_lights[2 * lights_of + (sample & 1)]
-                path, found = leave_vertex(scene, of_half, path, bounds, u, v)
+                points = virtual_lights[2 * group + (sampler.sample & 1)]
+                path, found = leave_vertex(scene, points, path, bounds, draw(sampler, LEAVE), draw(sampler, LEAVE + 1))
                 L += found
             in_step()
             hit = Hit()
             if path.alive == 1:
                 hit = first_hit(scene, path.vertex.p, path.vertex.d)
+
+            # the light that reaches its segment by one more event
             in_step()
-            group = GROUPS * events(path) + wp.where(events(path) == 0, 1, 2)
-            u = draw(key, pixel, sample, group)
+            u = draw(sampler, wp.where(on_camera, CAMERA_END, END))
             end = Vertex()
             reflected = LightConnection()
             if path.alive == 1:
                 end, reflected = arrive(scene, path, hit, bounds, camera.pixel_angle, u[2])
             in_step()
-            if path.alive == 1 and events(path) > 0:
+            if path.alive == 1 and not on_camera:
                 w = wp.vec4(0.0)
                 if wp.static(spec.field):
-                    w = draw(key, pixel, sample, group + 2)
+                    w = draw(sampler, FIELD)
                 L += gather(scene, field, path, hit, end, reflected, bounds, u, w)
+
+            # the next vertex; once there is none, the next sample, or the next part
             in_step()
             if path.alive == 1:
-                v = draw(key, pixel, sample, group + wp.where(events(path) == 0, 3, 1))
+                v = draw(sampler, wp.where(on_camera, CAMERA_GO_ON, GO_ON))
                 path = go_on(scene, path, hit, end, bounds, v)
+                sampler = next_vertex(sampler, GROUPS)
             if path.alive == 0:
-                # the sample is complete: continue with the next one, or the next part
-                sums = add_correction(sums, sample, weight * wp.cw_mul(seen, L))
+                sums = add_correction(sums, sampler.sample, wp.cw_mul(weight, L))
                 L = wp.vec3(0.0)
                 path = Subpath()
                 taken += 1
@@ -328,8 +340,8 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
                     i = next_part(film)
                     if i < film.parts.shape[0]:
                         part = film.parts[i]
-                        pixel = pixel_of(film, part)
                         taken = part.begin
                         sums = Sums()
+                sampler = make_sampler(key, pixel_of(film, part), sample_of(film, part, taken))
 
     return trace_subpaths

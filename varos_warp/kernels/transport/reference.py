@@ -9,9 +9,9 @@ import warp as wp
 
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.sampling import uniforms
+from varos_warp.kernels.sampler import draw_independent, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, moment_of, scene_at
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import bsdf_eval, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
@@ -24,6 +24,8 @@ from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
 
+FLIGHT, DIRECTION = wp.constant(0), wp.constant(1)
+"""What random numbers of a vertex are for."""
 SURVIVAL = wp.constant(0.95)
 """Largest survival probability of roulette; in water that absorbs nothing the throughput alone would end no path."""
 
@@ -175,25 +177,26 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
     ):
         i = first_row + wp.tid()
         part = film.parts[i]
-        pixel = pixel_of(film, part)
         sums = Sums()
         for sample in range(part.begin, part.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
-            u = uniforms(key, pixel, sample, 0)
+            sampler = make_sampler(key, pixel_of(film, part), sample)
+            u = draw_independent(sampler, 0)
+            sampler = next_vertex(sampler, 1)
             if wp.static(spec.varies):
-                moment = moment_of(moments, part.row, key, pixel, sample)
-                scene.lights = moments.lights[moment.lights]
+                moment = moment_of(moments, part.row, sampler)
+                scene = scene_at(scene, moments, moment)
                 camera = moments.cameras[moment.instant]
-                scene.moving = moments.moving[moment.instant]
             x, y = float(part.col) + u[0], float(part.row) + u[1]
-            ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), key, pixel, sample)
+            ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)
             path = plain_path(ray, seen)
             while path.alive == 1:
                 events = path.scatterings + path.bounces
-                u = uniforms(key, pixel, sample, 2 * events + 1)
-                v = uniforms(key, pixel, sample, 2 * events + 2)
+                u = draw_independent(sampler, FLIGHT)
+                v = draw_independent(sampler, DIRECTION)
+                sampler = next_vertex(sampler, 2)
 
                 # go to the next vertex, in the water or on a surface
                 hit = first_hit(scene, path.p, path.d)

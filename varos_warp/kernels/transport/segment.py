@@ -8,8 +8,6 @@ from typing import NamedTuple
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.sampling import half_key, uniforms
-from varos_warp.kernels.sobol import sobol4
 from varos_warp.kernels.spec import FIELDS, SceneSpec, specialised
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.pixel import sample_pixel
@@ -22,8 +20,6 @@ wp.set_module_options({"enable_backward": False})
 
 PATH = tuple(name for name in FIELDS if name != "rolling")
 """What kernels of paths are compiled for: rows that see other instants are samples of them, too."""
-LOW_DIMENSIONS = wp.constant(14)
-"""Number of groups of four numbers that are low-discrepancy points; later vertices hardly benefit."""
 
 
 @wp.struct
@@ -33,18 +29,6 @@ class PathBounds:
     scatterings: int
     bounces: int
     """The largest number of each."""
-
-
-@wp.func(inline=False)
-def draw(key: wp.uint32, pixel: int, sample: int, group: int):
-    """Four numbers in [0, 1): two pairs of a Sobol sequence, or independent numbers far down a path.
-
-    Even and odd samples have sequences of their own.
-    """
-    half = half_key(key, sample & 1)
-    if group < LOW_DIMENSIONS:
-        return sobol4(half, pixel, sample >> 1, 2 * group)
-    return uniforms(half, pixel, sample >> 1, group)
 
 
 class Segment(NamedTuple):

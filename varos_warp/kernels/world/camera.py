@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from varos_warp.kernels.sampler import Sampler
 from varos_warp.kernels.sampling import half_key, pcg4d, sample_disk
 from varos_warp.kernels.world.optics import Bent, Optics, OpticsSpec, make_behind_port, make_undistorted
 
@@ -125,13 +126,13 @@ COLOURS = wp.constant(wp.uint32(0xC0105))
 
 
 @wp.func
-def channel_of(key: wp.uint32, pixel: int, sample: int):
+def channel_of(sampler: Sampler):
     """Channel of a sample where each has its own rays: in turn, from a random one on in each half of the samples.
 
     Six samples, three in each half, have all alike.
     """
-    x, _, _, _ = pcg4d(wp.uint32(pixel), COLOURS, COLOURS, half_key(key, sample & 1))
-    return int(((x >> wp.uint32(8)) + wp.uint32(sample >> 1)) % wp.uint32(3))
+    x, _, _, _ = pcg4d(wp.uint32(sampler.pixel), COLOURS, COLOURS, half_key(sampler.key, sampler.sample & 1))
+    return int(((x >> wp.uint32(8)) + wp.uint32(sampler.sample >> 1)) % wp.uint32(3))
 
 
 @cache
@@ -140,10 +141,10 @@ def make_sample_ray(spec: OpticsSpec) -> wp.Function:
     ray_of = make_ray(spec)
 
     @wp.func
-    def sample_ray(camera: Camera, x: float, y: float, lens: wp.vec2, key: wp.uint32, pixel: int, sample: int):
+    def sample_ray(camera: Camera, x: float, y: float, lens: wp.vec2, sampler: Sampler):
         channel = int(GREEN)
         if wp.static(spec.dispersion):
-            channel = channel_of(key, pixel, sample)
+            channel = channel_of(sampler)
         return ray_of(camera, x, y, lens, channel)
 
     return sample_ray
