@@ -3,7 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.render.field import solver
 from varos_warp.render.field.directions import Directions
 

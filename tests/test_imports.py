@@ -17,7 +17,7 @@ import varos_warp
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
     "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
-    "kernels": ["world", "mesh", "film", "field", "transport"],
+    "kernels": ["world", "mesh", "film", "field", "transport"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],

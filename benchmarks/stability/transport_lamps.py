@@ -16,7 +16,8 @@ from benchmarks.stability.transport import (
     truth_of,
     water,
 )
-from varos_warp.kernels.world.light import Light, falloff
+from varos_warp.kernels.world.lights.light import falloff
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.scene.lights.distribution import Distribution
 from varos_warp.scene.lights.records import light_record
 

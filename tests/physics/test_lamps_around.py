@@ -10,7 +10,7 @@ from physics.test_reference_integrator import assert_agrees_with_heavy_tail
 from rig import assert_agrees, floor, hg, one_ray_scene, radiance, to_vehicle
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.world import light as lights
+from varos_warp.kernels.world.lights import light as lights
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Part
@@ -63,14 +63,15 @@ def emit(records: wp.array(dtype=lights.Light), u: wp.array(dtype=wp.vec2), d: w
     light = records[0]
     d[i] = lights.light_emit(light, u[i][0], u[i][1]).d
     area[i] = lights.light_solid_angle(light, wp.dot(d[i], light.axis))
-    sent[i] = lights.light_sample(light, light.position + 2.0 * d[i]).intensity[0]
+    sent[i] = lights.light_sample(light, light.position + 2.0 * d[i]).L[0]
 
 
 def emitted(folder, port=None, count=1 << 16):
     """Directions in axes of the notes, and the power [W] of each photon, of a tilted lamp of the file's peak."""
     scene = one_ray_scene([lamp(folder, axis=(0.3, -0.2, 1.0)) | ({"port": port} if port else {})], None)
     u = np.random.default_rng(5).random((count, 2))
-    d, area, sent = run(emit, [Lights(scene, "cpu").at(np.eye(4), np.zeros(3)), u], [wp.vec3, float, float], dim=count)
+    made = Lights(scene, "cpu")  # keeps the profiles to which the records point
+    d, area, sent = run(emit, [made.at(np.eye(4), np.zeros(3)), u], [wp.vec3, float, float], dim=count)
     return d[:, [0, 2, 1]].astype(float), area.astype(float) * sent, area.astype(float)
 
 

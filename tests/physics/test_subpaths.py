@@ -39,7 +39,7 @@ from varos_warp.kernels.transport.subpath import (
     water_vertex,
 )
 from varos_warp.kernels.world.intersect import Hit, SceneData
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import hg_eval
 

@@ -15,7 +15,7 @@ from varos_warp.kernels.field.open_water import (
 )
 from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 
 
 @wp.kernel(enable_backward=False)

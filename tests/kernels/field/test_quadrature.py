@@ -6,7 +6,7 @@ import warp as wp
 from physics.rig import single_scattering as reference
 
 from varos_warp.kernels.field.single_scattering import single_scattering
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import Medium
 
 RAYS, EXTINCTION = 100, np.float32(0.1)

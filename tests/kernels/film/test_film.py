@@ -14,7 +14,7 @@ from varos_warp.render.image.films import tile_pixels
 @wp.kernel(**LONG_KERNEL)
 def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
     """Sums as the path tracers keep them, compiled as they are; samples [layer, sample, height, width]."""
-    part = film.parts[wp.tid()]
+    part = film.batches[wp.tid()]
     row, col = part.row, part.col
     sums = kernel.Sums()
     for taken in range(part.begin, part.end):
@@ -41,18 +41,18 @@ def exposed(samples, most, takes, sides=1, lot=1000, sums=kernel.SUMS):
     counts = wp.zeros(int(kernel.TILE) ** 2 * tiles[0] * tiles[1], dtype=int, device="cpu")
     for take in takes:
         film.wanted.assign(np.broadcast_to(np.int32(take), film.count.shape))
-        wp.launch(kernel.count_parts, dim=counts.shape, inputs=[film, most], outputs=[counts], device="cpu")
+        wp.launch(kernel.count_batches, dim=counts.shape, inputs=[film, most], outputs=[counts], device="cpu")
         ends = wp.array(np.cumsum(counts.numpy()), dtype=int, device="cpu")
         total = int(ends.numpy()[-1])
         for begin in range(0, total, lot):
             parts = min(lot, total - begin)
-            film.parts = wp.zeros(parts, dtype=kernel.PixelPart, device="cpu")
-            film.part_sums = wp.zeros((sums, parts), dtype=wp.vec3d, device="cpu")
-            wp.launch(kernel.list_parts, dim=ends.shape, inputs=[ends, 0, begin], outputs=[film], device="cpu")
-            assert (film.parts.numpy()["end"] - film.parts.numpy()["begin"]).max() <= most
+            film.batches = wp.zeros(parts, dtype=kernel.Batch, device="cpu")
+            film.batch_sums = wp.zeros((sums, parts), dtype=wp.vec3d, device="cpu")
+            wp.launch(kernel.list_batches, dim=ends.shape, inputs=[ends, 0, begin], outputs=[film], device="cpu")
+            assert (film.batches.numpy()["end"] - film.batches.numpy()["begin"]).max() <= most
             wp.launch(expose, dim=parts, inputs=[device_samples, film], device="cpu")
             dim = (sums, *ends.shape)
-            wp.launch(kernel.add_parts, dim=dim, inputs=[ends, 0, begin], outputs=[film], device="cpu")
+            wp.launch(kernel.add_batches, dim=dim, inputs=[ends, 0, begin], outputs=[film], device="cpu")
         wp.launch(kernel.note_samples, dim=film.count.shape, outputs=[film], device="cpu")
     return film
 

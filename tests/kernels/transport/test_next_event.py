@@ -14,8 +14,8 @@ from varos_warp.kernels.field.single_scattering import single_scattering
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.transport.next_event import sample_in_scattered
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light
-from varos_warp.kernels.world.phase import beam_at, phase_eval, sample_beam
+from varos_warp.kernels.world.lights.record import Light
+from varos_warp.kernels.world.phase import angle_integral_at, phase_eval, sample_angle
 from varos_warp.scene.water.phase.fournier_forand import FournierForand
 from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 from varos_warp.scene.water.phase.petzold import Petzold
@@ -44,7 +44,7 @@ def integrate(scene: SceneData, d: wp.vec3, t_max: float, L: wp.array(dtype=floa
 def draw_angles(scene: SceneData, a: float, b: float, u: wp.array(dtype=float), drawn: wp.array(dtype=wp.vec3)):
     i = wp.tid()
     phase = scene.medium.phase
-    sample = sample_beam(phase, beam_at(phase, a)[0], beam_at(phase, b)[0], u[i])
+    sample = sample_angle(phase, angle_integral_at(phase, a)[0], angle_integral_at(phase, b)[0], u[i])
     half = wp.sin(0.5 * sample[0])
     drawn[i] = wp.vec3(sample[0], sample[1], phase_eval(phase, 2.0 * half * half))
 

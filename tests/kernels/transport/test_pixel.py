@@ -8,7 +8,7 @@ from chance import rng_array, run
 from varos_warp.kernels.transport.pixel import sample_pixel
 from varos_warp.kernels.world.camera import Camera, camera_ray, image_point
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 
 COUNT = 1 << 18
 ROW, COL = 5, 7
@@ -17,7 +17,8 @@ ROW, COL = 5, 7
 @wp.kernel
 def sample_places(scene: SceneData, camera: Camera, u: wp.array(dtype=wp.vec4), places: wp.array(dtype=wp.vec3)):
     i = wp.tid()
-    places[i] = sample_pixel(scene, camera, ROW, COL, u[i])
+    point = sample_pixel(scene, camera, ROW, COL, u[i])
+    places[i] = wp.vec3(point.x, point.y, point.weight)
 
 
 @wp.kernel

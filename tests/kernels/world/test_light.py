@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 from chance import run
 
-from varos_warp.kernels.world import light
+from varos_warp.kernels.world.lights import light
 
 EPS = 1.2e-7
 """Spacing of float32 at 1."""
@@ -212,7 +212,7 @@ def emit(lamp: light.Light, u: wp.array(dtype=wp.vec2), d: wp.array(dtype=wp.vec
     i = wp.tid()
     d[i] = light.light_emit(lamp, u[i][0], u[i][1]).d
     area[i] = light.light_solid_angle(lamp, wp.dot(d[i], lamp.axis))
-    sent[i] = light.light_sample(lamp, lamp.position + 2.0 * d[i]).intensity[0]
+    sent[i] = light.light_sample(lamp, lamp.position + 2.0 * d[i]).L[0]
 
 
 def sheet(fan_deg, thickness_deg, position=(0, 0, 0)):
@@ -241,7 +241,7 @@ def test_a_sheet_emits_the_light_within_its_four_planes(fan_deg, thickness_deg):
 @wp.kernel(enable_backward=False)
 def look(lamp: light.Light, p: wp.array(dtype=wp.vec3), sent: wp.array(dtype=float)):
     i = wp.tid()
-    sent[i] = light.light_sample(lamp, p[i]).intensity[0]
+    sent[i] = light.light_sample(lamp, p[i]).L[0]
 
 
 @pytest.mark.parametrize(("fan_deg", "thickness_deg"), [(60.0, 0.5), (150.0, 5.0), (40.0, 40.0)])

@@ -54,7 +54,8 @@ def looked_up(made: OpenWater, p, d):
     """Irradiance of planes with normals d, and what rays along d receive, of the first lamp; [n, 3] each."""
     p, d = (wp.array(np.asarray(x, np.float32).reshape(-1, 3), dtype=wp.vec3, device="cpu") for x in (p, d))
     E, S = (wp.zeros(len(p), dtype=wp.vec3, device="cpu") for _ in range(2))
-    lights = Lights(made.scene, "cpu").at(np.eye(4), np.zeros(3))[:1]
+    carried = Lights(made.scene, "cpu")  # keeps the profiles to which the records point
+    lights = carried.at(np.eye(4), np.zeros(3))[:1]
     wp.launch(look_up, len(p), inputs=[made._lights, lights, p, d, E, S], device="cpu")
     return E.numpy().astype(float), S.numpy().astype(float)
 

@@ -17,7 +17,7 @@ def count_samples(first_row: int, film: kernel.Film):
     """A sample is one watt, and another sum is of its number; a pixel's are told apart by that."""
     i = first_row + wp.tid()
     sums = kernel.Sums()
-    part = film.parts[i]
+    part = film.batches[i]
     for sample in range(part.begin, part.end):
         sums.multiple += wp.vec3d(wp.float64(1.0))
         sums.odd += wp.vec3d(wp.float64(sample))
@@ -29,9 +29,9 @@ def count_parts_in_turn(first_row: int, film: kernel.Film):
     """The same, part after part; ``single`` is of the parts that a thread took before, ``lost`` of all by any."""
     i = first_row + wp.tid()
     before = float(0.0)
-    while i < film.parts.shape[0]:
+    while i < film.batches.shape[0]:
         sums = kernel.Sums()
-        part = film.parts[i]
+        part = film.batches[i]
         for sample in range(part.begin, part.end):
             sums.multiple += wp.vec3d(wp.float64(1.0))
             sums.odd += wp.vec3d(wp.float64(sample))
@@ -39,7 +39,7 @@ def count_parts_in_turn(first_row: int, film: kernel.Film):
         sums.lost = 1
         kernel.store(film, i, sums)
         before += 1.0
-        i = kernel.next_part(film)
+        i = kernel.next_batch(film)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 4), (8, 8), (9, 17), (16, 24)])
@@ -55,7 +55,7 @@ def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
     takes = [3, rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 1]
     for samples in takes:
         made.take(film, count_samples, {}, samples)
-    assert film.parts is None or not film.parts.shape[0]
+    assert film.batches is None or not film.batches.shape[0]
     row, col = np.indices(shape)
     taken = sum(np.broadcast_to(samples, film.count.shape) for samples in takes)
     assert np.array_equal(film.count.numpy(), taken)

@@ -7,7 +7,8 @@ from scipy.integrate import quad
 
 from varos_warp.dataset.write.texts import sources
 from varos_warp.errors import InputError
-from varos_warp.kernels.world.light import Light, falloff
+from varos_warp.kernels.world.lights.light import falloff
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.render.field.open_water import CONES_DEG
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.lights import LampPort

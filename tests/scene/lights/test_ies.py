@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.cli.tables import _print_profiles
 from varos_warp.errors import InputError
-from varos_warp.kernels.world import light as lights
+from varos_warp.kernels.world.lights import light as lights
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import transform
 from varos_warp.scene.info import light_info
@@ -55,7 +55,7 @@ def file_of(folder, text, **how):
 def look(records: wp.array(dtype=lights.Light), p: wp.array(dtype=wp.vec3), sent: wp.array(dtype=float),
          in_beam: wp.array(dtype=float)):
     i = wp.tid()
-    sent[i] = lights.light_sample(records[0], p[i]).intensity[0]
+    sent[i] = lights.light_sample(records[0], p[i]).L[0]
     in_beam[i] = lights.light_towards(records[0], p[i], wp.length(p[i] - records[0].position))[0]
 
 

@@ -5,7 +5,8 @@ import warp as wp
 from varos_warp.kernels.field.open_water import Field, LightField, node_distance, scattered_irradiance, source_function
 from varos_warp.kernels.sampling import asinh, inverse_distance_area, inverse_distance_point, make_reservoir, offer
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count, light_strength
+from varos_warp.kernels.world.lights.light import get_light, light_centre, light_count, light_strength
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import Bsdf
 

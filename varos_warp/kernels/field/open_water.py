@@ -11,7 +11,8 @@ import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
 from varos_warp.kernels.numerics import quadrilinear, trilinear
-from varos_warp.kernels.world.light import Light, light_axis, light_centre, light_intensity
+from varos_warp.kernels.world.lights.light import light_axis, light_centre, light_intensity
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import exp3
 
 wp.set_module_options({"enable_backward": False})

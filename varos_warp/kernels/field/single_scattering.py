@@ -3,15 +3,8 @@
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest, make_gauss_legendre
-from varos_warp.kernels.world.light import (
-    Light,
-    LitInterval,
-    light_at,
-    light_axis,
-    light_centre,
-    light_core,
-    lit_part,
-)
+from varos_warp.kernels.world.lights.light import light_at, light_axis, light_centre, light_core, lit_part
+from varos_warp.kernels.world.lights.record import Light, LitInterval
 from varos_warp.kernels.world.medium import Medium, transmittance
 from varos_warp.kernels.world.phase import Phase, phase_eval
 

@@ -26,7 +26,8 @@ from varos_warp.kernels.numerics import make_gauss_legendre, quadrilinear
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.world.camera import Camera, node_ray
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light, get_light, light_centre, light_count
+from varos_warp.kernels.world.lights.light import get_light, light_centre, light_count
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import Medium, exp3, transmittance
 
 wp.set_module_options({"enable_backward": False})

@@ -37,7 +37,7 @@ class Sums:
 
 
 @wp.struct
-class PixelPart:
+class Batch:
     """Samples ``begin`` to ``end`` of a pixel, taken by one thread."""
 
     row: int
@@ -51,19 +51,19 @@ class Film:
     """Sums over the samples of one image.
 
     Pixels form one side, or two that alternate like the squares of a chessboard and may take different numbers of
-    samples (render/image/adapt.py). Samples are taken in parts of a few each, since otherwise a GPU would finally wait
-    for the threads of noisy pixels; the sums of parts are added up in a fixed order.
+    samples (render/image/adapt.py). Samples are taken in batches of a few each, since otherwise a GPU would finally
+    wait for the threads of noisy pixels; the sums of batches are added up in a fixed order.
     """
 
     wanted: wp.array3d(dtype=int)
     """Samples that each pixel is to take next [side, tile row, tile column]."""
     count: wp.array3d(dtype=int)
     """Samples that each pixel has, in the same layout."""
-    parts: wp.array(dtype=PixelPart)
-    part_sums: wp.array2d(dtype=wp.vec3d)
-    """The parts, and their sums [SUMS or CORRECTION_SUMS, parts]."""
+    batches: wp.array(dtype=Batch)
+    batch_sums: wp.array2d(dtype=wp.vec3d)
+    """The batches, and their sums [SUMS or CORRECTION_SUMS, batches]."""
     next: wp.array(dtype=int)
-    """One number: the first part that no thread has started; empty if each thread takes one part."""
+    """One number: the first batch that no thread has started; empty if each thread takes one batch."""
     sums: wp.array3d(dtype=wp.vec3d)
     """Sums over all samples [SUMS or CORRECTION_SUMS, height, width]."""
     lost: wp.array(dtype=int)
@@ -108,9 +108,9 @@ def add_correction(sums: Sums, sample: int, L: wp.vec3):
 
 
 @wp.func
-def first_sample(part: int, parts: int, spp: int):
-    """Index of a part's first sample; in 64 bits, as the product may be large."""
-    return int(wp.int64(part) * wp.int64(spp) / wp.int64(parts))
+def first_sample(batch: int, batches: int, spp: int):
+    """Index of a batch's first sample; in 64 bits, as the product may be large."""
+    return int(wp.int64(batch) * wp.int64(spp) / wp.int64(batches))
 
 
 @wp.func
@@ -120,12 +120,12 @@ def side_of(sides: int, row: int, col: int):
 
 
 @wp.func
-def sample_of(film: Film, part: PixelPart, i: int):
-    """Number of the ``i``-th sample of a part's pixel: pixels of side 1 take each even one after the odd one.
+def sample_of(film: Film, batch: Batch, i: int):
+    """Number of the ``i``-th sample of a batch's pixel: pixels of side 1 take each even one after the odd one.
 
     So even where all pixels have one sample only, both halves are there, at neighbours.
     """
-    return i ^ side_of(film.count.shape[0], part.row, part.col)
+    return i ^ side_of(film.count.shape[0], batch.row, batch.col)
 
 
 @wp.func
@@ -156,19 +156,19 @@ def tile_pixel(tile_cols: int, i: int):
 
 
 @wp.func
-def pixel_of(film: Film, part: PixelPart):
-    """Number of a part's pixel, row by row."""
-    return part.row * film.sums.shape[2] + part.col
+def pixel_of(film: Film, batch: Batch):
+    """Number of a batch's pixel, row by row."""
+    return batch.row * film.sums.shape[2] + batch.col
 
 
 @wp.kernel(enable_backward=False)
-def count_parts(
+def count_batches(
     film: Film,
-    most: int,  # samples of a part
+    most: int,  # samples of a batch
     # out
     counts: wp.array(dtype=int),  # per pixel, tile by tile
 ):
-    """Number of parts that each pixel's wanted samples are divided into."""
+    """Number of batches that each pixel's wanted samples are divided into."""
     i = wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     counts[i] = 0
@@ -185,51 +185,51 @@ def start_of(ends: wp.array(dtype=int), i: int):
 
 
 @wp.kernel(enable_backward=False)
-def list_parts(
-    ends: wp.array(dtype=int),  # running sum of the parts over the pixels, tile by tile
+def list_batches(
+    ends: wp.array(dtype=int),  # running sum of the batches over the pixels, tile by tile
     first_row: int,
     begin: int,
     # out
-    film: Film,  # the parts from ``begin`` on, as many as there is room for
+    film: Film,  # the batches from ``begin`` on, as many as there is room for
 ):
-    """List the parts of each pixel, which divide its samples evenly."""
+    """List the batches of each pixel, which divide its samples evenly."""
     i = first_row + wp.tid()
     row, col = tile_pixel(film.count.shape[2], i)
     start = start_of(ends, i)
-    for k in range(wp.max(start, begin), wp.min(ends[i], begin + film.parts.shape[0])):
-        part = PixelPart()
-        part.row = row
-        part.col = col
+    for k in range(wp.max(start, begin), wp.min(ends[i], begin + film.batches.shape[0])):
+        batch = Batch()
+        batch.row = row
+        batch.col = col
         wanted = of_tile(film.wanted, row, col)
         taken = of_tile(film.count, row, col)
-        part.begin = taken + first_sample(k - start, ends[i] - start, wanted)
-        part.end = taken + first_sample(k - start + 1, ends[i] - start, wanted)
-        film.parts[k - begin] = part
+        batch.begin = taken + first_sample(k - start, ends[i] - start, wanted)
+        batch.end = taken + first_sample(k - start + 1, ends[i] - start, wanted)
+        film.batches[k - begin] = batch
 
 
 @wp.func
-def store(film: Film, part: int, sums: Sums):
-    """Keep the sums of a part."""
-    film.part_sums[0, part] = sums.multiple
-    film.part_sums[1, part] = sums.odd
-    if film.part_sums.shape[0] == SUMS:
-        film.part_sums[2, part] = sums.direct
-        film.part_sums[3, part] = sums.single
-        film.part_sums[4, part] = sums.correction
-        film.part_sums[5, part] = sums.odd_correction
+def store(film: Film, batch: int, sums: Sums):
+    """Keep the sums of a batch."""
+    film.batch_sums[0, batch] = sums.multiple
+    film.batch_sums[1, batch] = sums.odd
+    if film.batch_sums.shape[0] == SUMS:
+        film.batch_sums[2, batch] = sums.direct
+        film.batch_sums[3, batch] = sums.single
+        film.batch_sums[4, batch] = sums.correction
+        film.batch_sums[5, batch] = sums.odd_correction
     if sums.lost > 0:
         wp.atomic_add(film.lost, 0, sums.lost)
 
 
 @wp.func
-def next_part(film: Film):
-    """The next part for a thread that has finished one; the number of parts if none is left.
+def next_batch(film: Film):
+    """The next batch for a thread that has finished one; the number of batches if none is left.
 
     Paths differ in length, and the threads of a GPU's warp wait for the longest. Threads that continue with another
-    part wait only once, at the end.
+    batch wait only once, at the end.
     """
     if film.next.shape[0] == 0:
-        return film.parts.shape[0]
+        return film.batches.shape[0]
     return wp.atomic_add(film.next, 0, 1)
 
 
@@ -291,36 +291,36 @@ def paired(i: int, size: int):
 
 
 @wp.kernel(enable_backward=False)
-def weigh_parts(
+def weigh_batches(
     share: wp.array2d(dtype=wp.float64),  # of each pixel
     first_row: int,
     # out
     film: Film,
 ):
-    """Multiply the sums of parts by what counts of them, before they are added to those of their pixels."""
+    """Multiply the sums of batches by what counts of them, before they are added to those of their pixels."""
     sum_row, i = wp.tid()
-    part = film.parts[i]
-    film.part_sums[first_row + sum_row, i] = share[part.row, part.col] * film.part_sums[first_row + sum_row, i]
+    batch = film.batches[i]
+    film.batch_sums[first_row + sum_row, i] = share[batch.row, batch.col] * film.batch_sums[first_row + sum_row, i]
 
 
 @wp.kernel(enable_backward=False)
-def add_parts(
+def add_batches(
     ends: wp.array(dtype=int),
     first_row: int,
     begin: int,
     # out
     film: Film,
 ):
-    """Add the sums of the parts from ``begin`` on to those of their pixels."""
+    """Add the sums of the batches from ``begin`` on to those of their pixels."""
     tile_sum, i = wp.tid()
     which = first_row + tile_sum
     row, col = tile_pixel(film.count.shape[2], i)
     start = wp.max(start_of(ends, i), begin)
-    end = wp.min(ends[i], begin + film.parts.shape[0])
+    end = wp.min(ends[i], begin + film.batches.shape[0])
     if start < end:
         total = film.sums[which, row, col]
         for k in range(start, end):
-            total += film.part_sums[which, k - begin]
+            total += film.batch_sums[which, k - begin]
         film.sums[which, row, col] = total
 
 

@@ -91,16 +91,16 @@ def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
         smooth as in the image; the rest is ``multiple``.
         """
         i = first_row + wp.tid()
-        part = film.parts[i]
+        batch = film.batches[i]
         sums = Sums()
-        for sample in range(part.begin, part.end):
-            sampler = make_sampler(key, pixel_of(film, part), sample)
+        for sample in range(batch.begin, batch.end):
+            sampler = make_sampler(key, pixel_of(film, batch), sample)
             u = draw(sampler, 0)
             if wp.static(spec.varies):
-                moment = moment_of(moments, part.row, sampler)
+                moment = moment_of(moments, batch.row, sampler)
                 camera = moments.cameras[moment.instant]
                 scene.moving = moments.moving[moment.instant]
-            ray, seen = ray_of(camera, float(part.col) + u[0], float(part.row) + u[1], wp.vec2(0.0, 0.0), GREEN)
+            ray, seen = ray_of(camera, float(batch.col) + u[0], float(batch.row) + u[1], wp.vec2(0.0, 0.0), GREEN)
             if brightest(seen) <= 0.0:
                 continue
             found = ambient_radiance(scene, ray.o, ray.d, camera.pixel_angle, sampler)

@@ -28,7 +28,7 @@ from varos_warp.kernels.transport.subpath import (
 )
 from varos_warp.kernels.world.camera import Camera, make_sample_ray
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import get_light, light_count
+from varos_warp.kernels.world.lights.light import get_light, light_count
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
@@ -100,9 +100,9 @@ def make_mirrored(spec: SceneSpec) -> wp.Function:
 
 @specialised(*PATH)
 def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
-    """The camera's segments of a film's parts from ``first_row`` on, specialised to ``spec``."""
+    """The camera's segments of a film's batches from ``first_row`` on, specialised to ``spec``."""
     segment = make_segment(spec)
-    first_hit, end_vertex, image_place = segment.first_hit, segment.end_vertex, segment.image_place
+    first_hit, end_vertex, film_point = segment.first_hit, segment.end_vertex, segment.film_point
     scattered_once, reflected_once = segment.scattered_once, segment.reflected_once
     mirrored = make_mirrored(spec)
     field_layer = spec.multiple and spec.field
@@ -121,19 +121,19 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
         film: Film,
     ):
         i = first_row + wp.tid()
-        part = film.parts[i]
+        batch = film.batches[i]
         height, width = film.sums.shape[1], film.sums.shape[2]
         sums = Sums()
-        for taken in range(part.begin, part.end):
-            sampler = make_sampler(key, pixel_of(film, part), sample_of(film, part, taken))
+        for taken in range(batch.begin, batch.end):
+            sampler = make_sampler(key, pixel_of(film, batch), sample_of(film, batch, taken))
             in_step()
             if wp.static(spec.varies):
-                moment = moment_of(moments, part.row, sampler)
+                moment = moment_of(moments, batch.row, sampler)
                 scene = scene_at(scene, moments, moment)
                 camera = moments.cameras[moment.instant]
             u = draw(sampler, FILM)
-            place = image_place(scene, camera, part.row, part.col, u)
-            ray, weight = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), sampler)
+            point = film_point(scene, camera, batch.row, batch.col, u)
+            ray, weight = sample_ray(camera, point.x, point.y, wp.vec2(u[2], u[3]), sampler)
             if brightest(weight) <= 0.0:
                 continue
             in_step()
@@ -154,7 +154,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
                         in_step()
                         L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
             if wp.static(field_layer and spec.camera_field):
-                L_multiple = multiple_in_scattering(field, place[0] / float(width), place[1] / float(height), hit.t)
+                L_multiple = multiple_in_scattering(field, point.x / float(width), point.y / float(height), hit.t)
             if wp.static(field_layer and not spec.camera_field):
                 L_multiple = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
                 correction += L_multiple
@@ -176,7 +176,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             if wp.static(spec.multiple and spec.mirrors):
                 if reflects and is_metal(end):
                     L_multiple += mirrored(scene, field, bounds, end, hit.t, next_vertex(sampler, 2))
-            weight *= place[2]
+            weight *= point.weight
             sums = add_sample(sums, sampler.sample, wp.cw_mul(weight, L_direct), wp.cw_mul(weight, L_single),
                               wp.cw_mul(weight, L_multiple), wp.cw_mul(weight, correction))
         store(film, i, sums)

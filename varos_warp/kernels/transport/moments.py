@@ -13,7 +13,7 @@ from varos_warp.kernels.sampling import half_key
 from varos_warp.kernels.sobol import sobol2
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Instance, SceneData
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 
 wp.set_module_options({"enable_backward": False})
 

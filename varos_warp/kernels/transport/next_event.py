@@ -10,10 +10,7 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import equiangular_point, make_reservoir, offer, one_minus_cos_at
 from varos_warp.kernels.transport.subpath import Vertex, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData
-from varos_warp.kernels.world.light import (
-    Light,
-    LightSample,
-    LitInterval,
+from varos_warp.kernels.world.lights.light import (
     get_light,
     light_beam,
     light_centre,
@@ -22,8 +19,9 @@ from varos_warp.kernels.world.light import (
     light_strength,
     light_towards,
 )
+from varos_warp.kernels.world.lights.record import Light, LightSample, LitInterval
 from varos_warp.kernels.world.medium import Medium, transmittance
-from varos_warp.kernels.world.phase import beam_at, phase_eval, sample_beam
+from varos_warp.kernels.world.phase import angle_integral_at, phase_eval, sample_angle
 
 wp.set_module_options({"enable_backward": False})
 
@@ -48,8 +46,7 @@ class LightConnection:
 @wp.func
 def irradiance(medium: Medium, sample: LightSample):
     """Unobstructed irradiance [W/m^2] of a plane that faces the sampled light, through the water."""
-    share = 1.0 / (sample.distance * sample.distance)
-    return share * wp.cw_mul(sample.intensity, transmittance(medium, sample.distance))
+    return (1.0 / sample.pdf) * wp.cw_mul(sample.L, transmittance(medium, sample.distance))
 
 
 @wp.struct
@@ -59,7 +56,7 @@ class Beam:
     lit: LitInterval
     low: float
     high: float
-    """The cumulative phase function (`beam_at`) at both ends."""
+    """The cumulative phase function (`angle_integral_at`) at both ends."""
     peaked: int
     """1 if the cumulative phase function changes along it by more than LEAST_CHANGE."""
     total: float
@@ -72,12 +69,12 @@ def beam_of(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
     beam = Beam()
     beam.lit = light_beam(light, o, d, t_max)
     if beam.lit.angle > 0.0:
-        start = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.ya))
+        start = angle_integral_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.ya))
         beam.total = beam.lit.angle * start[1]
         # a backward peak is far along the ray, where the water has absorbed the light
         if beam.lit.ya < 0.0 and medium.phase.g >= 0.0:
             beam.low = start[0]
-            beam.high = beam_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))[0]
+            beam.high = angle_integral_at(medium.phase, wp.atan2(beam.lit.h, -beam.lit.yb))[0]
             if beam.high - beam.low > LEAST_CHANGE * wp.abs(beam.low):
                 beam.peaked = 1
                 beam.total = (beam.high - beam.low) / beam.lit.h
@@ -105,7 +102,7 @@ def sample_scattering(medium: Medium, beam: Beam, u: float):
     """
     lit = beam.lit
     if beam.peaked == 1:
-        drawn = sample_beam(medium.phase, beam.low, beam.high, u)
+        drawn = sample_angle(medium.phase, beam.low, beam.high, u)
         y = wp.clamp(foot_at(lit.h, drawn[0]), lit.ya, lit.yb)
         return wp.vec2(y, 1.0 / (drawn[1] * lit.h))
     return wp.vec2(equiangular_point(lit.h, lit.ya, lit.yb, lit.angle, u), lit.angle)

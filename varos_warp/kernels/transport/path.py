@@ -22,7 +22,7 @@ import warp as wp
 from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import Film, Sums, add_correction, next_part, pixel_of, sample_of, store
+from varos_warp.kernels.film.film import Film, Sums, add_correction, next_batch, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
@@ -253,14 +253,14 @@ def go_on(scene: SceneData, path: Subpath, hit: Hit, end: Vertex, bounds: PathBo
 
 @specialised(*PATH)
 def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
-    """Subpaths of a film's parts from ``first_row`` on, specialised to ``spec``.
+    """Subpaths of a film's batches from ``first_row`` on, specialised to ``spec``.
 
-    One loop handles the segments of camera and subpaths, and one part after another, so that the threads of a GPU's
+    One loop handles the segments of camera and subpaths, and one batch after another, so that the threads of a GPU's
     warp trace rays together whatever their paths are doing (path regeneration, Novak et al. 2010; persistent threads,
     Aila and Laine 2009).
     """
     segment = make_segment(spec)
-    first_hit, image_place = segment.first_hit, segment.image_place
+    first_hit, film_point = segment.first_hit, segment.film_point
     leave_vertex, arrive, gather = make_leave_vertex(spec), make_arrive(spec), make_gather(spec)
     sample_ray = make_sample_ray(spec.optics)
 
@@ -278,29 +278,29 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
         film: Film,
     ):
         i = first_row + wp.tid()
-        part = film.parts[i]
-        taken = part.begin
+        batch = film.batches[i]
+        taken = batch.begin
         sums = Sums()
         L = wp.vec3(0.0)
         weight = wp.vec3(1.0)
         path = Subpath()
-        sampler = make_sampler(key, pixel_of(film, part), sample_of(film, part, taken))
+        sampler = make_sampler(key, pixel_of(film, batch), sample_of(film, batch, taken))
         group = int(0)
-        while i < film.parts.shape[0]:
+        while i < film.batches.shape[0]:
             # a ray: from the camera, or on from a subpath's vertex
             in_step()
             on_camera = events(path) == 0
             if on_camera:
                 if wp.static(spec.varies):
-                    moment = moment_of(moments, part.row, sampler)
+                    moment = moment_of(moments, batch.row, sampler)
                     scene = scene_at(scene, moments, moment)
                     camera = moments.cameras[moment.instant]
                     group = group_of(moment.instant, moments, virtual_lights)
                 u = draw(sampler, FILM)
-                place = image_place(scene, camera, part.row, part.col, u)
-                ray, seen = sample_ray(camera, place[0], place[1], wp.vec2(u[2], u[3]), sampler)
+                point = film_point(scene, camera, batch.row, batch.col, u)
+                ray, seen = sample_ray(camera, point.x, point.y, wp.vec2(u[2], u[3]), sampler)
                 path = start_at_camera(ray, seen)
-                weight = place[2] * seen
+                weight = point.weight * seen
             else:
                 points = virtual_lights[2 * group + (sampler.sample & 1)]
                 path, found = leave_vertex(scene, points, path, bounds, draw(sampler, LEAVE), draw(sampler, LEAVE + 1))
@@ -324,7 +324,7 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
                     w = draw(sampler, FIELD)
                 L += gather(scene, field, path, hit, end, reflected, bounds, u, w)
 
-            # the next vertex; once there is none, the next sample, or the next part
+            # the next vertex; once there is none, the next sample, or the next batch
             in_step()
             if path.alive == 1:
                 v = draw(sampler, wp.where(on_camera, CAMERA_GO_ON, GO_ON))
@@ -335,13 +335,13 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
                 L = wp.vec3(0.0)
                 path = Subpath()
                 taken += 1
-                if taken == part.end:
+                if taken == batch.end:
                     store(film, i, sums)
-                    i = next_part(film)
-                    if i < film.parts.shape[0]:
-                        part = film.parts[i]
-                        taken = part.begin
+                    i = next_batch(film)
+                    if i < film.batches.shape[0]:
+                        batch = film.batches[i]
+                        taken = batch.begin
                         sums = Sums()
-                sampler = make_sampler(key, pixel_of(film, part), sample_of(film, part, taken))
+                sampler = make_sampler(key, pixel_of(film, batch), sample_of(film, batch, taken))
 
     return trace_subpaths

@@ -11,7 +11,7 @@ import warp as wp
 from varos_warp.kernels.sampling import LARGEST, asinh, inverse_distance_area, inverse_distance_point
 from varos_warp.kernels.world.camera import Camera, image_point
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import get_light, light_centre, light_count
+from varos_warp.kernels.world.lights.light import get_light, light_centre, light_count
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,12 +25,33 @@ CLOSEST = wp.constant(1.0e-6)
 """Distances from a light's image below this count as this [pixels]."""
 
 
+@wp.struct
+class FilmPoint:
+    """Image point of a sample [pixels] and its weight, the inverse density."""
+
+    x: float
+    y: float
+    weight: float
+
+
+@wp.struct
+class LightImage:
+    """Image point of a light [pixels], and whether it is near a pixel."""
+
+    x: float
+    y: float
+    near: bool
+
+
 @wp.func
-def seen_beside(scene: SceneData, camera: Camera, light: int, centre: wp.vec2, lens: wp.vec2):
-    """Image point of a light from a point of the lens, and 1 if that is near the pixel's ``centre``, else 0."""
+def image_of_light(scene: SceneData, camera: Camera, light: int, centre: wp.vec2, lens: wp.vec2):
+    """Image of a light from a point of the lens, near or not the pixel's ``centre``."""
     at = image_point(camera, light_centre(get_light(scene.lights, light)), lens)
-    offset = wp.vec2(at[0], at[1]) - centre
-    return wp.vec3(at[0], at[1], wp.where(at[2] > 0.0 and wp.length(offset) < BESIDE, 1.0, 0.0))
+    image = LightImage()
+    image.x = at[0]
+    image.y = at[1]
+    image.near = at[2] > 0.0 and wp.length(wp.vec2(at[0], at[1]) - centre) < BESIDE
+    return image
 
 
 @wp.func
@@ -58,7 +79,7 @@ def pdf_around(left: float, top: float, x: float, y: float):
 
 @wp.func
 def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
-    """Image point (x, y) [pixels] in a pixel and its weight, the inverse density.
+    """Image point of a sample in a pixel.
 
     Several lights get equal numbers of samples (balance heuristic, Veach and Guibas 1995). ``u``: two numbers for the
     pixel and two for the lens.
@@ -69,26 +90,32 @@ def sample_pixel(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec
     lens = wp.vec2(u[2], u[3])
     count = int(0)
     for i in range(light_count(scene.lights)):
-        count += int(seen_beside(scene, camera, i, centre, lens)[2])
+        count += int(image_of_light(scene, camera, i, centre, lens).near)
+    point = FilmPoint()
     if count == 0:
-        return wp.vec3(left + u[0], top + u[1], 1.0)
-    place = wp.vec2(left + wp.min(u[0] / EVEN, 1.0), top + u[1])
+        point.x = left + u[0]
+        point.y = top + u[1]
+        point.weight = 1.0
+        return point
+    point.x = left + wp.min(u[0] / EVEN, 1.0)
+    point.y = top + u[1]
     if u[0] >= EVEN:
         which = (u[0] - EVEN) / (1.0 - EVEN) * float(count)
         chosen = wp.min(int(which), count - 1)
         number = int(0)
         for i in range(light_count(scene.lights)):
-            at = seen_beside(scene, camera, i, centre, lens)
-            if at[2] > 0.0:
+            light = image_of_light(scene, camera, i, centre, lens)
+            if light.near:
                 if number == chosen:
                     share = wp.min(which - float(chosen), LARGEST)
-                    off = sample_around(left - at[0], top - at[1], share, u[1])
-                    place = wp.vec2(wp.clamp(at[0] + off[0], left, left + 1.0),
-                                    wp.clamp(at[1] + off[1], top, top + 1.0))
+                    off = sample_around(left - light.x, top - light.y, share, u[1])
+                    point.x = wp.clamp(light.x + off[0], left, left + 1.0)
+                    point.y = wp.clamp(light.y + off[1], top, top + 1.0)
                 number += 1
     density = float(0.0)
     for i in range(light_count(scene.lights)):
-        at = seen_beside(scene, camera, i, centre, lens)
-        if at[2] > 0.0:
-            density += pdf_around(left - at[0], top - at[1], place[0] - at[0], place[1] - at[1])
-    return wp.vec3(place[0], place[1], 1.0 / (EVEN + (1.0 - EVEN) * density / float(count)))
+        light = image_of_light(scene, camera, i, centre, lens)
+        if light.near:
+            density += pdf_around(left - light.x, top - light.y, point.x - light.x, point.y - light.y)
+    point.weight = 1.0 / (EVEN + (1.0 - EVEN) * density / float(count))
+    return point

@@ -16,7 +16,7 @@ from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import bsdf_eval, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays
-from varos_warp.kernels.world.light import get_light, light_count, light_sample
+from varos_warp.kernels.world.lights.light import get_light, light_count, light_sample
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.surface import SurfacePoint, make_surface_at
@@ -158,7 +158,7 @@ def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
 
 @specialised("direct", "single", "multiple", "instances", "textures", "masks", "optics", "varies")
 def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
-    """The kernel that renders a film's parts from ``first_row`` on, specialised to ``spec``."""
+    """The kernel that renders a film's batches from ``first_row`` on, specialised to ``spec``."""
     first_hit = make_rays(spec).first_hit
     sample_ray = make_sample_ray(spec.optics)
     scatter, reflect = make_events(spec)
@@ -176,20 +176,20 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
         film: Film,
     ):
         i = first_row + wp.tid()
-        part = film.parts[i]
+        batch = film.batches[i]
         sums = Sums()
-        for sample in range(part.begin, part.end):
+        for sample in range(batch.begin, batch.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
             L_multiple = wp.vec3(0.0)
-            sampler = make_sampler(key, pixel_of(film, part), sample)
+            sampler = make_sampler(key, pixel_of(film, batch), sample)
             u = draw_independent(sampler, 0)
             sampler = next_vertex(sampler, 1)
             if wp.static(spec.varies):
-                moment = moment_of(moments, part.row, sampler)
+                moment = moment_of(moments, batch.row, sampler)
                 scene = scene_at(scene, moments, moment)
                 camera = moments.cameras[moment.instant]
-            x, y = float(part.col) + u[0], float(part.row) + u[1]
+            x, y = float(batch.col) + u[0], float(batch.row) + u[1]
             ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)
             path = plain_path(ray, seen)
             while path.alive == 1:

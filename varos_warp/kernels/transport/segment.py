@@ -10,7 +10,7 @@ import warp as wp
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.spec import FIELDS, SceneSpec, specialised
 from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
-from varos_warp.kernels.transport.pixel import sample_pixel
+from varos_warp.kernels.transport.pixel import FilmPoint, sample_pixel
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays
@@ -39,7 +39,7 @@ class Segment(NamedTuple):
     end_vertex: wp.Function
     scattered_once: wp.Function
     reflected_once: wp.Function
-    image_place: wp.Function
+    film_point: wp.Function
 
 
 @specialised(*PATH)
@@ -79,10 +79,14 @@ def make_segment(spec: SceneSpec) -> Segment:
         return reflected
 
     @wp.func
-    def image_place(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
-        """Image point (x, y) of a sample, and its weight."""
+    def film_point(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
+        """Image point of a sample."""
         if wp.static(peaks_at_lights):
             return sample_pixel(scene, camera, row, col, u)
-        return wp.vec3(float(col) + u[0], float(row) + u[1], 1.0)
+        point = FilmPoint()
+        point.x = float(col) + u[0]
+        point.y = float(row) + u[1]
+        point.weight = 1.0
+        return point
 
-    return Segment(first_hit, visible, end_vertex, scattered_once, reflected_once, image_place)
+    return Segment(first_hit, visible, end_vertex, scattered_once, reflected_once, film_point)

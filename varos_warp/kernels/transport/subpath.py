@@ -15,14 +15,8 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import joint_pdf, sample_joint
 from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_eval, bsdf_pdf, bsdf_sample, lobe_alpha
 from varos_warp.kernels.world.intersect import Hit, SceneData
-from varos_warp.kernels.world.light import (
-    choose_by_importance,
-    get_light,
-    light_count,
-    light_direction,
-    light_importance,
-    nearest_light,
-)
+from varos_warp.kernels.world.lights.choice import choose_by_importance, nearest_light
+from varos_warp.kernels.world.lights.light import get_light, light_count, light_direction, light_importance
 from varos_warp.kernels.world.medium import (
     Medium,
     near_pdf,

@@ -17,15 +17,14 @@ from varos_warp.kernels.transport.moments import Moment, Moments, first_instant,
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays, moves, to_instance
-from varos_warp.kernels.world.light import (
-    choose_by_flux,
+from varos_warp.kernels.world.lights.choice import choose_by_flux, total_flux
+from varos_warp.kernels.world.lights.light import (
     get_light,
     light_axis,
     light_emit,
     light_flux,
     light_sample,
     light_solid_angle,
-    total_flux,
 )
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.surface import make_surface_at

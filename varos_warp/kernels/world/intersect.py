@@ -6,7 +6,7 @@ import warp as wp
 
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.world.light import Light
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.kernels.world.texture import Material, page_alpha
 

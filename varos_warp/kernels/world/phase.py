@@ -29,10 +29,10 @@ class Phase:
     angle: wp.array(dtype=float)
     """Scattering angles [rad]: 0, then evenly spaced in the logarithm, up to pi."""
     angle_log_step: float
-    beam: wp.array(dtype=float)
+    angle_integral: wp.array(dtype=float)
     """Minus the integral of the density over the angles beyond these."""
-    beam_density: wp.array(dtype=float)
-    """Mean density [1/sr] from each angle to the next; differences of ``beam`` would be inaccurate."""
+    angle_density: wp.array(dtype=float)
+    """Mean density [1/sr] from each angle to the next; differences of ``angle_integral`` would be inaccurate."""
 
 
 @wp.func
@@ -98,25 +98,25 @@ def phase_sample(phase: Phase, d: wp.vec3, u: float, v: float):
 
 
 @wp.func
-def beam_at(phase: Phase, theta: float):
-    """``phase.beam`` at any angle, linear in between, and the mean density there."""
+def angle_integral_at(phase: Phase, theta: float):
+    """``phase.angle_integral`` at any angle, linear in between, and the mean density there."""
     i = int(0)
     if theta >= phase.angle[1]:
         i = 1 + int(wp.log(theta / phase.angle[1]) / phase.angle_log_step)
     i = wp.min(i, phase.angle.shape[0] - 2)
-    density = phase.beam_density[i]
-    return wp.vec2(phase.beam[i] + density * (theta - phase.angle[i]), density)
+    density = phase.angle_density[i]
+    return wp.vec2(phase.angle_integral[i] + density * (theta - phase.angle[i]), density)
 
 
 @wp.func
-def sample_beam(phase: Phase, low: float, high: float, u: float):
-    """Angle and its density, in proportion to the phase function, between two angles given by their `beam_at`.
+def sample_angle(phase: Phase, low: float, high: float, u: float):
+    """Angle and its density, in proportion to the phase function, between two angles of these `angle_integral_at`.
 
     Along a ray at distance h from a light, dy/distance^2 = d(theta)/h (Kulla and Fajardo 2012), so over theta the light
     scattered into the ray varies only with the phase function.
     """
     at = wp.lerp(low, high, u)
-    i = wp.clamp(wp.lower_bound(phase.beam, at) - 1, 0, phase.beam.shape[0] - 2)
-    density = phase.beam_density[i]
-    theta = wp.min(phase.angle[i] + (at - phase.beam[i]) / density, phase.angle[i + 1])
+    i = wp.clamp(wp.lower_bound(phase.angle_integral, at) - 1, 0, phase.angle_integral.shape[0] - 2)
+    density = phase.angle_density[i]
+    theta = wp.min(phase.angle[i] + (at - phase.angle_integral[i]) / density, phase.angle[i + 1])
     return wp.vec2(theta, density / (high - low))

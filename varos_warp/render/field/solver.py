@@ -16,7 +16,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from varos_warp.kernels.field.open_water import LightField, NodeGrid
 from varos_warp.kernels.field.tabulate import tabulate_next_order, tabulate_single_scattering
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.light import Light as LightData
+from varos_warp.kernels.world.lights.record import Light as LightData
 from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.scattering import scattering_matrix, shape_of_twice
 from varos_warp.render.launch import Launcher

@@ -1,7 +1,7 @@
 """Films: the sums of an image's samples, on the device, and taking more of them.
 
-Pixels may want very unlike numbers of samples. So they are taken in parts, lists of which are made anew whenever
-samples are taken, and the sums of the parts are added up in a fixed order: neither the number of threads nor the size
+Pixels may want very unlike numbers of samples. So they are taken in batches, lists of which are made anew whenever
+samples are taken, and the sums of the batches are added up in a fixed order: neither the number of threads nor the size
 of the lists changes a byte.
 """
 
@@ -17,21 +17,21 @@ from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.film.film import (
     SUMS,
     TILE,
+    Batch,
     Film,
-    PixelPart,
-    add_parts,
-    count_parts,
-    list_parts,
+    add_batches,
+    count_batches,
+    list_batches,
     note_samples,
-    weigh_parts,
+    weigh_batches,
 )
 from varos_warp.render.launch import Launcher, Steps
 from varos_warp.scene.device import kind_of
 
 MOST_SAMPLES = {"cpu": 256, "cuda": 4}
-"""Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many."""
+"""Most samples of a batch, by kind of device: threads side by side of a GPU then take about equally many."""
 GPU_THREADS = 1 << 19
-"""Threads that fill a large GPU: parts are smaller where there would be fewer of them."""
+"""Threads that fill a large GPU: batches are smaller where there would be fewer of them."""
 MOST_PARTS = {"cpu": 1 << 16, "cuda": 1 << 22}
 """Parts at a time; each takes up to 160 bytes. At the end of each lot a GPU is less than full, and all pixels are
 visited."""
@@ -52,7 +52,7 @@ class Films:
         """Whether sums are kept for other images."""
         processors = wp.get_device(self.device).sm_count
         self._resident = processors * RESIDENT_THREADS if processors else MOST_LISTED
-        """Threads of a path kernel that a GPU holds at once; on a CPU each takes one part."""
+        """Threads of a path kernel that a GPU holds at once; on a CPU each takes one batch."""
 
     def black(self, resolution, adapts: bool = False, sums: int = SUMS) -> Film:
         """A film without samples for an image of width and height, until it is given to `keep`.
@@ -88,10 +88,10 @@ class Films:
 
         Args:
             film: The film.
-            kernel: Takes the samples of ``film.parts`` from its first row on.
+            kernel: Takes the samples of ``film.batches`` from its first row on.
             arguments: All others, by the names of its parameters.
             samples: How many, of all pixels or [side, tile row, tile column].
-            queued: Whether its threads go on to the `next_part`.
+            queued: Whether its threads go on to the `next_batch`.
             share: Of the light that reaches each pixel, float64 [height, width]; None: all.
         """
         self.launcher.upload(samples, film.wanted)
@@ -100,28 +100,29 @@ class Films:
         pixels = area[None] if len(samples) == 1 else np.stack([(area + 1) // 2, area // 2])  # of each side
         most = self._part_size(int((samples * pixels).sum()))
         places = int(np.prod(film.count.shape[1:])) * TILE**2
-        counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of parts, tile by tile
-        self.launcher.run(count_parts, counts.shape, {"film": film, "most": most, "counts": counts})
+        counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of batches, tile by tile
+        self.launcher.run(count_batches, counts.shape, {"film": film, "most": most, "counts": counts})
         wp.utils.array_scan(counts, ends, inclusive=True)
         total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
         for begin in range(0, total, lot):
-            parts = min(lot, total - begin)
-            film.parts = wp.empty(parts, dtype=PixelPart, device=self.device)
-            film.part_sums = self.buffer(len(film.sums), parts)
+            batches = min(lot, total - begin)
+            film.batches = wp.empty(batches, dtype=Batch, device=self.device)
+            film.batch_sums = self.buffer(len(film.sums), batches)
             listed = {"ends": ends, "begin": begin, "film": film}
-            self.launcher.rows(list_parts, ends.shape, listed, tile_rows=PIXEL_TILE)
-            threads = min(parts, self._resident) if queued else parts
-            film.next = wp.full(int(threads < parts), threads, dtype=int, device=self.device)
-            tile_rows = int(np.clip(parts // 32, 64, 1024))
+            self.launcher.rows(list_batches, ends.shape, listed, tile_rows=PIXEL_TILE)
+            threads = min(batches, self._resident) if queued else batches
+            film.next = wp.full(int(threads < batches), threads, dtype=int, device=self.device)
+            tile_rows = int(np.clip(batches // 32, 64, 1024))
             self.launcher.rows(kernel, (threads,), {**arguments, "film": film}, tile_rows=tile_rows)
             if share is not None:
-                self.launcher.rows(weigh_parts, (len(film.sums), parts), {"share": share, "film": film}, tile_rows=1)
-            self.launcher.rows(add_parts, (len(film.sums), *ends.shape), listed, tile_rows=1)
-        film.parts = film.part_sums = film.next = None
+                weighed = {"share": share, "film": film}
+                self.launcher.rows(weigh_batches, (len(film.sums), batches), weighed, tile_rows=1)
+            self.launcher.rows(add_batches, (len(film.sums), *ends.shape), listed, tile_rows=1)
+        film.batches = film.batch_sums = film.next = None
         self.launcher.run(note_samples, film.count.shape, {"film": film})
 
     def _part_size(self, samples: int) -> int:
-        """Most samples of a part, where there are so many in all."""
+        """Most samples of a batch, where there are so many in all."""
         most = MOST_SAMPLES[kind_of(self.device)]
         if self.device != "cpu":
             most = min(most, max(1, samples // GPU_THREADS))

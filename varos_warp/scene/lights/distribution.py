@@ -32,7 +32,7 @@ class Distribution:
     half_angle: float = np.pi
     """Angle to the axis [rad] beyond which there is no light; pi where there is no cone."""
     blend: float = 0.0
-    """Width of the soft edge as in kernels.world.light; with a profile, only where quadratures divide rays."""
+    """Width of the soft edge as in kernels.world.lights; with a profile, only where quadratures divide rays."""
     profile: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """Values from 0 to 1 at NODES even steps of the sine of half the angle, to the edge, float64, read only; none: 1,
     and the soft edge."""

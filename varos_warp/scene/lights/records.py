@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from varos_warp.kernels.world.light import Light as LightData
+from varos_warp.kernels.world.lights.record import Light as LightData
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.frames import R_V_C, look_at_matrix

@@ -180,7 +180,7 @@ class PhaseFunction(ABC):
             density = () if self.is_henyey_greenstein else (self.table.log_p, self.table.cdf)
             self._on_devices[device] = [wp.array(values.astype(np.float32), dtype=float, device=device)
                                         for values in (*self._beam, *density)]
-        record.angle, record.beam, record.beam_density, *density = self._on_devices[device]
+        record.angle, record.angle_integral, record.angle_density, *density = self._on_devices[device]
         record.angle_log_step = float(ANGLE_LOG_STEP)
         if density:
             record.log_p, record.cdf = density
