@@ -14,7 +14,7 @@ from varos_warp.errors import InputError
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
-from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.intersect import Masks, SceneData
 from varos_warp.kernels.world.optics import HALVINGS, NEWTON_STEPS, Coefficients, Optics, OpticsSpec
 from varos_warp.kernels.world.texture import Material
 from varos_warp.scene.description import Scene
@@ -211,6 +211,16 @@ class DeviceScene:
         face_tint, tints = tints_of(with_faces)
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
         self.data.face_page = self._array(face_pages(with_faces), wp.int32)
+        if self.spec.masks:
+            self._upload_masks(sum(len(part.faces) for part in in_mesh if not part.has_holes))
+
+    def _upload_masks(self, first_cut_face: int):
+        """What functions of masks read, once all arrays are there."""
+        record = Masks()
+        record.first_cut_face = first_cut_face
+        for name in ("face_part", "materials", "corner_values", "face_tint", "corner_tints", "face_page"):
+            setattr(record, name, getattr(self.data, name))
+        self.data.masks = self._array([record], Masks)
 
     def _upload_mesh(self, parts: list[Part]):
         """One mesh of several parts, if there are any."""
@@ -219,8 +229,8 @@ class DeviceScene:
         starts = np.cumsum([0] + [len(part.vertices) for part in parts])
         vertices = np.concatenate([part.vertices for part in parts]) - self.origin
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-        self.data.first_cut_face = sum(len(part.faces) for part in parts if not part.has_holes)
-        self.mesh, self.whole = self._meshes(vertices, faces, self.data.first_cut_face)
+        whole = sum(len(part.faces) for part in parts if not part.has_holes)
+        self.mesh, self.whole = self._meshes(vertices, faces, whole)
         self.data.mesh, self.data.whole = _id(self.mesh), _id(self.whole)
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):

@@ -16,7 +16,7 @@ from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sampl
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of, scene_at
+from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.segment import PATH, PathBounds, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
@@ -129,7 +129,8 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             in_step()
             if wp.static(spec.varies):
                 moment = moment_of(moments, batch.row, sampler)
-                scene = scene_at(scene, moments, moment)
+                scene.lights = moments.lights[moment.lights]
+                scene.moving = moments.moving[moment.instant]
                 camera = moments.cameras[moment.instant]
             u = draw(sampler, FILM)
             point = film_point(scene, camera, batch.row, batch.col, u)

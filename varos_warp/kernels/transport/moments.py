@@ -12,7 +12,7 @@ from varos_warp.kernels.sampler import Sampler
 from varos_warp.kernels.sampling import half_key
 from varos_warp.kernels.sobol import sobol2
 from varos_warp.kernels.world.camera import Camera
-from varos_warp.kernels.world.intersect import Instance, SceneData
+from varos_warp.kernels.world.intersect import Instance
 from varos_warp.kernels.world.lights.record import Light
 
 wp.set_module_options({"enable_backward": False})
@@ -79,12 +79,3 @@ def moment_of(moments: Moments, row: int, sampler: Sampler):
     moment.instant = instant_of_row(moments, row, u[0])
     moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
     return moment
-
-
-@wp.func
-def scene_at(scene: SceneData, moments: Moments, moment: Moment):
-    """The scene with the lights and what moves of a moment."""
-    then = scene
-    then.lights = moments.lights[moment.lights]
-    then.moving = moments.moving[moment.instant]
-    return then

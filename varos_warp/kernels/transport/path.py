@@ -26,7 +26,7 @@ from varos_warp.kernels.film.film import Film, Sums, add_correction, next_batch,
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of, scene_at
+from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
 from varos_warp.kernels.transport.segment import PATH, PathBounds, make_segment
 from varos_warp.kernels.transport.subpath import (
@@ -293,7 +293,8 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
             if on_camera:
                 if wp.static(spec.varies):
                     moment = moment_of(moments, batch.row, sampler)
-                    scene = scene_at(scene, moments, moment)
+                    scene.lights = moments.lights[moment.lights]
+                    scene.moving = moments.moving[moment.instant]
                     camera = moments.cameras[moment.instant]
                     group = group_of(moment.instant, moments, virtual_lights)
                 u = draw(sampler, FILM)

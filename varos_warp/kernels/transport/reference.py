@@ -11,7 +11,7 @@ from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import draw_independent, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of, scene_at
+from varos_warp.kernels.transport.moments import Moments, moment_of
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import bsdf_eval, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
@@ -187,7 +187,8 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
             sampler = next_vertex(sampler, 1)
             if wp.static(spec.varies):
                 moment = moment_of(moments, batch.row, sampler)
-                scene = scene_at(scene, moments, moment)
+                scene.lights = moments.lights[moment.lights]
+                scene.moving = moments.moving[moment.instant]
                 camera = moments.cameras[moment.instant]
             x, y = float(batch.col) + u[0], float(batch.row) + u[1]
             ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)

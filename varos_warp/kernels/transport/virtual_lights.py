@@ -13,7 +13,7 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.sobol import sobol2, sobol4
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moment, Moments, first_instant, instants_taken, scene_at
+from varos_warp.kernels.transport.moments import Moment, Moments, first_instant, instants_taken
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays, moves, to_instance
@@ -121,7 +121,8 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
         if wp.static(spec.varies):
             v = sobol2(half_key(key, row), -1, col, 2)
             moment = moment_of_group(moments, row / 2, points.shape[0] / 2, v)
-            scene = scene_at(scene, moments, moment)
+            scene.lights = moments.lights[moment.lights]
+            scene.moving = moments.moving[moment.instant]
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])

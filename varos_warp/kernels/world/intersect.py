@@ -29,6 +29,20 @@ class Instance:
 
 
 @wp.struct
+class Masks:
+    """What tells where masks of mesh files cut holes; of arrays, those of the scene."""
+
+    first_cut_face: int
+    """Of the faces of the scene's mesh, the first that a mask may cut; those that none cuts come before."""
+    face_part: wp.array(dtype=wp.int32)
+    materials: wp.array(dtype=Material)
+    corner_values: wp.array(dtype=wp.vec3)
+    face_tint: wp.array(dtype=wp.int32)
+    corner_tints: wp.array(dtype=wp.vec4)
+    face_page: wp.array(dtype=wp.int32)
+
+
+@wp.struct
 class SceneData:
     """Everything that rays meet, in the local world; the host's DeviceScene owns the handles.
 
@@ -40,8 +54,8 @@ class SceneData:
     """Of what stands still and is no instance; 0 if there is no such thing."""
     whole: wp.uint64
     """Of those of its faces that no mask cuts; 0 if there is none. Only where some are cut."""
-    first_cut_face: int
-    """Of the faces of ``mesh``, the first that a mask may cut; those that none cuts come before."""
+    masks: wp.array(dtype=Masks)
+    """One record, for functions that are not inlined; none if no mask cuts anything."""
     instance_bvh: wp.uint64
     """Over what moves, wherever it is while a shutter is open, and then over the copies."""
     moving: wp.array(dtype=Instance)
@@ -151,37 +165,37 @@ def between(values: wp.array(dtype=wp.vec3), face: int, bary: wp.vec2):
 
 
 @wp.func
-def tint_at(scene: SceneData, face: int, bary: wp.vec2):
+def tint_between(face_tint: wp.array(dtype=wp.int32), tints: wp.array(dtype=wp.vec4), face: int, bary: wp.vec2):
     """Colour that multiplies a texture at a place of a face, and alpha; ones where there is none."""
-    if scene.face_tint.shape[0] == 0 or scene.face_tint[face] < 0:
+    if face_tint.shape[0] == 0 or face_tint[face] < 0:
         return wp.vec4(1.0)
-    corner = 3 * scene.face_tint[face]
-    tints = scene.corner_tints
+    corner = 3 * face_tint[face]
     w = 1.0 - bary[0] - bary[1]
     return bary[0] * tints[corner] + bary[1] * tints[corner + 1] + w * tints[corner + 2]
 
 
 @wp.func
-def page_of(scene: SceneData, face: int):
+def page_of(face_page: wp.array(dtype=wp.int32), face: int):
     """Page of a mesh file's textures that a face shows; -1 for colours."""
-    if scene.face_page.shape[0] > 0:
-        return scene.face_page[face]
+    if face_page.shape[0] > 0:
+        return face_page[face]
     return 0
 
 
 @wp.func
-def in_hole(scene: SceneData, face: int, part: int, bary: wp.vec2):
+def in_hole(masks: Masks, face: int, part: int, bary: wp.vec2):
     """Whether a mask cuts a hole at a place of a face (glTF 2.0, 3.9.4: what is below the cutoff is not there)."""
-    if scene.materials[part].has_holes == 0:
+    if masks.materials[part].has_holes == 0:
         return False
-    page = page_of(scene, face)
+    page = page_of(masks.face_page, face)
     if page < 0:
         return False
-    layer = scene.materials[part].layers[page]
+    layer = masks.materials[part].layers[page]
     if layer.cutoff <= 0.0:
         return False
-    at = between(scene.corner_values, face, bary)
-    return page_alpha(layer, at[0], at[1]) * tint_at(scene, face, bary)[3] < layer.cutoff
+    at = between(masks.corner_values, face, bary)
+    alpha = page_alpha(layer, at[0], at[1]) * tint_between(masks.face_tint, masks.corner_tints, face, bary)[3]
+    return alpha < layer.cutoff
 
 
 STEEPEST = wp.constant(0.2)
@@ -199,9 +213,9 @@ def set_hit(hit: Hit, query: wp.MeshQueryRay):
     return found
 
 
-@wp.func
-def solid_hit(scene: SceneData, mesh: wp.uint64, whole: wp.uint64, first_face: int, part: int, o: wp.vec3, d: wp.vec3,
-              t_max: float):
+@wp.func(inline=False)  # one copy for all callers, with one query in it: a GPU waits for long code
+def first_solid(masks: wp.array(dtype=Masks), mesh: wp.uint64, whole: wp.uint64, first_face: int, part: int,
+                o: wp.vec3, d: wp.vec3, t_max: float):
     """First hit of a mesh that is not in a hole, in its axes; face -1 if there is none before ``t_max``.
 
     ``whole`` is a mesh of those of its faces, the first ones, that no mask cuts; 0 if all may be cut. ``part`` is that
@@ -213,30 +227,35 @@ def solid_hit(scene: SceneData, mesh: wp.uint64, whole: wp.uint64, first_face: i
     begin = float(0.0)
     end = t_max
     speed = wp.length(d)
-    query = wp.mesh_query_ray(mesh, start, d, end)
-    while query.result:
-        face = first_face + query.face
-        of = part
-        if part < 0:
-            of = scene.face_part[face]
-        p = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
-        if face < scene.first_cut_face or not in_hole(scene, face, of, wp.vec2(query.u, query.v)):
-            hit = set_hit(hit, query)
-            if begin > 0.0:  # from the triangle: rounding errors of the steps do not add up
-                hit.t = wp.dot(p - o, d) / (speed * speed)
-            break
-        if begin == 0.0 and whole != wp.uint64(0):
-            # what no mask cuts, from where the ray began: steps would pass what lies close behind a hole
-            behind = wp.mesh_query_ray(whole, o, d, end)
-            if behind.result:
-                hit = set_hit(hit, behind)
-                end = behind.t
-        # on from just behind the hole; a grazing ray may meet the same face again, and takes another step
-        cosine = wp.max(wp.abs(wp.dot(query.normal, d)) / speed, STEEPEST)
-        step = offset_distance(mesh, query.face, p) / cosine / speed
-        begin += query.t + step
-        start = p + step * d
-        query = wp.mesh_query_ray(mesh, start, d, end - begin)
+    asks_whole = bool(False)
+    while True:
+        origin = wp.where(asks_whole, o, start)
+        query = wp.mesh_query_ray(wp.where(asks_whole, whole, mesh), origin, d, wp.where(asks_whole, end, end - begin))
+        if asks_whole:
+            asks_whole = False
+            if query.result:
+                hit = set_hit(hit, query)
+                end = query.t
+        else:
+            if not query.result:
+                return hit
+            face = first_face + query.face
+            of = part
+            if part < 0:
+                of = masks[0].face_part[face]
+            p = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+            if face < masks[0].first_cut_face or not in_hole(masks[0], face, of, wp.vec2(query.u, query.v)):
+                hit = set_hit(hit, query)
+                if begin > 0.0:  # from the triangle: rounding errors of the steps do not add up
+                    hit.t = wp.dot(p - o, d) / (speed * speed)
+                return hit
+            # after the first hole, what no mask cuts, from where the ray began: steps would pass what lies close behind
+            asks_whole = begin == 0.0 and whole != wp.uint64(0)
+            # on from just behind the hole; a grazing ray may meet the same face again, and takes another step
+            cosine = wp.max(wp.abs(wp.dot(query.normal, d)) / speed, STEEPEST)
+            step = offset_distance(mesh, query.face, p) / cosine / speed
+            begin += query.t + step
+            start = p + step * d
     return hit
 
 
@@ -257,7 +276,7 @@ def make_in_instances(spec: SceneSpec):
             copy = get_instance(scene, k)
             # the direction is not normalised, so that t stays in units of the world
             if wp.static(spec.masks):
-                solid = solid_hit(scene, copy.mesh, copy.whole, copy.first_face, copy.part,
+                solid = first_solid(scene.masks, copy.mesh, copy.whole, copy.first_face, copy.part,
                                   to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
                 if solid.face >= 0:
                     hit = solid
@@ -280,7 +299,7 @@ def make_in_instances(spec: SceneSpec):
         while wp.bvh_query_next(query, k, t_max):
             copy = get_instance(scene, k)
             if wp.static(spec.masks):
-                solid = solid_hit(scene, copy.mesh, copy.whole, copy.first_face, copy.part,
+                solid = first_solid(scene.masks, copy.mesh, copy.whole, copy.first_face, copy.part,
                                   to_instance(copy, o - copy.p), to_instance(copy, d), t_max)
                 if solid.face >= 0:
                     return True
@@ -342,7 +361,7 @@ def make_rays(spec: SceneSpec) -> Rays:
         count_ray(scene)
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):
-                solid = solid_hit(scene, scene.mesh, scene.whole, 0, -1, o, d, FAR)
+                solid = first_solid(scene.masks, scene.mesh, scene.whole, 0, -1, o, d, FAR)
                 if solid.face >= 0:
                     hit = solid
                     hit.instance = -1
@@ -370,7 +389,7 @@ def make_rays(spec: SceneSpec) -> Rays:
         d = offset / distance
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):
-                solid = solid_hit(scene, scene.mesh, scene.whole, 0, -1, p, d, distance)
+                solid = first_solid(scene.masks, scene.mesh, scene.whole, 0, -1, p, d, distance)
                 if solid.face >= 0:
                     return False
             else:

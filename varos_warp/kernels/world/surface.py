@@ -10,7 +10,7 @@ from varos_warp.kernels.world.intersect import (
     get_instance,
     moves,
     page_of,
-    tint_at,
+    tint_between,
     to_instance,
 )
 from varos_warp.kernels.world.texture import MAPPED, Bsdf, footprint_width, material_at
@@ -59,7 +59,7 @@ def make_textured(spec: SceneSpec) -> wp.Function:
         at = wp.vec3(0.0)
         if scene.corner_values.shape[0] > 0:
             at = between(scene.corner_values, hit.face, hit.bary)
-        page = page_of(scene, hit.face)
+        page = page_of(scene.face_page, hit.face)
         p = hit.p
         up = n
         if wp.static(spec.instances):
@@ -72,7 +72,7 @@ def make_textured(spec: SceneSpec) -> wp.Function:
                 up = to_instance(copy, n)
         bsdf = material_at(m, p, up, at, page, footprint)
         if scene.face_tint.shape[0] > 0:
-            tint = tint_at(scene, hit.face, hit.bary)
+            tint = tint_between(scene.face_tint, scene.corner_tints, hit.face, hit.bary)
             bsdf.reflectance = wp.cw_mul(bsdf.reflectance, wp.vec3(tint[0], tint[1], tint[2]))
         return bsdf
 

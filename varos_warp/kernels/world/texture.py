@@ -195,9 +195,10 @@ def wrapped(u: float, how: int, count: int):
     return wp.clamp(inside, margin, 1.0 - margin)
 
 
-@wp.func
-def mapped(layer: Layer, at: wp.vec3, footprint: float):
+@wp.func(inline=False)  # code that all textures would carry is not free
+def mapped(layers: wp.array(dtype=Layer), page: int, at: wp.vec3, footprint: float):
     """Page of a mesh file at coordinates u, v (v up), with at[2] of their units per metre."""
+    layer = layers[page]
     width = float(layer.image.width)
     height = float(layer.image.height)
     level = level_of(layer.image, footprint * at[2] * wp.sqrt(width * height))
@@ -243,7 +244,7 @@ def material_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, page: int, foo
     elif m.kind == GROUND:
         bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))
     elif m.kind == MAPPED and page >= 0:
-        bsdf.reflectance = mapped(m.layers[page], at, footprint)
+        bsdf.reflectance = mapped(m.layers, page, at, footprint)
     elif m.kind == COLOURED or m.kind == MAPPED:
         bsdf.reflectance = at
     elif m.kind == METAL:
