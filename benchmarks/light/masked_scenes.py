@@ -44,7 +44,7 @@ TINTS = np.array([[255, 255, 255], [255, 128, 64], [90, 160, 255]], np.uint8)
 def _cut(path: Path, sheets: np.ndarray, times: int, cutoff: float) -> None:
     """Parallelograms [N, 3, 3] (corner, u, v) of a few askew triangles each, with stripes along v cut out.
 
-    The texture repeats ``times`` along u.
+    The texture repeats ``times`` along u. The sixth shows a solid part of it alone.
     """
     u, v = (grid.ravel() for grid in np.meshgrid([0.0, 0.37, 0.71, 1.0], [0.0, 0.4, 1.0], indexing="ij"))
     inner = (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
@@ -57,7 +57,9 @@ def _cut(path: Path, sheets: np.ndarray, times: int, cutoff: float) -> None:
                            alphaMode="MASK", alphaCutoff=cutoff)
     places = np.concatenate([corner + st @ axes for corner, axes in zip(sheets[:, 0], sheets[:, 1:], strict=True)])
     starts = len(st) * np.arange(len(sheets))
-    visual = TextureVisuals(np.tile(st * [times, 1], (len(sheets), 1)), material=material)
+    uv = np.tile(st * [times, 1], (len(sheets), 1, 1))
+    uv[5:, :, 0] = 0.5 / len(SOLID)
+    visual = TextureVisuals(uv.reshape(-1, 2), material=material)
     trimesh.Trimesh(places, np.concatenate(faces + starts[:, None, None]), visual=visual, process=False).export(path)
 
 
@@ -66,7 +68,8 @@ def _strips(path: Path, sheets: np.ndarray, times: int, cutoff: float) -> None:
     solid = np.tile(SOLID, times)
     jumps = np.flatnonzero(np.diff(np.concatenate([[0], solid, [0]]))).reshape(-1, 2)
     ends = np.clip((jumps + (0.5 - cutoff) * np.array([-1, 1])) / len(solid), 0.0, 1.0)
-    corners = np.array([corner + s * u + t * v for corner, u, v in sheets for a, b in ends
+    corners = np.array([corner + s * u + t * v for k, (corner, u, v) in enumerate(sheets)
+                        for a, b in (ends if k < 5 else [(0, 1)])
                         for s, t in ((a, 0), (b, 0), (b, 1), (a, 1))])
     faces = 4 * np.arange(len(corners) // 4)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     trimesh.Trimesh(corners, faces.reshape(-1, 3), process=False).export(path)
@@ -76,7 +79,7 @@ BOARD = np.array([[[-0.8, 0, -0.6], [1.6, 0, 0], [0, 0, 1.2]]])
 X, Y, Z = 0.5 * np.eye(3)
 BOX = np.array([(o - 0.5 * (X + Y + Z), u, v) for o, u, v in (
     (0 * X, X, Z), (Y, X, Z), (0 * X, Y, Z), (X, Z, Y), (0 * X, X, Y), (Z, Y, X))])
-"""Closed but for its stripes, 0.5 m wide."""
+"""Closed but for its stripes, 0.5 m wide, its top whole."""
 
 
 def _files(folder: Path, twin: str) -> None:
