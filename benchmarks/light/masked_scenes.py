@@ -44,7 +44,7 @@ TINTS = np.array([[255, 255, 255], [255, 128, 64], [90, 160, 255]], np.uint8)
 def _cut(path: Path, sheets: np.ndarray, times: int, cutoff: float) -> None:
     """Parallelograms [N, 3, 3] (corner, u, v) of a few askew triangles each, with stripes along v cut out.
 
-    The texture repeats ``times`` along u. The sixth shows a solid part of it alone.
+    The texture repeats ``times`` along u. The sixth is whole, by a material without any.
     """
     u, v = (grid.ravel() for grid in np.meshgrid([0.0, 0.37, 0.71, 1.0], [0.0, 0.4, 1.0], indexing="ij"))
     inner = (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
@@ -55,12 +55,11 @@ def _cut(path: Path, sheets: np.ndarray, times: int, cutoff: float) -> None:
     texels[..., 3] *= SOLID
     material = PBRMaterial(baseColorTexture=Image.fromarray(texels), baseColorFactor=[*FACTOR, 1.0],
                            alphaMode="MASK", alphaCutoff=cutoff)
-    places = np.concatenate([corner + st @ axes for corner, axes in zip(sheets[:, 0], sheets[:, 1:], strict=True)])
-    starts = len(st) * np.arange(len(sheets))
-    uv = np.tile(st * [times, 1], (len(sheets), 1, 1))
-    uv[5:, :, 0] = 0.5 / len(SOLID)
-    visual = TextureVisuals(uv.reshape(-1, 2), material=material)
-    trimesh.Trimesh(places, np.concatenate(faces + starts[:, None, None]), visual=visual, process=False).export(path)
+    whole = PBRMaterial(baseColorFactor=[*FACTOR, 1.0])
+    pieces = [trimesh.Trimesh(corner + st @ axes, faces, process=False,
+                              visual=TextureVisuals(st * [times, 1], material=material if k < 5 else whole))
+              for k, (corner, *axes) in enumerate(sheets)]
+    trimesh.Scene(pieces).export(path)
 
 
 def _strips(path: Path, sheets: np.ndarray, times: int, cutoff: float) -> None:
