@@ -35,11 +35,8 @@ from varos_warp.scene.device import resolve_device
 ALIKE = 1e-4
 ROUNDING = 1e-6
 """Relative error of a block by single precision, some of it alike in all images."""
-FIRST_OF_OTHERS = 100_001
-"""Seed of the first of the images that share no random numbers."""
+FIRST_OF_OTHERS = 100_001  # seed of images that share no random numbers
 CHANCE = 0.05
-CLOSED = ("turbid_room",)
-"""Where B is black."""
 
 
 class Twin:
@@ -51,7 +48,6 @@ class Twin:
         self.how = {"T_w_v": built.T_w_v, "motion": still, "time_ns": round(1e9 * NOW_S), "denoise": "none"}
 
     def frame(self, outputs: str, **more):
-        """A frame of a scene."""
         return self.renderer.render(**self.how, outputs=outputs, **more)
 
     def images(self, letter: str, first: int, options, integrator: str) -> np.ndarray:
@@ -103,8 +99,8 @@ def measure(name: str, options, tell) -> list[dict]:
     watch, rows = Stopwatch(), []
     with tempfile.TemporaryDirectory() as folder:
         twins = [Twin(build(name, twin, Path(folder), options.resolution), options.device) for twin in TWINS]
-    kinds = [("A", integrator) for integrator in options.integrators] + [("B", "auto")] * (name not in CLOSED)
-    for letter, integrator in kinds:
+    b = [("B", "auto")] if name != "turbid_room" else []  # in a closed room it is black
+    for letter, integrator in [*(("A", each) for each in options.integrators), *b]:
         rows.append({"scene": name} | row_of(twins, letter, options, integrator))
         tell("{scene:<13}{image} {integrator:<10}{blocks:>6}{block_z:>8.2f}{chi2:>7.3f}{chi2_p_shared:>7.2f}"
              "{worst_percent:>8.2f} +- {worst_stderr:<6.2f}{same_z:>7.2f}{same_chi2:>6.2f}{same_percent:>7.3f}"
