@@ -96,7 +96,7 @@ def test_readings_are_those_of_the_dataset_to_the_last_bit_and_so_are_truth_and_
         return
     same(messages[number + 1], rows_of(path, 1 + count, count))
     if sensor == "imu0":
-        same(messages[number + 2], rows_of(data.layout.imu_bias))
+        same(messages[number + 2], rows_of(data.layout.bias("imu0")))
     elif sensor == "dvl0":
         assert not messages[number + 2]
     else:
