@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from varos_warp.products.sensors.altimeter import ALTIMETER, Altimeter, AltimeterReadings
 from varos_warp.products.sensors.depth_gauge import DEPTH_GAUGE, DepthReadings
 from varos_warp.products.sensors.dvl import DVL, Dvl, DvlReadings
 from varos_warp.products.sensors.imu import IMU, Imu, ImuReadings
@@ -23,6 +24,8 @@ class SensorBlocks(Block):
     """The magnetometer (docs/sensors.md). Absent: none."""
     dvl: Annotated[Dvl | None, DVL] = None
     """The Doppler velocity log (docs/sensors.md). Absent: none."""
+    altimeter: Annotated[Altimeter | None, ALTIMETER] = None
+    """The altimeter (docs/sensors.md). Absent: none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +36,7 @@ class Readings:
     depth_gauge: DepthReadings | None = None
     magnetometer: FieldReadings | None = None
     dvl: DvlReadings | None = None
+    altimeter: AltimeterReadings | None = None
 
 
 SENSORS: tuple[SensorProduct[Any, Any, Any], ...] = tuple(
