@@ -16,7 +16,8 @@ import varos_warp
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
-    "": ["kernels", "scene.block", "scene.frames", "products.sensors", "scene", "sim", "render", "dataset", "cli"],
+    "": ["kernels", "scene.block", "scene.frames", "sim.motion", "products.sensors", "scene", "sim", "render",
+         "dataset", "cli"],
     "products": ["sensors"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],

@@ -99,6 +99,21 @@ class Trajectory:
         return Trajectory(*(column[index] for column in self._columns()))
 
 
+def applied(rotation: Rotation, vectors: np.ndarray) -> np.ndarray:
+    """Vectors [N, 3] (or [3], the same for all) turned by N rotations, each to the byte as it would be among others.
+
+    For a single row NumPy adds in another order than for several, so one is turned twice.
+    """
+    if len(rotation) != 1:
+        return rotation.apply(vectors)
+    return rotation[[0, 0]].apply(np.repeat(np.atleast_2d(vectors), 2, axis=0))[:1]
+
+
+def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Rows [N, n] times a matrix [n, m], each to the byte as it would be among others: see `applied`."""
+    return rows @ matrix if len(rows) != 1 else (np.repeat(rows, 2, axis=0) @ matrix)[:1]
+
+
 def _before(first: Trajectory, time_ns: np.ndarray) -> Trajectory:
     """The motion at times [N] before its first row, with the accelerations of that row."""
     t = 1e-9 * (time_ns - first.time_ns)[:, None]

@@ -9,7 +9,6 @@ from pydantic import AfterValidator, Field
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
-    Motion,
     NoiseDensity,
     RosMessages,
     Samples,
@@ -19,6 +18,7 @@ from varos_warp.products.sensors.protocol import (
 )
 from varos_warp.scene.block import Block, Position, Positive
 from varos_warp.scene.frames import transform
+from varos_warp.sim.motion import Trajectory
 
 SEED = 0x616C74
 """Parts its random numbers from those of other sensors."""
@@ -94,7 +94,7 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
         z /= np.linalg.norm(z)
         return transform(np.column_stack([x, np.cross(z, x), z]), sensor.position)
 
-    def measure(self, there: Motion, sensor: Altimeter, around: Surroundings) -> AltimeterReadings:
+    def measure(self, there: Trajectory, sensor: Altimeter, around: Surroundings) -> AltimeterReadings:
         """The distance at the instants of the motion's rows."""
         T_w_s = there.poses() @ self.mounting(sensor)
         distance, _ = around.met_by_beams(there.time_ns, T_w_s, BEAM, (0.0, sensor.max_range_m))

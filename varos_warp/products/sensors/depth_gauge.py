@@ -9,15 +9,14 @@ from varos_warp.products.sensors.noise import check_noise, noise
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
-    Motion,
     Mounted,
     RosMessages,
     Samples,
     SensorProduct,
     Surroundings,
 )
-from varos_warp.products.sensors.rows import applied
 from varos_warp.scene.block import Block, NonNegative
+from varos_warp.sim.motion import Trajectory, applied
 
 SEED = 0x646570
 """Parts its random numbers from those of other sensors."""
@@ -61,7 +60,7 @@ class DepthGauge(SensorProduct[Mounted, DepthGaugeNoise, DepthReadings]):
     is_standard = True
     ros_type = "std_msgs/msg/Float64"
 
-    def measure(self, there: Motion, sensor: Mounted, around: Surroundings) -> DepthReadings:
+    def measure(self, there: Trajectory, sensor: Mounted, around: Surroundings) -> DepthReadings:
         """How far the gauge is below the surface."""
         lever = applied(there.rotation(), np.asarray(sensor.position, float))
         return DepthReadings(there.time_ns, around.surface_depth_m - (there.position[:, 2] + lever[:, 2]))

@@ -9,7 +9,6 @@ from pydantic import AfterValidator, Field
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
-    Motion,
     Mounted,
     NoiseDensity,
     Samples,
@@ -18,9 +17,9 @@ from varos_warp.products.sensors.protocol import (
     Vec3,
     xyz,
 )
-from varos_warp.products.sensors.rows import applied, product
 from varos_warp.scene.block import Block, Coordinate, Positive
 from varos_warp.scene.frames import attitude
+from varos_warp.sim.motion import Trajectory, applied, product
 
 SEED = 0x64766C
 """Parts its random numbers from those of other sensors."""
@@ -112,7 +111,7 @@ true_...
     needs_solids, has_bias = True, False
     facts = {"beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]}
 
-    def measure(self, there: Motion, sensor: Dvl, around: Surroundings) -> DvlReadings:
+    def measure(self, there: Trajectory, sensor: Dvl, around: Surroundings) -> DvlReadings:
         """Ranges and velocities along the beams, and what follows from them."""
         beams, T_w_s = beam_directions(sensor), there.poses() @ self.mounting(sensor)
         velocity = applied(there.rotation().inv(), there.velocity)  # of the sensor, in vehicle axes

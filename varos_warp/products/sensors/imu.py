@@ -10,11 +10,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
+from varos_warp.products.sensors.differences import bend, changes, difference2, slope
 from varos_warp.products.sensors.noise import EPS, Noise, noise
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
-    Motion,
     Mounted,
     NoiseDensity,
     RosMessages,
@@ -24,9 +24,9 @@ from varos_warp.products.sensors.protocol import (
     Vec3,
     xyz,
 )
-from varos_warp.products.sensors.rows import applied, bend, changes, difference2, product, slope
 from varos_warp.scene.block import Block
 from varos_warp.scene.frames import attitude
+from varos_warp.sim.motion import Trajectory, applied, product
 
 SEED = 0x696D75
 """Parts its random numbers from those of other sensors."""
@@ -121,7 +121,7 @@ and the
     is_standard = bias_apart = True
     ros_type = "sensor_msgs/msg/Imu"
 
-    def measure(self, there: Motion, sensor: Imu, around: Surroundings) -> ImuReadings:
+    def measure(self, there: Trajectory, sensor: Imu, around: Surroundings) -> ImuReadings:
         """Eq. (2) of the paper: a = R_sv (R_vr (dd p - g) + ([w]x[w]x + [dw]x) l), omega = R_sv w.
 
         l is the lever arm in vehicle axes, R_vs how the sensor is turned, and g = (0, 0, -gravity).

@@ -10,7 +10,6 @@ from varos_warp.products.sensors.noise import EPS, Noise, check_noise, noise
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
-    Motion,
     Mounted,
     NoiseDensity,
     Samples,
@@ -19,9 +18,9 @@ from varos_warp.products.sensors.protocol import (
     Vec3,
     xyz,
 )
-from varos_warp.products.sensors.rows import applied, product
 from varos_warp.scene.block import Block
 from varos_warp.scene.frames import attitude
+from varos_warp.sim.motion import Trajectory, applied, product
 
 SEED = 0x6D6167
 """Parts its random numbers from those of other sensors."""
@@ -75,7 +74,7 @@ readings.
 """
     facts = {"field_T": Vec3}
 
-    def measure(self, there: Motion, sensor: Magnetometer, around: Surroundings) -> FieldReadings:
+    def measure(self, there: Trajectory, sensor: Magnetometer, around: Surroundings) -> FieldReadings:
         """The field in the axes of the sensor."""
         field = applied(there.rotation().inv(), np.asarray(sensor.field_T, float))
         return FieldReadings(there.time_ns, product(field, attitude(sensor)))

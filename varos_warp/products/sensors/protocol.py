@@ -1,9 +1,9 @@
 """What a sensor is to the rest of the package (`SensorProduct`), and what the rest is to a sensor.
 
-A sensor knows nothing of the simulation, of datasets and of exports. It is handed the vehicle's motion (`Motion`), what
-is around it (`Surroundings`), a dataset to check (`Evidence`) and makers of ROS messages (`RosMessages`), and knows
-them by these protocols only. So its block of the scene file, what it measures, how that is written, checked and drawn
-can stand in one file, below all rooms that ask for it.
+A sensor knows nothing of the simulation, of datasets and of exports. It is handed the vehicle's motion, what is around
+it (`Surroundings`), a dataset to check (`Evidence`) and makers of ROS messages (`RosMessages`), and knows these by
+protocols only. So its block of the scene file, what it measures, how that is written, checked and drawn can stand in
+one file, below all rooms that ask for it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,10 +12,10 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from varos_warp.scene.block import Block, EulerAngles, Position, Positive
 from varos_warp.scene.frames import pose_matrix
+from varos_warp.sim.motion import Trajectory
 
 Samples = Mapping[str, np.ndarray]
 """``time_ns`` int64 [N] and quantities by their names, [N] or [N, k]."""
@@ -58,35 +58,6 @@ class Curve:
 
 
 # ------------------------------------------------------------------------------------------- what a sensor is handed
-
-
-class Motion(Protocol):
-    """The vehicle at the times of the samples [N]: `varos_warp.sim.motion.Trajectory`, float64."""
-
-    @property
-    def time_ns(self) -> np.ndarray:
-        """int64 [N]."""
-    @property
-    def position(self) -> np.ndarray:
-        """[N, 3] [m], world axes, as are velocity and acceleration."""
-    @property
-    def velocity(self) -> np.ndarray:
-        """[N, 3] [m/s]."""
-    @property
-    def acceleration(self) -> np.ndarray:
-        """[N, 3] [m/s^2]."""
-    @property
-    def angular_velocity(self) -> np.ndarray:
-        """[N, 3] [rad/s], vehicle axes."""
-    @property
-    def angular_acceleration(self) -> np.ndarray:
-        """[N, 3] [rad/s^2], vehicle axes."""
-    def rotation(self) -> Rotation:
-        """Attitudes, vehicle to world."""
-    def poses(self) -> np.ndarray:
-        """Poses [N, 4, 4], vehicle to world."""
-    def velocity_of(self, lever: np.ndarray) -> np.ndarray:
-        """Velocity [N, 3] [m/s], world axes, of a point of the vehicle at ``lever`` [3] in its axes."""
 
 
 class Surroundings(Protocol):
@@ -133,7 +104,7 @@ class Evidence(Protocol):
     def bias(self) -> Samples:
         """The bias in them, of a sensor that has one."""
     @property
-    def motion(self) -> Motion:
+    def motion(self) -> Trajectory:
         """The vehicle's motion at the readings, from its states."""
     @property
     def states(self) -> str:
@@ -238,7 +209,7 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
         """T_v_s [4, 4] of the sensor on the vehicle."""
         return pose_matrix(sensor)
 
-    def measure(self, there: Motion, sensor: BlockT_contra, around: Surroundings) -> ReadingsT:
+    def measure(self, there: Trajectory, sensor: BlockT_contra, around: Surroundings) -> ReadingsT:
         """Readings without noise at the instants of a motion's rows."""
         ...
 
