@@ -1,4 +1,4 @@
-"""ROS 2: an MCAP bag of images, calibration, IMU, depth gauge and the true course, by the library rosbags.
+"""ROS 2: an MCAP bag of images, calibration, readings of sensors and the true course, by the library rosbags.
 
 Compressed images are the dataset's PNG files as they are; depth is PNG of 16 bit millimetres (REP 118), planar z, 0
 for none. Raw ones, where asked for, are rgb8, and float32 metres with inf for none. The topics are those that
@@ -27,6 +27,7 @@ ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "
 Event = tuple[int, str, Callable]
 """Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
 ON_TOPICS = tuple(sensor for sensor in ALL if sensor.ros_type)
+"""Sensors whose readings have a message in ROS."""
 SENSORS = tuple(sensor.id for sensor in ON_TOPICS)
 TYPES = {**{sensor.id: sensor.ros_type for sensor in ON_TOPICS}, "ground_truth": "nav_msgs/msg/Odometry",
          "tf": "tf2_msgs/msg/TFMessage", "tf_static": "tf2_msgs/msg/TFMessage",

@@ -76,7 +76,8 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
     columns = {"range": ["range [m]"]}
     curves = (Curve("range", "Altimeter", "m", ["along the beam"], viewed="altimeter [m]"),)
     stream_id, stream_fields = 70, "float64: distance along the beam to what it meets first [m]; NaN for nothing"
-    convention = "distance along the beam, the x axis of the sensor, to what it meets first; nan within no max_range_m"
+    convention = ("distance along the beam, the x axis of the sensor, to what it meets first; nan where that is "
+                  "nothing within max_range_m")
     chapter = """ALTIMETER (altimeter0/altimeter0_data.csv)
   range is the distance along the beam, which is the x axis of the sensor, to the terrain or an object; nan: it meets
   nothing within sensors.altimeter0.max_range_m of dataset.json. If noise is listed there, the column true_range is
