@@ -7,6 +7,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.products.sensors.registry import ASKED_FOR, mounted
 from varos_warp.render.image.flow import flow_of
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.scene.description.optics import twin
@@ -16,7 +17,8 @@ from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import open_ns
 from varos_warp.sim.clock import TICK_NS
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.sensors.readings import measure_dvl, measure_field
+from varos_warp.sim.sensors.suite import measured
+from varos_warp.sim.sensors.surroundings import Around
 
 FLOOR_Z = -3.0
 
@@ -75,14 +77,13 @@ def simulate(scene, parts=None, *, progress=None):
         imu.acceleration = imu.acceleration + imu.acceleration_bias + white
     trajectory = Trajectory(time_ns, position, velocity, acceleration,
                             rotation.as_quat(canonical=True, scalar_first=True), omega, alpha)
-    vehicle = scene.vehicle
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
         trajectory=trajectory, frames=trajectory.at(time_ns[:200:20]), imu=imu,
         motion=lambda at_ns: lambda offset_ns: trajectory.from_before(at_ns + offset_ns).poses(),
         depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[],
-        magnetometer=vehicle.magnetometer and measure_field(trajectory, vehicle.magnetometer),
-        dvl=vehicle.dvl and measure_dvl(trajectory, vehicle.dvl, parts))
+        **{sensor.key: measured(sensor, trajectory, block, Around(parts=parts or ()))
+           for sensor, block in mounted(scene.vehicle) if sensor.key in ASKED_FOR})
 
 
 def course_facts(simulation, scene):

@@ -17,6 +17,7 @@ WRONG = {
     'simulator.step(force=(0.0, 5.0, 0.0))': 'simulator.step(thrust=(0.0, 5.0, 0.0))',
     'simulation.trajectory.T_w_v(0)': 'simulation.course.T_w_v(0)',
     'device="cpu")': 'divice="cpu")',
+    'altimeter.range': 'altimeter.distance',
     'number: int = first.number': 'number: str = first.number',
     'first.A, *': 'several.A, *',
     'data.cameras\n': 'data.camera\n',

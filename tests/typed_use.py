@@ -33,6 +33,12 @@ def way_stepped(scene: vw.Scene, seconds: float) -> np.ndarray:
     return np.array([state.position for state in states])
 
 
+def lowest(scene: vw.Scene) -> float:
+    """Of what an altimeter reads at the start [m]."""
+    altimeter = vw.Simulator(scene).state.altimeter
+    return float("nan") if altimeter is None else float(np.nanmin(altimeter.range))
+
+
 def disparity(renderer: vw.FrameRenderer, T_w_v: np.ndarray) -> np.ndarray | None:
     """Of a stereo pair [pixels]."""
     flow = renderer.render(T_w_v, "L0", "F", following=vw.NextFrame(T_w_v, camera="R0")).F

@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.stability import dynamics_body, dynamics_control
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.noise import noise
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.frames import euler_angles, look_at_matrix
 from varos_warp.sim import quaternion
-from varos_warp.sim.sensors.noise import noise
 from varos_warp.sim.vehicle.body import Sphere, sphere
 from varos_warp.sim.vehicle.current import Current
 from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State, step_rotation, step_translation

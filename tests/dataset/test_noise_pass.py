@@ -13,11 +13,11 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.imu import imu_noise
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import Shutter, Vignetting
 from varos_warp.scene.file.noise_profiles import load_profile, merge_profiles, named_profiles
 from varos_warp.sim.sensors import image_noise
-from varos_warp.sim.sensors.noise import imu_noise
 
 PROFILE = load_profile("low_light_rov")
 

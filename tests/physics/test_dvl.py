@@ -5,22 +5,29 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from varos_warp.products.sensors.dvl import DVL, Dvl, DvlNoise, beam_directions, bottom_track, dvl_noise
+from varos_warp.products.sensors.magnetometer import MAGNETOMETER, Magnetometer, MagnetometerNoise, magnetometer_noise
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.noise_profile import DvlNoise, MagnetometerNoise
-from varos_warp.scene.description.vehicle import Dvl, Magnetometer
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.query import ranges
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.sensors.dvl import beam_directions, bottom_track
-from varos_warp.sim.sensors.noise import dvl_noise, magnetometer_noise
-from varos_warp.sim.sensors.readings import measure_dvl, measure_field
+from varos_warp.sim.sensors.suite import measured
+from varos_warp.sim.sensors.surroundings import Around
 from varos_warp.sim.trajectory import simulate
 
 ROUNDING = 1e-14
 FAR = np.array([569_000.0, 7_035_000.0, 0.0])
 TURNED = Rotation.from_euler("xyz", [(0, 0, 0), (0, 0, 130), (12, 0, 0), (-7, 15, 40), (20, -10, -80)], degrees=True)
+
+
+def measure_dvl(trajectory, dvl, parts):
+    return measured(DVL, trajectory, dvl, Around(parts=parts))
+
+
+def measure_field(trajectory, magnetometer):
+    return measured(MAGNETOMETER, trajectory, magnetometer, Around())
 
 
 def motion(turned: Rotation, height=3.0, velocity=0.0, omega=0.0, at=(0.0, 0.0, 0.0)) -> Trajectory:

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from varos_warp.products.sensors.depth_gauge import DEPTH_GAUGE
+from varos_warp.products.sensors.imu import IMU, Imu
+from varos_warp.products.sensors.protocol import Mounted
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Imu, Mounted
 from varos_warp.sim.clock import times_ns
-from varos_warp.sim.sensors.readings import measure_depth, measure_imu
+from varos_warp.sim.sensors.suite import measured
+from varos_warp.sim.sensors.surroundings import Around
 from varos_warp.sim.trajectory import Trajectory, simulate
 
 pytestmark = pytest.mark.subject("IMU and depth gauge")
@@ -19,6 +22,11 @@ H, G = 0.005, 9.81
 EQ2 = "eq. (2) of the paper"
 ROUNDING = 1e-14
 UP_DOWN_SIDEWAYS = [(0.0, 0.0, 0.0), (90.0, 0.0, 0.0), (20.0, -70.0, 130.0)]
+
+
+def measure_imu(trajectory, imu, gravity):
+    return measured(IMU, trajectory, imu, Around(gravity))
+
 
 
 def motion(turned: Rotation, *, position=0.0, velocity=0.0, acceleration=0.0, omega=0.0, alpha=0.0) -> Trajectory:
@@ -105,7 +113,8 @@ def test_a_turned_imu_reads_the_same_vectors_in_its_own_axes():
 
 def test_the_depth_gauge_reads_its_own_depth_positive_down(truth):
     pitched = Rotation.from_rotvec(np.outer([0.0, 90.0, -90.0], [1.0, 0.0, 0.0]), degrees=True)
-    read = measure_depth(motion(pitched, position=(1.0, 2.0, -3.0)), Mounted(position=(0.0, 0.5, 0.25)), 80.0)
+    read = measured(DEPTH_GAUGE, motion(pitched, position=(1.0, 2.0, -3.0)), Mounted(position=(0.0, 0.5, 0.25)),
+                    Around(surface_depth_m=80.0))
     # z of the gauge: upright its z, nose up its y, nose down minus its y
     truth("depth [m]: upright, nose up, nose down", source="z_surface - (p + R l)_z", expected=[82.75, 82.5, 83.5],
           got=read.depth, tolerance=80.0 * ROUNDING, reason="rounding")

@@ -4,11 +4,12 @@ import allantools
 import numpy as np
 import pytest
 
-from varos_warp.scene.description.noise_profile import CameraNoise, DepthGaugeNoise
+from varos_warp.products.sensors.depth_gauge import DepthGaugeNoise, depth_gauge_noise
+from varos_warp.products.sensors.imu import imu_noise
+from varos_warp.scene.description.noise_profile import CameraNoise
 from varos_warp.scene.file.noise_profiles import load_profile
 from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centres
 from varos_warp.sim.sensors.image_noise import expose, frame_generator, to_linear
-from varos_warp.sim.sensors.noise import depth_gauge_noise, imu_noise
 
 RATE, COUNT = 200.0, 1 << 20
 WHITE, WALK = 0, -2

@@ -6,11 +6,11 @@ from rig import TURBID
 from test_lens import rectangle
 from test_shutters import FOCAL, LAMPS, SIZE
 
+from varos_warp.products.sensors.dvl import beam_directions
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.companions import companions
-from varos_warp.sim.sensors.dvl import beam_directions
 from varos_warp.sim.trajectory import simulate
 
 pytestmark = pytest.mark.subject("camera")

@@ -11,11 +11,11 @@ from scipy.linalg import solve_discrete_are
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.noise import noise
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.clock import HIGHEST_RATE_HZ, LONGEST_S, check_rate, frame_count, frames_until, times_ns
-from varos_warp.sim.sensors.noise import noise
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.actuator import limit
 from varos_warp.sim.vehicle.body import PRESETS, Sphere, preset, sphere, terminal_rate

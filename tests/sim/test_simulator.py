@@ -8,10 +8,10 @@ from test_trajectory import COURSE, POSES
 
 import varos_warp as vw
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.imu import ImuNoiseStream, imu_noise
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.clock import TICK_NS
-from varos_warp.sim.sensors.noise import ImuNoiseStream, imu_noise
 from varos_warp.sim.vehicle.body import sphere
 
 ROOT = Path(__file__).parents[2]

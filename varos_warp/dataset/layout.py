@@ -16,6 +16,8 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
 from dataclasses import dataclass
 from pathlib import Path
 
+from varos_warp.products.sensors.protocol import xyz
+from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.render.image.outputs import OUTPUTS
 
 TIME = "# timestamp [ns]"
@@ -28,27 +30,15 @@ POSE_FORMS = {
 """Columns after the time, by the form of a file of poses; the matrices are authoritative."""
 
 
-def xyz(name: str, unit: str) -> list[str]:
-    """Headers of the three components of a vector."""
-    return [f"{name}_{axis} [{unit}]" for axis in "xyz"]
-
-
 STATES = {"position": xyz("p_wv", "m"), "velocity": xyz("v_wv", "m s^-1"), "acceleration": xyz("a_wv", "m s^-2"),
           "quaternion": ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"], "angular_velocity": xyz("w_wv_v", "rad s^-1"),
           "angular_acceleration": xyz("alpha_wv_v", "rad s^-2")}
 """Columns of the vehicle's states after the time, by quantity."""
-READINGS = {
-    "imu0": {"acceleration": xyz("a_RS_S", "m s^-2"), "angular_velocity": xyz("w_RS_S", "rad s^-1")},
-    "depth0": {"depth": ["d_v_w [m]"]},
-    "mag0": {"field": xyz("B_S", "T")},
-    "dvl0": {"velocity": xyz("v_RS_S", "m s^-1"), "altitude": ["altitude [m]"],
-             "range": [f"range_{i} [m]" for i in range(1, 5)],
-             "beam_velocity": [f"beam_velocity_{i} [m s^-1]" for i in range(1, 5)]},
-}
+READINGS = {sensor.id: sensor.columns for sensor in SENSORS}
 """Columns of the readings of each sensor after the time, by quantity.
 
 Where the readings have noise, columns of those without it follow, with ``true_`` before their names, and then those of
-the bias, with ``b_``; that of the IMU has a file of its own, and a DVL has none."""
+the bias, with ``b_``; that of the IMU has a file of its own, and of a DVL there is none."""
 
 
 @dataclass(frozen=True)
@@ -131,13 +121,12 @@ class Layout:
         return [self.png(camera, output, frame), *more]
 
     def sensor(self, name: str) -> Path:
-        """Data of ``imu0``, ``depth0``, ``mag0`` or ``dvl0``."""
+        """Data of a sensor, such as ``imu0``."""
         return self.vehicle_dir / name / f"{name}_data.csv"
 
-    @property
-    def imu_bias(self) -> Path:
-        """The slowly varying part of the IMU's noise, where it has any."""
-        return self.sensor("imu0").with_name("imu0_bias.csv")
+    def bias(self, name: str) -> Path:
+        """The slowly varying part of a sensor's noise, where that has a file of its own."""
+        return self.sensor(name).with_name(f"{name}_bias.csv")
 
     def poses(self, name: str, form: str) -> Path:
         """Poses of a camera id, a sensor, ``vehicle`` or what moves, as ``objects.3``; the form is of `POSE_FORMS`."""

@@ -23,23 +23,14 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.rows import exposure_s
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
-from varos_warp.dataset.write.texts import Samples
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.protocol import Samples
+from varos_warp.products.sensors.registry import BY_ID, SENSORS
 from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.scene.description.block import Block
-from varos_warp.scene.description.noise_profile import (
-    SENSOR_BLOCKS,
-    CameraNoise,
-    DepthGaugeNoise,
-    DvlNoise,
-    MagnetometerNoise,
-    NoiseProfile,
-)
-from varos_warp.scene.description.vehicle import ImuNoise
+from varos_warp.scene.block import Block
+from varos_warp.scene.description.noise_profile import CameraNoise, NoiseProfile
 from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
-from varos_warp.sim.sensors.dvl import Dvl
-from varos_warp.sim.sensors.noise import Noise, depth_gauge_noise, dvl_noise, imu_noise, magnetometer_noise
 
 ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums", "log/validation.json")
 """Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""
@@ -70,7 +61,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         _link(data, profile, temp, record)
         _describe(data, profile, seed, temp)
         noisy = Dataset(temp)
-        for name, model in _erring(profile):
+        for name, model in profile.of_sensors.items():
             reading, bias = noisy_readings(data, name, model, seed)
             writers.write_readings(noisy.layout, name, reading, data.readings(name), bias)
         if profile.camera is not None:
@@ -131,7 +122,7 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
 
 def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
     """The profile without blocks of sensors that the dataset does not have, of which it warns."""
-    there = {block: data.layout.sensor(name).is_file() for name, block in SENSOR_BLOCKS.items()}
+    there = {sensor.key: data.layout.sensor(sensor.id).is_file() for sensor in SENSORS}
     there["camera"] = "A" in data.outputs
     absent = [name for name, known in there.items() if getattr(profile, name) is not None and not known]
     if absent:
@@ -150,10 +141,11 @@ def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
         raise InputError("has the noise of a profile already", file=data.root, key="noise.profile.name",
                          value=data.meta["noise"]["profile"]["name"],
                          remedy="Add noise to the dataset that this one was made of.")
-    if profile.imu is not None and data.has_noise("imu0"):
-        raise InputError("the IMU has noise already, of the scene", file=data.root, key="vehicle.imu.noise",
-                         remedy="Take it out of the scene and `varos-warp simulate` anew, or leave imu out of the "
-                                "profile.")
+    for sensor in (BY_ID[name] for name in profile.of_sensors if data.has_noise(name)):
+        raise InputError(f"the {sensor.label} has noise already, of the scene", file=data.root,
+                         key=f"vehicle.{sensor.key}.noise",
+                         remedy="Take it out of the scene and `varos-warp simulate` anew, or leave "
+                                f"{sensor.key} out of the profile.")
 
 
 def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
@@ -188,7 +180,7 @@ def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> N
     """
     known = read_checksums(data.root)
     left_out = {data.root / name for name in ANEW}
-    left_out |= {data.layout.sensor(name) for name, _ in _erring(profile)}
+    left_out |= {data.layout.sensor(name) for name in profile.of_sensors}
     renamed = {data.layout.camera_dir(camera) / "A" for camera in data.cameras} if profile.camera is not None else ()
 
     def link(path: Path) -> None:
@@ -207,16 +199,10 @@ def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> N
         list(pool.map(link, paths))
 
 
-def _erring(profile: NoiseProfile) -> list[tuple[str, Block]]:
-    """Sensors that a profile has noise of, by their names in a dataset, and that noise."""
-    blocks = ((name, getattr(profile, block)) for name, block in SENSOR_BLOCKS.items())
-    return [(name, block) for name, block in blocks if block is not None]
-
-
 def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> None:
     """dataset.json with profile and seed, README.txt with a chapter on noise."""
     meta = {**data.meta, "sensors": dict(data.meta["sensors"]), "conventions": dict(data.meta["conventions"])}
-    for name, block in _erring(profile):
+    for name, block in profile.of_sensors.items():
         meta["sensors"][name] = {**meta["sensors"][name], "noise": block.model_dump(mode="json")}
     meta["noise"] = {"profile": profile.model_dump(mode="json"), "seed": seed, "versions": writers.versions()}
     if profile.camera is not None:
@@ -231,18 +217,4 @@ def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> No
 
 def noisy_readings(data: Dataset, name: str, model: Block, seed: int) -> tuple[Samples, Samples | None]:
     """Readings of a sensor as a block of a profile and its seed make them from those without noise, and their bias."""
-    truth, about = data.readings(name, truth=True), data.meta["sensors"][name]
-    made: dict[str, Noise] = {}
-    match model:
-        case DvlNoise():
-            return vars(dvl_noise(model, Dvl(**truth), np.array(about["beams"]), seed)), None
-        case DepthGaugeNoise():
-            reading, bias = depth_gauge_noise(model, truth["depth"], about["rate_hz"], seed)
-            return truth | {"depth": reading}, {"depth": bias}
-        case MagnetometerNoise():
-            made["field"] = magnetometer_noise(model, len(truth["time_ns"]), about["rate_hz"], seed)
-        case ImuNoise():
-            both = imu_noise(model, len(truth["time_ns"]), about["rate_hz"], seed)
-            made["acceleration"], made["angular_velocity"] = both
-    return (truth | {quantity: truth[quantity] + noise.white + noise.bias for quantity, noise in made.items()},
-            {quantity: noise.bias for quantity, noise in made.items()})
+    return BY_ID[name].noisy(data.readings(name, truth=True), data.meta["sensors"][name], model, seed)

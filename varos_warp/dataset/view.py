@@ -8,17 +8,19 @@ import contextlib
 import os
 import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import READINGS
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report.pictures import flow_colors
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.protocol import Curve, SensorProduct
+from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
 
 VIEWER_PORT = 9876
@@ -27,6 +29,8 @@ FAR_M = 1000.0
 """Positions beyond this have steps of more than 0.06 mm in single precision."""
 AXES = {"x": [230, 80, 70], "y": [90, 180, 90], "z": [80, 130, 230]}
 """Colours of the axes' curves."""
+SINGLE = [90, 160, 220]
+"""Colour of a curve that stands alone."""
 
 
 def view(root, save: str | Path | None = None, frames: slice = slice(None), quiet: bool = False) -> Path | None:
@@ -202,14 +206,15 @@ class _Recorder:
                                          rr.Scalars.columns(scalars=[gains[number] for number in numbers]))
 
     def sensors(self) -> None:
-        """Curves of the depth gauge and of every vector that sensors read."""
-        for name in (name for name in READINGS if name in self.data.recorded):
-            readings = self.data.readings(name)
-            if name == "depth0":
-                self.curve("depth0/depth", readings["time_ns"], readings["depth"], "depth [m]", [90, 160, 220])
-            for quantity in (quantity for quantity, columns in READINGS[name].items() if len(columns) == 3):
-                for i, (axis, color) in enumerate(AXES.items()):
-                    self.curve(f"{name}/{quantity}/{axis}", readings["time_ns"], readings[quantity][:, i], axis, color)
+        """The curves that each sensor has here: three of a vector."""
+        for sensor, drawn in _viewed(self.data):
+            readings, entity = self.data.readings(sensor.id), f"{sensor.id}/{drawn.quantity}"
+            times, values = readings["time_ns"], readings[drawn.quantity]
+            if values.ndim == 1:
+                self.curve(entity, times, values, f"{drawn.quantity} [{drawn.unit}]", SINGLE)
+                continue
+            for i, (axis, color) in enumerate(AXES.items()):
+                self.curve(f"{entity}/{axis}", times, values[:, i], axis, color)
 
     def curve(self, entity: str, time_ns: np.ndarray, values: np.ndarray, name: str, color) -> None:
         """A curve over time."""
@@ -245,6 +250,12 @@ class _Recorder:
                                   depth_range=[0, end])
 
 
+def _viewed(data: Dataset) -> Iterator[tuple[SensorProduct, Curve]]:
+    """Curves of the sensors that are shown, and the sensors."""
+    for sensor in (sensor for sensor in SENSORS if sensor.id in data.recorded):
+        yield from ((sensor, drawn) for drawn in sensor.curves if drawn.viewed)
+
+
 def _blueprint(data: Dataset):
     """The world at the left, the first camera's images at the right, sensors below."""
     import rerun.blueprint as rrb
@@ -255,12 +266,9 @@ def _blueprint(data: Dataset):
     others = [f"- $origin/cam{camera}/{output}" for camera in data.cameras for output in data.outputs
               if output not in "AD"]  # A is on the frustum's far side, D is a cloud
     world = rrb.Spatial3DView(origin="world", name="World", contents=["+ $origin/**", *others])
-    curves = [rrb.TimeSeriesView(origin=entity, name=name) for entity, name, sensor in (
-        ("imu0/acceleration", "specific force [m/s²]", "imu0"),
-        ("imu0/angular_velocity", "angular velocity [rad/s]", "imu0"),
-        ("depth0", "depth gauge [m]", "depth0"), ("mag0/field", "magnetic field [T]", "mag0"),
-        ("dvl0/velocity", "velocity over the bottom [m/s]", "dvl0"), ("exposure", "exposure gain", None))
-        if sensor is None or sensor in data.recorded]
+    origins = [*((f"{sensor.id}/{drawn.quantity}", drawn.viewed) for sensor, drawn in _viewed(data)),
+               ("exposure", "exposure gain")]
+    curves = [rrb.TimeSeriesView(origin=entity, name=name) for entity, name in origins]
     top = rrb.Horizontal(world, rrb.Grid(*images, grid_columns=2), column_shares=[1, 1]) if images else world
     return rrb.Blueprint(rrb.Vertical(top, rrb.Horizontal(*curves), row_shares=[3, 1]),
                          rrb.TimePanel(state="collapsed", timeline="time"), collapse_panels=True)

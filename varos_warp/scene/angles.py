@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from varos_warp.products.sensors.imu import ImuNoise
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import ImuNoise
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.water import optical_properties
 from varos_warp.scene.water.phase.mixture import Mixture

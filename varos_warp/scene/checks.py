@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from varos_warp.products.sensors.registry import mounted as sensors_on
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.camera_checks import GRID, check_cameras
 from varos_warp.scene.description import Scene
@@ -160,9 +161,9 @@ def _check_mounts(scene):
     mounted = {f"vehicle.cameras.{i} ({camera.id})": camera for i, camera in enumerate(vehicle.cameras)
                if camera.mount == "vehicle"}
     mounted |= {f"vehicle.lights.{i}": light for i, light in enumerate(vehicle.lights)}
-    mounted |= {f"vehicle.{name}": getattr(vehicle, name) for name in ("imu", "depth_gauge", "magnetometer", "dvl")}
+    mounted |= {f"vehicle.{sensor.key}": block for sensor, block in sensors_on(vehicle)}
     for key, block in mounted.items():
-        if block is not None and (distance := np.linalg.norm(block.position)) > reach:
+        if (distance := np.linalg.norm(block.position)) > reach:
             example = next(abs(x) for x in block.position if x)
             warnings.append(f"{key}: {distance:.3g} m from the vehicle's origin; positions are in metres "
                             f"({example / 1000:g} for {example:g} mm)")

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.registry import mounted
 from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import HullFollowing
@@ -66,9 +67,8 @@ def prepare(scene: Scene, parts: list | None) -> None:
     with keys_of(scene):
         check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
         check_rate(scene.render.frame_rate_hz, "render.frame_rate_hz")
-        for sensor in ("imu", "depth_gauge", "magnetometer", "dvl"):
-            if block := getattr(scene.vehicle, sensor):
-                check_rate(block.rate_hz, f"vehicle.{sensor}.rate_hz")
+        for sensor, block in mounted(scene.vehicle):
+            check_rate(block.rate_hz, f"vehicle.{sensor.key}.rate_hz")
         if isinstance(scene.trajectory.pattern, HullFollowing):
             _find_course(scene, parts)
         read_course(scene)

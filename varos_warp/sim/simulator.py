@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.registry import Readings, needs_solids
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import transform
 from varos_warp.sim.clock import TICK_NS, frame_count
@@ -19,7 +20,7 @@ from varos_warp.sim.driving import Driven, drive, keys_of, posed, prepare, rows_
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import Knots, at_ticks
 from varos_warp.sim.quaternion import Vector
-from varos_warp.sim.sensors.suite import Readings, Sensors
+from varos_warp.sim.sensors.suite import Sensors
 from varos_warp.sim.trajectory import geometry_of
 from varos_warp.sim.vehicle.flight import COLUMNS, Flight, Logged, logged
 
@@ -35,8 +36,8 @@ SEEDS = 2**31
 class Step(Readings):
     """The vehicle at a tick, and what its sensors read since the tick before; names and axes as in `Trajectory`.
 
-    ``imu``, ``depth_gauge``, ``magnetometer`` and ``dvl`` are as in `Simulation`, with a row for each reading, often
-    none; None where the vehicle has no such sensor. A reading between two ticks comes with the later one.
+    ``imu``, ``depth_gauge`` and the other `Readings` are as in `Simulation`, with a row for each reading, often none;
+    None where the vehicle has no such sensor. A reading between two ticks comes with the later one.
     """
 
     time_ns: int
@@ -74,7 +75,8 @@ class Simulator:
     Args:
         scene: As for `simulate`. Without ``trajectory.duration_s`` its course is driven once in advance, because the
             length of the sequence is known only then.
-        parts: The scene's geometry, from ``build_parts``, which only a DVL needs; absent: built where there is one.
+        parts: The scene's geometry, from ``build_parts``, which only sensors with beams need; absent: built where there
+            is one.
 
     Attributes:
         scene: The scene, with the seed of the last `reset`.
@@ -160,7 +162,7 @@ class Simulator:
 
     def copy(self) -> "Simulator":
         """Another one in the same state, which goes its own way from here; both share the scene and its geometry."""
-        shared = [self.scene, self._parts, self._others, *(self._run or ()), self._sensors.solids]
+        shared = [self.scene, self._parts, self._others, *(self._run or ()), self._sensors.around]
         return deepcopy(self, {id(one): one for one in shared if one is not None})
 
     def _learn(self) -> None:
@@ -172,7 +174,7 @@ class Simulator:
         frames = len(run.frames) if run else frame_count(course.duration_s or 0.0, rate)
         self._end_ns = (rows_read(self.scene, frames) - 1) * TICK_NS
         self._run = run if course.is_exact else None
-        self._others = companions(self.scene) if self.scene.vehicle.dvl else None
+        self._others = companions(self.scene) if needs_solids(self.scene.vehicle) else None
 
     def _begin(self) -> None:
         with keys_of(self.scene):

@@ -6,12 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from varos_warp.products.sensors.registry import Readings, needs_solids
 from varos_warp.scene.description import Scene
 from varos_warp.sim.companions import companions, meetings
 from varos_warp.sim.driving import drive, rows_read
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.sensors.dvl import Dvl
-from varos_warp.sim.sensors.readings import DepthGauge, Imu, Magnetometer
 from varos_warp.sim.sensors.suite import Sensors
 
 FELT = ("acceleration", "angular_velocity")
@@ -20,8 +19,8 @@ NEAR_M = 0.01
 """Nearer to the last stop a course counts as driven to its end [m]."""
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, kw_only=True)
+class Simulation(Readings):
     """A trajectory, where it is at the frames, and what the sensors read."""
 
     trajectory: Trajectory
@@ -29,17 +28,12 @@ class Simulation:
     to one frame more."""
     frames: Trajectory
     """The same at the frames' times, the first at 0."""
-    imu: Imu | None
-    depth_gauge: DepthGauge | None
-    """Readings, or None where the vehicle has none."""
     messages: list[str]
     """Warnings and events in plain words."""
     reference_position: np.ndarray
     """What the controller was asked to follow [N, 3] [m]; the position itself for exact poses."""
     waypoint: np.ndarray
     """Index of the waypoint (or pose) that the reference heads for, int [N]."""
-    magnetometer: Magnetometer | None = None
-    dvl: Dvl | None = None
 
     def motion(self, time_ns: int) -> Callable[[np.ndarray], np.ndarray]:
         """Poses of the vehicle around a time: a function of times from there, int64 [N] [ns], to T_w_v [N, 4, 4].
@@ -112,7 +106,8 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
 
     Args:
         scene: Waypoints to follow with the vehicle's dynamics, or exact poses.
-        parts: The scene's geometry, from ``build_parts``, which only a DVL needs; absent: built where there is one.
+        parts: The scene's geometry, from ``build_parts``, which only sensors with beams need; absent: built where there
+            is one.
         progress: Called now and then with the share of the work done, 0 to 1.
 
     Raises:
@@ -124,19 +119,16 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
     if progress:
         progress(1.0)
     sensors = Sensors(scene, int(trajectory.time_ns[-1]), geometry_of(scene, parts), others)
-    readings = sensors.read(trajectory)
-    return Simulation(
-        run.trajectory, run.frames,
-        readings.imu, readings.depth_gauge,
-        [scene.key_in_file(words) for words in (*run.messages, *meetings(scene, run.frames, others))],
-        run.reference_position, run.waypoint,
-        magnetometer=readings.magnetometer, dvl=readings.dvl)
+    messages = [scene.key_in_file(words) for words in (*run.messages, *meetings(scene, run.frames, others))]
+    return Simulation(trajectory=run.trajectory, frames=run.frames, messages=messages,
+                      reference_position=run.reference_position, waypoint=run.waypoint,
+                      **vars(sensors.read(trajectory)))
 
 
 def geometry_of(scene: Scene, parts: list | None) -> list | None:
-    """The scene's geometry, which is built only where there is a DVL and it is not there yet."""
-    if parts is not None or not scene.vehicle.dvl:
+    """The scene's geometry, which is built only where some sensor meets it and it is not there yet."""
+    if parts is not None or not needs_solids(scene.vehicle):
         return parts
-    from varos_warp.scene.geometry.build import build_parts  # meshes are loaded only where there is a DVL
+    from varos_warp.scene.geometry.build import build_parts  # meshes are loaded only where a sensor needs them
 
     return build_parts(scene)

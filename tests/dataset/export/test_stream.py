@@ -33,7 +33,7 @@ LATE = 1_629_158_400_000_000_001
 PROFILE = NoiseProfile(
     name="all", imu={"accelerometer_noise_density": 4e-3, "gyroscope_random_walk": 3e-5},
     depth_gauge={"noise_density": 0.01, "bias": 0.1}, magnetometer={"noise_density": 1e-9, "random_walk": 1e-9},
-    dvl={"velocity_std": 0.01, "range_std": 0.05}, camera={"electrons_per_dn": 2.0})
+    dvl={"velocity_std": 0.01, "range_std": 0.05}, altimeter={"range_std": 0.02}, camera={"electrons_per_dn": 2.0})
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,8 @@ def everything(tmp_path_factory):
     vehicle = scene_dict()["vehicle"] | {
         "cameras": [left, right | {"port": {"kind": "flat", "distance_m": 0.01}}, left | {
             "id": "W0", "mount": "world", "position": [0, -2, 0]}],
-        "dvl": {"position": [0.1, 0.2, -0.2], "rate_hz": 20, "range_m": [0.5, 3.4]}, "magnetometer": {"rate_hz": 50}}
+        "dvl": {"position": [0.1, 0.2, -0.2], "rate_hz": 20, "range_m": [0.5, 3.4]}, "magnetometer": {"rate_hz": 50},
+        "altimeter": {"max_range_m": 3.0}}
     path = [{"time_s": 0, "position": [0, 2, -2]}, {"time_s": 1, "position": [1, 2, -2]}]
     scene = make_scene(
         {"outputs": [*"ABCDSPF"]}, vehicle=vehicle, objects=[{"kind": "boulder", "diameter": 0.5, "path": path}],
@@ -96,8 +97,8 @@ def test_readings_are_those_of_the_dataset_to_the_last_bit_and_so_are_truth_and_
         return
     same(messages[number + 1], rows_of(path, 1 + count, count))
     if sensor == "imu0":
-        same(messages[number + 2], rows_of(data.layout.imu_bias))
-    elif sensor == "dvl0":
+        same(messages[number + 2], rows_of(data.layout.bias("imu0")))
+    elif sensor in ("dvl0", "altimeter0"):
         assert not messages[number + 2]
     else:
         same(messages[number + 2], rows_of(path, 1 + 2 * count, count))

@@ -224,7 +224,7 @@ def test_the_bias_of_a_noisy_imu_is_written(tmp_path):
     scene = make_scene(vehicle={"imu": imu})
     layout = Layout.of(scene, tmp_path)
     writers.write_sensors(layout, scene, simulate(scene))
-    table = files.read_csv(layout.imu_bias)
+    table = files.read_csv(layout.bias("imu0"))
     assert (table["b_a_RS_S_x [m s^-2]"] == 0.3).all()
 
 

@@ -181,7 +181,7 @@ def test_a_file_that_is_not_there_is_refused_where_the_scene_names_it(tmp_path):
 
 
 def test_the_model_alone_knows_no_folder_and_says_so():
-    from varos_warp.scene.description.vehicle import Imu
+    from varos_warp.products.sensors.imu import Imu
 
     with pytest.raises(ValueError, match="which load_scene and scene_from_dict read"):
         Imu(noise="imu.yaml")

@@ -10,8 +10,8 @@ from varos_warp.dataset import files
 from varos_warp.dataset.export import estimators
 from varos_warp.dataset.export.estimators import imu_noise, kalibr_camera, write_yaml
 from varos_warp.dataset.export.shared.job import Job, quaternion
-from varos_warp.dataset.layout import xyz
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.protocol import xyz
 from varos_warp.scene.frames import inverse
 
 IMAGES = "A"

@@ -1,4 +1,4 @@
-"""ROS 2: an MCAP bag of images, calibration, IMU, depth gauge and the true course, by the library rosbags.
+"""ROS 2: an MCAP bag of images, calibration, readings of sensors and the true course, by the library rosbags.
 
 Compressed images are the dataset's PNG files as they are; depth is PNG of 16 bit millimetres (REP 118), planar z, 0
 for none. Raw ones, where asked for, are rgb8, and float32 metres with inf for none. The topics are those that
@@ -15,7 +15,10 @@ from varos_warp.dataset import png
 from varos_warp.dataset.export.shared.job import Job, baseline, lens_of, quaternion, to_units
 from varos_warp.dataset.export.shared.moving import lights_of_others
 from varos_warp.dataset.progress import Progress
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.protocol import SensorProduct
+from varos_warp.products.sensors.registry import SENSORS as ALL
 
 IMAGES = "AD"
 PER_METRE = 1000.0
@@ -23,7 +26,10 @@ ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "
 """What ROS calls models of distortion."""
 Event = tuple[int, str, Callable]
 """Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
-TYPES = {"imu0": "sensor_msgs/msg/Imu", "depth0": "std_msgs/msg/Float64", "ground_truth": "nav_msgs/msg/Odometry",
+ON_TOPICS = tuple(sensor for sensor in ALL if sensor.ros_type)
+"""Sensors whose readings have a message in ROS."""
+SENSORS = tuple(sensor.id for sensor in ON_TOPICS)
+TYPES = {**{sensor.id: sensor.ros_type for sensor in ON_TOPICS}, "ground_truth": "nav_msgs/msg/Odometry",
          "tf": "tf2_msgs/msg/TFMessage", "tf_static": "tf2_msgs/msg/TFMessage",
          "camera_info": "sensor_msgs/msg/CameraInfo", "compressed": "sensor_msgs/msg/CompressedImage",
          "image": "sensor_msgs/msg/Image", "depth": "sensor_msgs/msg/Image"}
@@ -71,17 +77,8 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     """Every message of the bag, sensor by sensor; static transforms first."""
     data = job.data
     yield data.start_ns, "/tf_static", lambda: messages.tf(data.start_ns, *_mounts(job))
-    if "imu0" in job.data.recorded:
-        imu, sensor = data.imu(), data.meta["sensors"]["imu0"]
-        # of the white noise in a sample; 0, ROS says, is unknown
-        variance = [((sensor.get("noise") or {}).get(f"{name}_noise_density") or 0.0) ** 2 * sensor["rate_hz"]
-                    for name in ("accelerometer", "gyroscope")]
-        for t, a, w in zip(imu["time_ns"].tolist(), imu["acceleration"], imu["angular_velocity"], strict=True):
-            yield t, "/imu0", lambda t=t, a=a, w=w: messages.imu(t, a, w, *variance)
-    if "depth0" in job.data.recorded:
-        gauge = data.depth_gauge()
-        for t, depth in zip(gauge["time_ns"].tolist(), gauge["depth"].tolist(), strict=True):
-            yield t, "/depth0", lambda depth=depth: messages["std_msgs/msg/Float64"](depth)
+    for sensor in (sensor for sensor in ON_TOPICS if sensor.id in data.recorded):
+        yield from _readings(data, sensor, messages)
     if "vehicle" in data.recorded:
         yield from _course(data.states(), messages)
     for key in data.moving:
@@ -90,6 +87,13 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
             yield t, "/tf", lambda t=t, key=key, p=p, q=q: messages.tf(t, ("world", key, p, q))
     for camera in job.cameras:
         yield from _camera(job, camera, messages)
+
+
+def _readings(data: Dataset, sensor: SensorProduct, messages: "Messages") -> Iterator[Event]:
+    """Readings of a sensor with its noise, a message each."""
+    read, about = data.readings(sensor.id), data.meta["sensors"][sensor.id]
+    for i, t in enumerate(read["time_ns"].tolist()):
+        yield t, f"/{sensor.id}", lambda t=t, i=i: sensor.ros(messages, t, {key: read[key][i] for key in read}, about)
 
 
 def _course(states: dict, messages: "Messages") -> Iterator[Event]:
@@ -166,14 +170,6 @@ class Messages:
         """A Quaternion of (w, x, y, z)."""
         w, x, y, z = map(float, q)
         return self["geometry_msgs/msg/Quaternion"](x, y, z, w)
-
-    def imu(self, time_ns: int, acceleration, angular_velocity, acceleration_variance: float,
-            angular_velocity_variance: float):
-        """An Imu; -1 says that it has no orientation."""
-        none, each = np.array([-1.0, *np.zeros(8)]), np.eye(3).ravel()
-        return self["sensor_msgs/msg/Imu"](
-            self.header(time_ns, "imu0"), self.rotation((1, 0, 0, 0)), none, self.vector(angular_velocity),
-            angular_velocity_variance * each, self.vector(acceleration), acceleration_variance * each)
 
     def odometry(self, time_ns: int, position, q, velocity, angular_velocity):
         """An Odometry of the vehicle in the world."""

@@ -16,6 +16,7 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Clocked, Job
 from varos_warp.dataset.layout import READINGS, STATES
+from varos_warp.products.sensors.registry import SENSORS as ALL
 
 IMAGES = "ABCDSPF"
 NAME = "stream.sbst"
@@ -23,17 +24,13 @@ VERSION = 1
 """Raised when an id or a payload changes its meaning."""
 START = b"SBST"
 DESCRIPTION, STATE, POSE, IMAGE, END = 1, 50, 51, 60, 99
-SENSOR_IDS = {"imu0": 10, "depth0": 20, "mag0": 30, "dvl0": 40}
+SENSOR_IDS = {sensor.id: sensor.stream_id for sensor in ALL}
 """Of readings as the sensor gives them. Where they have noise, those without it have the next id, and biases the one
 after it. Messages of one time are in the order of their ids."""
 SENSORS = tuple(SENSOR_IDS)
 FIELDS = {
     DESCRIPTION: "JSON: this, and dataset.json",
-    10: "float64[6]: specific force x y z [m/s^2], angular velocity x y z [rad/s], axes of the IMU",
-    20: "float64: depth below the surface [m]",
-    30: "float64[3]: field x y z [T], axes of the magnetometer",
-    40: "float64[12]: velocity over the bottom x y z [m/s], axes of the DVL; altitude [m]; ranges of four beams [m]; "
-        "their velocities away from the sensor [m/s]; NaN without bottom lock",
+    **{sensor.stream_id: sensor.stream_fields for sensor in ALL},
     STATE: "float64[19]: position x y z [m], velocity x y z [m/s], acceleration x y z [m/s^2], world axes; quaternion "
            "w x y z, vehicle to world; angular velocity x y z [rad/s], angular acceleration x y z [rad/s^2], vehicle "
            "axes; all true",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import READINGS, STATES, Layout, from_runs, runs
+from varos_warp.dataset.layout import STATES, Layout, from_runs, runs
 from varos_warp.dataset.links import refuse_links_out
 from varos_warp.dataset.reader import rows, schema
 from varos_warp.dataset.reader.exposures import read_exposures
@@ -18,6 +18,8 @@ from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.files import is_file
+from varos_warp.products.sensors.protocol import SensorProduct
+from varos_warp.products.sensors.registry import BY_ID
 from varos_warp.render.image.frame import FlowImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
@@ -431,23 +433,36 @@ class Dataset:
         """Readings of a sensor, all or those in start_ns <= time < stop_ns.
 
         Args:
-            name: ``imu0``, ``depth0``, ``mag0`` or ``dvl0``.
+            name: One of ``data.meta["sensors"]``, such as ``imu0``.
             start_ns: The first time; absent: that of the first reading.
             stop_ns: The time before which they end; absent: all follow.
             truth: Without the noise in them.
 
         Returns:
-            time_ns int64 [N], and what `imu`, `depth_gauge`, `magnetometer` and `dvl` say.
+            time_ns int64 [N], and quantities by their names: of the sensors that have one, what their methods say, as
+            `imu` and `dvl`; of the others, docs/sensors.md.
+
+        Raises:
+            InputError: If there is no such sensor, or its readings cannot be read.
         """
-        return self._samples(self.layout.sensor(name), READINGS[name], start_ns, stop_ns,
+        return self._samples(self.layout.sensor(name), self._sensor(name).columns, start_ns, stop_ns,
                              int(truth and self.has_noise(name)))
 
     def bias(self, name: str, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray] | None:
-        """The bias in the `readings` of ``imu0``, ``depth0`` or ``mag0``, in their form; None without noise."""
-        if name == "dvl0" or not self.has_noise(name):
+        """The bias in the `readings` of a sensor such as ``imu0``, in their form; None without noise, or of a DVL."""
+        sensor = self._sensor(name)
+        if not (sensor.has_bias and self.has_noise(name)):
             return None
-        path, before = (self.layout.imu_bias, 0) if name == "imu0" else (self.layout.sensor(name), 2)
-        return self._samples(path, READINGS[name], start_ns, stop_ns, before)
+        path, before = (self.layout.bias(name), 0) if sensor.bias_apart else (self.layout.sensor(name), 2)
+        return self._samples(path, sensor.columns, start_ns, stop_ns, before)
+
+    def _sensor(self, name: str) -> SensorProduct[Any, Any, Any]:
+        """The sensor of a name."""
+        if name not in self.meta["sensors"]:
+            known = list(self.meta["sensors"])
+            raise InputError("the dataset has no sensor of this name", file=self.root, key="name", value=name,
+                             remedy=did_you_mean(name, known) or f"There are: {', '.join(known) or 'none'}.")
+        return BY_ID[name]
 
     def imu(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
             ) -> dict[str, np.ndarray]:

@@ -13,7 +13,8 @@ from varos_warp.dataset.layout import datasets_in
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.limits import check_limit
-from varos_warp.scene.description.block import CameraId, SequenceId, VehicleId
+from varos_warp.products.sensors.registry import SENSORS
+from varos_warp.scene.block import CameraId, SequenceId, VehicleId
 from varos_warp.scene.description.lens import Distortion
 from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.description.optics import Duration, Index, Port, Vignetting
@@ -65,13 +66,6 @@ def _consistent(cameras: list) -> list:
     return cameras
 
 
-def _whole(sensors: dict) -> dict:
-    for name, key in (("mag0", "field_T"), ("dvl0", "beams"), ("dvl0", "range_m")):
-        if name in sensors and getattr(sensors[name], key) is None:
-            raise ValueError(f"{name} has no {key}")
-    return sensors
-
-
 def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
     """A block with these entries, perhaps the optional ones, and any others."""
     kinds: dict[str, Any] = {name: (kind, ...) for name, kind in entries.items()}
@@ -93,9 +87,11 @@ def _metadata() -> type[BaseModel]:
     of_light = {"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
                 "thickness_deg": float, "radius_m": float, "up": Vec3, "strobe": Strobe}
     light = _block(of_light | {"T_v_light": matrix})
-    sensor = _block({"field_T": Vec3, "beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]},
-                    rate_hz=Rate, T_v_s=matrix, noise=dict | None)
-    sensors = dict[Literal["imu0", "depth0", "mag0", "dvl0"], sensor]  # type: ignore[valid-type]
+    of_sensors = {sensor.id: _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None, **sensor.facts)
+                  for sensor in SENSORS}
+    # none but these, for their names become part of paths
+    sensors = create_model("Sensors", __config__=ConfigDict(extra="forbid"),
+                           **{name: (block, None) for name, block in of_sensors.items()})  # type: ignore[call-overload]
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
     corner = tuple[Vec3, Vec3]
@@ -110,7 +106,7 @@ def _metadata() -> type[BaseModel]:
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=plan | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,
-        sensors=Annotated[sensors, AfterValidator(_whole)], lights=list[light],  # type: ignore[valid-type]
+        sensors=sensors, lights=list[light],  # type: ignore[valid-type]
         water=_block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
         gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
 

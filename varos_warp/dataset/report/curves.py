@@ -12,20 +12,13 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.render.image.outputs import OUTPUTS
 
 ROUNDING = 1e-12
 """Below it, a quantity in SI units is what rounding left of 0."""
 INTERVALS = 1000
 """Of time, in each of which a curve's least and greatest value are kept."""
-SENSORS = (
-    ("imu0", "acceleration", "Specific force", "m/s²", 1.0, "xyz"),
-    ("imu0", "angular_velocity", "Angular velocity", "rad/s", 1.0, "xyz"),
-    ("depth0", "depth", "Depth gauge", "m", 1.0, ["below the surface"]),
-    ("mag0", "field", "Magnetic field", "µT", 1e6, "xyz"),
-    ("dvl0", "velocity", "Velocity over the bottom (DVL)", "m/s", 1.0, "xyz"),
-    ("dvl0", "altitude", "Altitude (DVL)", "m", 1.0, ["above the bottom"]))
-"""Plots of readings: sensor, quantity, title, unit and what SI units are multiplied by for it, names of the curves."""
 
 
 def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> tuple[np.ndarray, np.ndarray]:
@@ -84,11 +77,11 @@ def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
         InputError: If a table cannot be read.
     """
     plots = []
-    for name, quantity, title, unit, scale, names in SENSORS:
-        if name in data.recorded:
-            readings, more = data.readings(name), {"down": True} if quantity == "depth" else {}
-            plots.append(curve(title, unit, readings["time_ns"] * 1e-9, scale * readings[quantity], names, times,
-                               **more))
+    there = [sensor for sensor in SENSORS if sensor.id in data.recorded]
+    for sensor, drawn in ((each, drawn) for each in there for drawn in each.curves):
+        readings, more = data.readings(sensor.id), {"down": True} if drawn.down else {}
+        plots.append(curve(drawn.title, drawn.unit, readings["time_ns"] * 1e-9, drawn.scale * readings[drawn.quantity],
+                           drawn.names, times, **more))
     if "vehicle" in data.recorded:
         state = data.states()
         speed = np.linalg.norm(state["velocity"], axis=1)

@@ -28,6 +28,7 @@ from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.dataset.write.moving import describe_moving, write_moving
 from varos_warp.dataset.write.rays import write_rays
 from varos_warp.errors import InputError, RunFailed, counted
+from varos_warp.products.sensors.registry import needs_solids
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
@@ -158,7 +159,7 @@ class _Run:
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
         """The course of the vehicle, and the frames of it that are asked for."""
-        if self.scene.vehicle.dvl is not None:
+        if needs_solids(self.scene.vehicle):
             with self.clock("load"):
                 self.parts = self.build()
         with self.clock("simulate"):

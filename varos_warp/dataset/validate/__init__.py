@@ -6,7 +6,8 @@ of an integration. What is held against what:
 * `completeness`: files against dataset.json and ``checksums``; what a run has still to make is no damage.
 * `metadata`: dataset.json against the scene in it; segments, rays and time stamps against both.
 * `meshes`: the area of what was built against that of the faces in the mesh files, where these are at hand.
-* `motion`: poses in three forms, cameras and sensors against the vehicle, readings of the sensors against the poses.
+* `motion`: poses in three forms, cameras and sensors against the vehicle.
+* `sensors`: readings of the sensors against the poses, by the check in each sensor's own file.
 * `images`: PNG against EXR against the table of exposures; S against its table.
 * `surfaces`: C against the slopes of D, borders of C and S against the jumps of D, holes.
 * `objects`: S against the boxes of the scene's objects, by D and the poses.

@@ -14,6 +14,7 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write.folder import at_work
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.registry import BY_ID
 from varos_warp.render.image.outputs import OUTPUTS
 
 
@@ -84,8 +85,8 @@ def _texts(data: Dataset) -> Iterator[Path]:
     if data.recorded:
         yield layout.states
         yield from map(layout.sensor, data.meta["sensors"])
-        if "imu0" in data.recorded and data.has_noise("imu0"):
-            yield layout.imu_bias
+        erring = filter(data.has_noise, data.meta["sensors"])
+        yield from (layout.bias(name) for name in erring if BY_ID[name].bias_apart)
     if "S" in data.outputs:
         yield layout.segments
 

@@ -12,10 +12,10 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.rays import ray_channels
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.water import HenyeyGreenstein
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
@@ -40,9 +40,9 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         for key in ("phase", "g", "phase_function"):
             made["water"].pop(key, None)
     profile = (meta.get("noise") or {}).get("profile", {})
-    for name, block in SENSOR_BLOCKS.items():
-        if profile.get(block):
-            made["sensors"][name]["noise"] = profile[block]
+    for sensor in SENSORS:
+        if profile.get(sensor.key):
+            made["sensors"][sensor.id]["noise"] = profile[sensor.key]
     result.add_all([f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
                     for key, here, there in files.differences(meta, made, same, every=False)], "entries")
     for camera in data.cameras:

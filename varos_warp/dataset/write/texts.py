@@ -3,7 +3,7 @@
 import contextlib
 import itertools
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -14,14 +14,15 @@ from scipy.spatial.transform import Rotation
 
 import varos_warp
 from varos_warp.dataset import files
-from varos_warp.dataset.layout import POSE_FORMS, READINGS, STATES, TIME, Layout, runs, xyz
+from varos_warp.dataset.layout import POSE_FORMS, READINGS, STATES, TIME, Layout, runs
 from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.protocol import Samples, SensorProduct, xyz
+from varos_warp.products.sensors.registry import BY_ID, SENSORS, mounted
 from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.render.planner.decisions import models_in_words
 from varos_warp.scene import plain_yaml
-from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.file.load import scene_to_dict
@@ -39,13 +40,6 @@ from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.scene.water import optical_properties
-from varos_warp.sim.sensors.dvl import beam_directions
-
-Samples = Mapping[str, np.ndarray]
-"""Columns of readings by quantity."""
-LATER_SENSORS = ("magnetometer", "dvl")
-"""Of which README.txt and the conventions tell only where the vehicle has them."""
-
 
 # ----------------------------------------------------------------------------------------------------- poses, sensors
 
@@ -67,20 +61,18 @@ def write_poses(layout: Layout, name: str, time_ns: np.ndarray, T_w_x: np.ndarra
 
 def write_sensors(layout: Layout, scene, simulation) -> None:
     """Vehicle and sensors: data and the pose of each at each of its samples."""
-    trajectory, vehicle = simulation.trajectory, scene.vehicle
+    trajectory = simulation.trajectory
     write_poses(layout, "vehicle", trajectory.time_ns, trajectory.poses())
     files.write_csv(layout.states, [TIME, *itertools.chain(*STATES.values())], trajectory.time_ns,
                     *(getattr(trajectory, quantity) for quantity in STATES))
-    for name, block in SENSOR_BLOCKS.items():
-        if (sensor := getattr(vehicle, block)) is None:
-            continue
-        reading, truth, bias = vars(getattr(simulation, block)), None, None
-        if getattr(sensor, "noise", None) is not None:
-            truth, bias = ({quantity: reading[key.format(quantity)] for quantity in READINGS[name]}
+    for product, block in mounted(scene.vehicle):
+        reading, truth, bias = vars(getattr(simulation, product.key)), None, None
+        if getattr(block, "noise", None) is not None:
+            truth, bias = ({quantity: reading[key.format(quantity)] for quantity in product.columns}
                            for key in ("true_{}", "{}_bias"))
-        write_readings(layout, name, reading, truth, bias)
+        write_readings(layout, product.id, reading, truth, bias)
         time_ns = reading["time_ns"]
-        write_poses(layout, name, time_ns, trajectory.at(time_ns).poses() @ pose_matrix(sensor))
+        write_poses(layout, product.id, time_ns, trajectory.at(time_ns).poses() @ product.mounting(block))
 
 
 def write_readings(layout: Layout, name: str, reading: Samples, truth: Samples | None = None,
@@ -100,8 +92,8 @@ def write_readings(layout: Layout, name: str, reading: Samples, truth: Samples |
         files.write_csv(path, [TIME, *header], reading["time_ns"],
                         *(part[quantity] for part in there.values() for quantity in READINGS[name]))
 
-    if name == "imu0" and bias is not None:
-        write(layout.imu_bias, b_=bias)
+    if BY_ID[name].bias_apart and bias is not None:
+        write(layout.bias(name), b_=bias)
         bias = None
     write(layout.sensor(name), **{"": reading, "true_": truth, "b_": bias})
 
@@ -219,16 +211,9 @@ def describe_water(scene) -> dict:
 
 def describe_sensors(vehicle) -> dict[str, dict]:
     """Rate, mounting and noise of each sensor on the vehicle, and what else its readings follow from."""
-    found = {}
-    for name, block in SENSOR_BLOCKS.items():
-        if (sensor := getattr(vehicle, block)) is not None:
-            found[name] = {"rate_hz": sensor.rate_hz, "T_v_s": pose_matrix(sensor).tolist(),
-                           "noise": sensor.model_dump(mode="json").get("noise")}
-    if vehicle.magnetometer is not None:
-        found["mag0"]["field_T"] = list(vehicle.magnetometer.field_T)
-    if vehicle.dvl is not None:
-        found["dvl0"] |= {"beams": beam_directions(vehicle.dvl).tolist(), "range_m": list(vehicle.dvl.range_m)}
-    return found
+    return {sensor.id: {"rate_hz": block.rate_hz, "T_v_s": sensor.mounting(block).tolist(),
+                        "noise": block.model_dump(mode="json").get("noise"), **sensor.describe(block)}
+            for sensor, block in mounted(vehicle)}
 
 
 def versions() -> dict[str, str]:
@@ -302,13 +287,11 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         moving: Entries of objects that move (moving.py).
     """
     vehicle, render = scene.vehicle, scene.render
-    conventions = plain_yaml.parse(_text("conventions.yaml"))
     bent = any(map(has_lens, vehicle.cameras))
     absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
     absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
-    absent |= {key for key in LATER_SENSORS if getattr(vehicle, key) is None}
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
-    conventions = {key: words for key, words in conventions.items() if key not in absent}
+    conventions = {key: words for key, words in _conventions(vehicle).items() if key not in absent}
     start, end = render.depth_range_m
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
@@ -331,6 +314,20 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     }
 
 
+def _conventions(vehicle) -> dict[str, str]:
+    """What the numbers mean, with those of the sensors of which notes tell in their place."""
+    found = {}
+    for key, words in plain_yaml.parse(_text("conventions.yaml")).items():
+        found |= {key: words} if key != "sensors" else {s.key: s.convention for s in _noted(vehicle)}
+    return found
+
+
+def _noted(vehicle) -> list[SensorProduct]:
+    """The sensors of which the notes of a dataset tell."""
+    there = [sensor for sensor, _ in mounted(vehicle)]
+    return [sensor for sensor in SENSORS if sensor.is_standard or sensor in there]
+
+
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
 _RAYS = {"z": "# z = 1: D is planar",
          "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
@@ -348,15 +345,14 @@ def write_readme(layout: Layout, scene) -> None:
     """README.txt: each convention in words."""
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
-    more = [key for key in LATER_SENSORS if getattr(scene.vehicle, key)]
-    more += [key for key in ("moving", "companions") if getattr(scene, key)]
+    more = [_text(f"{key}_readme.txt") for key in ("moving", "companions") if getattr(scene, key)]
     bent = any(map(has_lens, scene.vehicle.cameras))
-    words = {"LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
+    words = {"SENSORS": "\n".join([*(sensor.chapter for sensor in _noted(scene.vehicle)), *more]),
+             "LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
              "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
-             "MORE": "".join("\n" + _text(f"{key}_readme.txt") for key in more),
              "SHUTTER": _text("shutter_readme.txt").rstrip("\n") if any(c.shutter for c in scene.vehicle.cameras)
              else _INSTANTS,
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter
 
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.render.image.adapt import DARK, brightness
-from varos_warp.scene.description.block import plain_number
+from varos_warp.scene.block import plain_number
 from varos_warp.scene.launch import launch_rows, upload
 
 FIREFLY = 3.0

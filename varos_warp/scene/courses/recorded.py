@@ -13,13 +13,14 @@ from scipy.spatial.transform import Rotation
 from varos_warp.errors import InputError, counted
 from varos_warp.files import stamp_of
 from varos_warp.limits import check_limit
+from varos_warp.products.sensors.registry import BY_ID
+from varos_warp.scene.block import QUATERNION_SLACK
 from varos_warp.scene.courses import doubts
 from varos_warp.scene.courses.axes import along_path, mount, vehicle_poses
 from varos_warp.scene.courses.layout import Layout, layout_of
 from varos_warp.scene.courses.lines import REMEDY, rows_of
 from varos_warp.scene.courses.smoothing import smoothed, smoothed_attitudes
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.block import QUATERNION_SLACK
 from varos_warp.scene.description.recorded import Read
 from varos_warp.scene.description.vehicle import Pose, Trajectory
 
@@ -30,7 +31,7 @@ MOST_REMARKS = 100
 """Remarks above the poses that are kept, the last ones."""
 MOST_SMOOTHED = 5000.0
 """Median steps in the period of smoothing, beyond which its equations lose digits that matter [1e-6 m]."""
-OUR_FILES = re.compile(r"(vehicle\w|vehicles\.\w|cam(?P<camera>\w\w)|(?P<sensor>imu0|depth0|mag0|dvl0))_poses_")
+OUR_FILES = re.compile(rf"(vehicle\w|vehicles\.\w|cam(?P<camera>\w\w)|(?P<sensor>{'|'.join(BY_ID)}))_poses_")
 """Names of files of poses in our datasets, which say whose they are."""
 LARGEST_ANGLE = 1e6
 """The largest angle that is read [rad] or [degrees]; much larger ones would lose all digits to whole turns."""

@@ -12,8 +12,8 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from varos_warp.errors import did_you_mean
 from varos_warp.files import absolute
+from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
-from varos_warp.scene.description.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin

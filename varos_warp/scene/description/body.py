@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator
 
-from varos_warp.scene.description.block import Block, Position, Vec3
+from varos_warp.scene.block import Block, Position, Vec3
 
 Rms = Annotated[float, Field(ge=0.0, le=10.0)]
 """Of a turbulent velocity [m/s]."""

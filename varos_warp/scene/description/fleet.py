@@ -2,7 +2,8 @@
 
 from pydantic import field_validator
 
-from varos_warp.scene.description.block import unwritten_if_absent
+from varos_warp.products.sensors.registry import ASKED_FOR
+from varos_warp.scene.block import unwritten_if_absent
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Pose, Trajectory, Vehicle, Waypoint
 from varos_warp.scene.description.world import Object
@@ -17,7 +18,7 @@ class FleetVehicle(Vehicle):
     """What the other vehicles see of it: a mesh or an object made from its measures, placed in vehicle axes. Its own
     cameras do not see it, nor does it shade its own lights. Absent: nothing."""
 
-    _written = unwritten_if_absent("magnetometer", "dvl", "rigid_body", "body")
+    _written = unwritten_if_absent(*ASKED_FOR, "rigid_body", "body")
 
     @field_validator("body")
     @classmethod

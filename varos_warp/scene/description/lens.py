@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError, ValidationInfo
 
 from varos_warp.errors import InputError
+from varos_warp.scene.block import Block, Unit
 from varos_warp.scene.calibration.read import read_calibration
-from varos_warp.scene.description.block import Block, Unit
 from varos_warp.scene.optics.distortion import canonical
 
 Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from varos_warp.scene.description.block import (
+from varos_warp.scene.block import (
     Block,
     Position,
     Unit,

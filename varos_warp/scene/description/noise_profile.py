@@ -3,55 +3,13 @@
 A profile is a YAML file with a block for each sensor that errs; a block that is absent adds nothing.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
-from varos_warp.scene.description.block import Block, NonNegative, Positive, Vec3, unwritten_if_absent
+from varos_warp.products.sensors.registry import ASKED_FOR, SENSORS
+from varos_warp.scene.block import Block, NonNegative, Positive, unwritten_if_absent
 from varos_warp.scene.description.optics import Vignetting
-from varos_warp.scene.description.vehicle import ImuNoise, NoiseDensity
-
-SENSOR_BLOCKS = {"imu0": "imu", "depth0": "depth_gauge", "mag0": "magnetometer", "dvl0": "dvl"}
-"""Block of a profile by the sensor's name in a dataset; of the vehicle, too."""
-
-
-class DepthGaugeNoise(Block):
-    """Errors of the depth gauge, quantised last."""
-
-    noise_density: NonNegative = 0.0
-    """White noise [m/sqrt(Hz)]"""
-    random_walk: NonNegative = 0.0
-    """Of the bias [m/s/sqrt(Hz)]"""
-    bias: float = 0.0
-    """Constant part [m]"""
-    turn_on_bias: NonNegative = 0.0
-    """Standard deviation of the part drawn once per sequence [m]"""
-    resolution: NonNegative = 0.0
-    """Step of the readings [m]; 0: none"""
-
-
-class MagnetometerNoise(Block):
-    """Errors of each axis of the magnetometer: white noise, and a bias as of the IMU."""
-
-    noise_density: NoiseDensity = 0.0
-    """White noise [T/sqrt(Hz)]"""
-    random_walk: NoiseDensity = 0.0
-    """Of the bias [T/s/sqrt(Hz)]"""
-    bias: Vec3 = (0.0, 0.0, 0.0)
-    """Constant part, sensor axes: hard iron [T]"""
-    turn_on_bias: NoiseDensity = 0.0
-    """Standard deviation of the part drawn once per sequence [T]"""
-
-
-class DvlNoise(Block):
-    """Errors of each beam of the DVL; its velocity and altitude are those of the beams that err."""
-
-    velocity_std: NoiseDensity = 0.0
-    """White noise of a reading, standard deviation [m/s]"""
-    scale: Annotated[float, Field(gt=-1.0, le=1.0)] = 0.0
-    """Share by which velocities are too large, as with a wrong speed of sound"""
-    range_std: NoiseDensity = 0.0
-    """White noise of a range, standard deviation [m]"""
 
 
 class CameraNoise(Block):
@@ -94,14 +52,22 @@ class CameraNoise(Block):
         return self
 
 
-class NoiseProfile(Block):
-    """Errors of all sensors."""
-
+class _Named(Block):
     name: str = "unnamed"
-    imu: ImuNoise | None = None
-    depth_gauge: DepthGaugeNoise | None = None
-    magnetometer: MagnetometerNoise | None = None
-    dvl: DvlNoise | None = None
+
+
+_NOISES: dict[str, Any] = {sensor.key: (sensor.noise | None, None) for sensor in SENSORS}
+_SENSORS: Any = create_model("_SENSORS", __base__=_Named, __module__=__name__, **_NOISES)
+
+
+class NoiseProfile(_SENSORS):
+    """Errors of all sensors: a block for each of the registry, by its key, and one for the cameras."""
+
     camera: CameraNoise | None = None
 
-    _written = unwritten_if_absent("magnetometer", "dvl")
+    _written = unwritten_if_absent(*ASKED_FOR)
+
+    @property
+    def of_sensors(self) -> dict[str, Block]:
+        """The blocks of the sensors that err, by the names of these in a dataset."""
+        return {sensor.id: block for sensor in SENSORS if (block := getattr(self, sensor.key)) is not None}

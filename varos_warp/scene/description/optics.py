@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from varos_warp.scene.description.block import Block, Vec3, outside, unwritten_if_absent
+from varos_warp.scene.block import Block, Vec3, outside, unwritten_if_absent
 from varos_warp.scene.optics.camera import camera_model, unit
 from varos_warp.scene.optics.distortion import DOUBLE_SPHERE, FISHEYES
 

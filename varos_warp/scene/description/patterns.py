@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from varos_warp.scene.description.block import Angle, Block, Coordinate, Position, kind_by_default
+from varos_warp.scene.block import Angle, Block, Coordinate, Position, kind_by_default
 
 STEP_DEG = 5.0
 """Turn from one waypoint to the next on arcs: chords are within 0.1 % of the radius of their circle."""

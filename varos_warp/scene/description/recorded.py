@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from varos_warp.scene.description.block import Block, unwritten_if_absent
+from varos_warp.scene.block import Block, unwritten_if_absent
 
 KEYS = ("columns", "frame", "of", "body", "attitude", "origin", "start_s", "smoothing_s")
 """Keys of a trajectory that tell of its ``file``, and mean nothing without one."""

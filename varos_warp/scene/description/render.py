@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.description.block import AtLeastOne, Block, NonNegative, Positive
+from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive
 
 
 class Exposure(Block):

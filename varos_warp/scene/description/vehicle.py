@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from varos_warp.scene.description.block import (
+from varos_warp.products.sensors.registry import ASKED_FOR, SensorBlocks
+from varos_warp.scene.block import (
     Block,
     CameraId,
-    Coordinate,
     EulerAngles,
     NonNegative,
     Position,
@@ -97,95 +97,6 @@ class Camera(Block):
     _written = written_otherwise(unwritten_of_camera)
 
 
-class Mounted(Block):
-    """A sensor on the vehicle, in its axes."""
-
-    position: Position = (0.0, 0.0, 0.0)
-    """Position of the sensor in vehicle axes [m]."""
-    rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
-    """Rotation of the sensor about the vehicle's fixed axes x, then y, then z [degrees]."""
-    rate_hz: Positive = 200.0
-    """Readings per second [Hz]."""
-
-
-NoiseDensity = Annotated[float, Field(ge=0.0, le=1e6)]
-
-
-class ImuNoise(Block):
-    """White noise and bias of each axis; densities in Kalibr's units; all zero is no noise.
-
-    The bias is the constant one, plus one drawn at random when the sensor is turned on, plus a random walk.
-    """
-
-    accelerometer_noise_density: NoiseDensity = 0.0
-    """Density of the accelerometers' white noise [m/s^2/sqrt(Hz)]."""
-    accelerometer_random_walk: NoiseDensity = 0.0
-    """Random walk of the accelerometers' bias [m/s^3/sqrt(Hz)]."""
-    gyroscope_noise_density: NoiseDensity = 0.0
-    """Density of the gyroscopes' white noise [rad/s/sqrt(Hz)]."""
-    gyroscope_random_walk: NoiseDensity = 0.0
-    """Random walk of the gyroscopes' bias [rad/s^2/sqrt(Hz)]."""
-    accelerometer_bias: Vec3 = (0.0, 0.0, 0.0)
-    """Constant part of the accelerometers' bias, in sensor axes [m/s^2]."""
-    accelerometer_turn_on_bias: NoiseDensity = 0.0
-    """Standard deviation of the part of the bias that is drawn once per sequence [m/s^2]."""
-    gyroscope_bias: Vec3 = (0.0, 0.0, 0.0)
-    """Constant part of the gyroscopes' bias, in sensor axes [rad/s]."""
-    gyroscope_turn_on_bias: NoiseDensity = 0.0
-    """Standard deviation of the part of the bias that is drawn once per sequence [rad/s]."""
-
-
-def _is_read(noise):
-    """Files are read where a scene is loaded, for their paths are relative to its folder."""
-    if isinstance(noise, str):
-        raise ValueError(f"is a file, which load_scene and scene_from_dict read; here give the block: '{noise}'")
-    return noise
-
-
-def _or_file(schema: dict) -> None:
-    schema["anyOf"].insert(1, {"type": "string"})
-
-
-class Imu(Mounted):
-    """An inertial measurement unit on the vehicle; without ``noise`` its readings are exact."""
-
-    noise: Annotated[ImuNoise | None, BeforeValidator(_is_read), Field(json_schema_extra=_or_file)] = None
-    """White noise and bias of the readings, or a file of them by Kalibr or imu_utils (docs/noise.md). Absent: they are
-    exact; ``varos-warp noise`` adds noise later."""
-
-
-FieldStrength = Annotated[float, Field(ge=-1.0, le=1.0)]
-"""[T]"""
-
-
-class Magnetometer(Mounted):
-    """A magnetometer in a field that is the same everywhere."""
-
-    field_T: tuple[FieldStrength, FieldStrength, FieldStrength] = (0.0, 1.36e-5, -5.03e-5)  # noqa: N815
-    """The Earth's field in world axes [T]; absent: about that of the Trondheim fjord, if world y points to magnetic
-    north."""
-
-
-def _check_reach(value):
-    if not 0.0 <= value[0] < value[1]:
-        raise ValueError("a range is [least, most] with 0 <= least < most")
-    return value
-
-
-class Dvl(Mounted):
-    """A Doppler velocity log with four beams in Janus configuration, downwards in its own axes.
-
-    Beams point 45, 135, 225 and 315 degrees about the sensor's z, counted from its x towards its y.
-    """
-
-    rate_hz: Positive = 5.0
-    """Readings per second [Hz]."""
-    beam_angle_deg: Annotated[float, Field(ge=1.0, le=80.0)] = 30.0
-    """Angle between each beam and the sensor's downward axis, -z [degrees]."""
-    range_m: Annotated[tuple[Coordinate, Coordinate], AfterValidator(_check_reach)] = (0.05, 50.0)
-    """Least and most distance along a beam at which the bottom is locked [m]."""
-
-
 class Controller(Block):
     """Weights of the linear quadratic regulator and its feed-forward (paper 3.3.3)."""
 
@@ -216,8 +127,8 @@ class Current(Block):
     _written = unwritten_if_absent("turbulence")
 
 
-class Vehicle(Block):
-    """A sphere, or a rigid body, with thrusters. Absent values follow from the mass, between those of presets."""
+class Carrier(Block):
+    """What carries the sensors of a vehicle: its body, lights and cameras."""
 
     id: VehicleId = "0"
     """One letter or digit that names the vehicle in the dataset's file names."""
@@ -253,16 +164,12 @@ class Vehicle(Block):
     """Lights on the vehicle; without any, images A are black."""
     cameras: Annotated[list[Camera], Field(min_length=1)] = [Camera()]
     """Cameras on the vehicle, or fixed in the world; for stereo two, with ids L0 and R0."""
-    imu: Imu | None = Imu()
-    """The inertial measurement unit; null: none."""
-    depth_gauge: Mounted | None = Mounted()
-    """The depth gauge; null: none."""
-    magnetometer: Magnetometer | None = None
-    """The magnetometer (docs/sensors.md). Absent: none."""
-    dvl: Dvl | None = None
-    """The Doppler velocity log (docs/sensors.md). Absent: none."""
 
-    _written = unwritten_if_absent("magnetometer", "dvl", "rigid_body")
+
+class Vehicle(SensorBlocks, Carrier):
+    """A sphere, or a rigid body, with thrusters. Absent values follow from the mass, between those of presets."""
+
+    _written = unwritten_if_absent(*ASKED_FOR, "rigid_body")
 
     @model_validator(mode="after")
     def _one_limit(self):

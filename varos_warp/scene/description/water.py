@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from varos_warp.scene.description.block import Block, Coefficient, CoefficientRgb, NonNegative, UnitRgb, kind_by_default
+from varos_warp.scene.block import Block, Coefficient, CoefficientRgb, NonNegative, UnitRgb, kind_by_default
 
 MeanCosine = Annotated[float, Field(ge=-0.99, le=0.999)]
 """Of a phase function; beyond, single precision does not hold the angles of its peak (docs/stability.md)."""

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from varos_warp.scene.description.block import (
+from varos_warp.scene.block import (
     Block,
     EulerAngles,
     NonNegative,

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 from varos_warp.errors import InputError, did_you_mean, warn
 from varos_warp.files import absolute, is_file
-from varos_warp.scene.description.vehicle import ImuNoise
+from varos_warp.products.sensors.imu import ImuNoise
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
 from varos_warp.scene.file.yaml_files import parse_file

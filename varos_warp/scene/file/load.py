@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from varos_warp.errors import InputError
 from varos_warp.scene import plain_yaml
+from varos_warp.scene.block import keys_without_effect
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.block import keys_without_effect
 from varos_warp.scene.file.imu_files import with_noise_files
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source

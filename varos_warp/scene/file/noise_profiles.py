@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from varos_warp.errors import InputError, warn
+from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.angles import odd_gyroscope
-from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS, NoiseProfile
+from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.file.imu_files import file_and_imu, noise_in, tells_of_imu
 from varos_warp.scene.file.load import DATA, validated
 from varos_warp.scene.file.yaml_files import parse_file
@@ -48,7 +49,7 @@ def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
     """
     merged: dict = {"name": "+".join(profile.name for profile in profiles)}
     for profile in profiles:
-        for sensor in (*SENSOR_BLOCKS.values(), "camera"):
+        for sensor in (*(sensor.key for sensor in SENSORS), "camera"):
             block = getattr(profile, sensor)
             if block is not None and sensor in merged:
                 raise InputError(f"two profiles tell of the {sensor}", key="--profile", value=profile.name,

@@ -1,34 +1,22 @@
 """All sensors of a vehicle, read along its way: in one piece, or a tick at a time."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
-from functools import partial
+from dataclasses import fields, replace
 from typing import Any
 
+from varos_warp.products.sensors.protocol import SensorProduct
+from varos_warp.products.sensors.registry import Readings, mounted
 from varos_warp.scene.description import Scene
-from varos_warp.sim.clock import samples_until
+from varos_warp.sim.clock import samples_until, times_ns
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.sensors.dvl import Dvl
-from varos_warp.sim.sensors.noise import ImuNoiseStream
-from varos_warp.sim.sensors.readings import (
-    DepthGauge,
-    Imu,
-    Magnetometer,
-    measure_depth,
-    measure_dvl,
-    measure_field,
-    measure_imu,
-)
+from varos_warp.sim.sensors.surroundings import Around
 
 
-@dataclass(frozen=True)
-class Readings:
-    """What the sensors of a vehicle read within a time; each is None where the vehicle has none."""
-
-    imu: Imu | None = None
-    depth_gauge: DepthGauge | None = None
-    magnetometer: Magnetometer | None = None
-    dvl: Dvl | None = None
+def measured(sensor: SensorProduct, motion: Trajectory, block: Any, around: Around, first: int = 0) -> Any:
+    """Readings without noise along a motion, from the sample with the number ``first`` up to its end."""
+    rate_hz = block.rate_hz
+    return sensor.measure(motion.at(times_ns(samples_until(int(motion.time_ns[-1]), rate_hz), rate_hz, first)), block,
+                          around)
 
 
 class Sensors:
@@ -36,31 +24,18 @@ class Sensors:
 
     Args:
         scene: Its vehicle has the sensors.
-        end_ns: Last tick of the scene's sequence; for so long the noise of an IMU is drawn at once.
-        parts: Everything solid, if there is a DVL: from ``build_parts``.
+        end_ns: Last tick of the scene's sequence; for so long the noise that the scene asks for is drawn at once.
+        parts: Everything solid, if some sensor meets it: from ``build_parts``.
         others: Poses of other vehicles, whose bodies are among the parts.
     """
 
     def __init__(self, scene: Scene, end_ns: int, parts: list | None = None,
                  others: Mapping[str, Callable] | None = None):
-        vehicle, self._measure = scene.vehicle, dict[str, Callable[..., Any]]()
-        self.solids: Any = None
-        """Everything solid, with the BVHs of a DVL."""
-        if imu := vehicle.imu:
-            stream = imu.noise and ImuNoiseStream(imu.noise, samples_until(end_ns, imu.rate_hz), imu.rate_hz,
-                                                  scene.seed)
-            self._measure["imu"] = partial(measure_imu, imu=imu, gravity=scene.gravity, stream=stream)
-        if gauge := vehicle.depth_gauge:
-            self._measure["depth_gauge"] = partial(measure_depth, gauge=gauge, surface_depth_m=scene.surface_depth_m)
-        if magnetometer := vehicle.magnetometer:
-            self._measure["magnetometer"] = partial(measure_field, magnetometer=magnetometer)
-        if dvl := vehicle.dvl:
-            from varos_warp.scene.geometry.query import Solids  # Warp is loaded only where there is a DVL
-
-            self.solids = Solids(parts or [])
-            self._measure["dvl"] = partial(measure_dvl, dvl=dvl, parts=self.solids, others=others)
-        self._rates = {name: getattr(vehicle, name).rate_hz for name in self._measure}
-        self._taken = dict.fromkeys(self._measure, 0)
+        self.around = Around.of(scene, parts, others)
+        self._mounted = {sensor.key: (sensor, block) for sensor, block in mounted(scene.vehicle)}
+        self._errors = {name: sensor.errors(block, samples_until(end_ns, block.rate_hz), scene.seed)
+                        for name, (sensor, block) in self._mounted.items()}
+        self._taken = dict.fromkeys(self._mounted, 0)
         self._nothing: dict[str, Any] = {}
 
     def read(self, motion: Trajectory) -> Readings:
@@ -69,13 +44,16 @@ class Sensors:
         Args:
             motion: The next piece; it begins with the last row of the one before.
         """
-        return Readings(**{name: self._read(name, motion) for name in self._measure})
+        return Readings(**{name: self._read(name, motion) for name in self._mounted})
 
     def _read(self, name: str, motion: Trajectory) -> Any:
-        taken, due = self._taken[name], samples_until(int(motion.time_ns[-1]), self._rates[name])
+        sensor, block = self._mounted[name]
+        taken, due = self._taken[name], samples_until(int(motion.time_ns[-1]), block.rate_hz)
         if taken == due:
             return self._nothing[name]
-        read = self._measure[name](motion, first=taken)
+        read = measured(sensor, motion, block, self.around, taken)
+        if (erring := self._errors[name]) is not None:
+            read = erring(read)
         self._taken[name] = due
         if not taken:
             self._nothing[name] = replace(read, **{field.name: getattr(read, field.name)[:0].copy()

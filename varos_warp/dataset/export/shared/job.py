@@ -11,12 +11,12 @@ from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
-from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
+from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.distortion import Lens
 
 NO_NOISE = "without noise"
-PROFILE_BLOCKS = {**SENSOR_BLOCKS, "A": "camera"}
+PROFILE_BLOCKS = {sensor.id: sensor.key for sensor in SENSORS} | {"A": "camera"}
 """Block of a noise profile by what has the noise."""
 EXPORTED = ("imu0", "depth0")
 """Sensors whose readings most formats have."""
