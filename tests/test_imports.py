@@ -16,12 +16,12 @@ import varos_warp
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
-    "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
+    "": ["kernels", "scene", "sim", "products", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
-    "dataset.export": ["shared"],
+    "products": ["images"], "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "planner"],
     "dataset": ["reader", "write", "export", "validate", "report", "run"],

@@ -16,8 +16,9 @@ from varos_warp.dataset.export.shared.job import Job, baseline, lens_of, quatern
 from varos_warp.dataset.export.shared.moving import lights_of_others
 from varos_warp.dataset.progress import Progress
 from varos_warp.errors import InputError
+from varos_warp.scene.description.image_types import DEPTH, WATER
 
-IMAGES = "AD"
+IMAGES = WATER + DEPTH
 PER_METRE = 1000.0
 ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "kannala_brandt": "equidistant"}
 """What ROS calls models of distortion."""
@@ -109,7 +110,7 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
 
     def image(t: int, frame: int):
-        file = job.data.layout.png(camera, job.images, frame).read_bytes()
+        file = job.data.layout.image(camera, job.images, frame).read_bytes()
         return messages.png(t, name, file, "rgb8; png compressed bgr8")
 
     def depth(t: int, frame: int):

@@ -1,0 +1,1 @@
+"""What a dataset is made of: an object each in a file of its own, behind a protocol."""
