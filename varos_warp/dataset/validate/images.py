@@ -20,6 +20,7 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.products.images.depth import DEPTH_LEVELS
+from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.normals import decode_normal
 from varos_warp.products.images.protocol import ImageProduct
 from varos_warp.products.images.radiance import encode_color
@@ -125,6 +126,12 @@ class _FrameImages:
         return self.data.planar_depth(self.frame, self.camera, self.pixels(DEPTH))
 
     @cached_property
+    def flow(self) -> FlowImage:
+        """F with all its digits."""
+        self.found.files_read += 1
+        return self.data.flow(self.frame, self.camera)
+
+    @cached_property
     def jumps(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Where D jumps."""
         return surfaces.jumps(self.pixels(DEPTH))
@@ -169,10 +176,10 @@ class _FrameImages:
 
     def _flow(self) -> None:
         """F follows from D, the poses and the camera."""
-        made, path = self.data.flow(self.frame, self.camera), self.data.layout.exr(self.camera, FLOW, self.frame)
-        if made.flow.shape[:2] == self.shape:
-            for problem in flows.against_depth(self.data, self.camera, self.frame, made, self.pixels(DEPTH)):
-                self.tell(path.name, problem)
+        if self.flow.flow.shape[:2] == self.shape:
+            name = self.data.layout.exr(self.camera, FLOW, self.frame).name
+            for problem in flows.against_depth(self.data, self.camera, self.frame, self.flow, self.pixels(DEPTH)):
+                self.tell(name, problem)
 
     def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
         """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""

@@ -105,7 +105,7 @@ class Flow(ImageProduct):
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
         """It is its EXR in steps."""
-        pixels, made = files.pixels(FLOW), files.data.flow(files.frame, files.camera)
+        pixels, made = files.pixels(FLOW), files.flow
         name, exr = files.file(FLOW).name, files.data.layout.exr(files.camera, FLOW, files.frame).name
         if made.flow.shape[:2] != files.shape:
             yield exr, "has another size than its PNG"

@@ -7,7 +7,7 @@ the pixels' centres and has one file a frame: such a type states what has no def
 from collections.abc import Iterable, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -64,10 +64,15 @@ class FrameFiles(Protocol):
     def planar(self) -> np.ndarray:
         """Image D in metres along the camera's axis [H, W]; inf where it has none."""
 
+    @property
+    def flow(self) -> Any:
+        """Image F with all its digits, as `Dataset.flow` reads it."""
+
     def along_axis(self, distance: np.ndarray) -> np.ndarray:
         """Distances [H, W] [m] along the pixels' rays in the water as planar depth."""
 
 
+@runtime_checkable
 class ImageProduct(Protocol):
     """An image type."""
 

@@ -26,6 +26,7 @@ IMAGE_TYPES = {
     SEGMENTS: ImageType("segments.SEGMENT_IMAGE", "objects"),
     TWIN: ImageType("radiance.TWIN_IMAGE", "the twin of A without port, distortion, vignetting and shutter"),
     FLOW: ImageType("flow.FLOW_IMAGE", "optical flow"),
+    "T": ImageType("transmittance.TRANSMITTANCE_IMAGE", "transmittance of the water"),
 }
 """By letter, in the order in which images are made, written and listed."""
 
