@@ -209,8 +209,10 @@ class FrameRenderer:
                 key = stream_key(seed, frame, view.id, product.settings)
                 shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
                 images[letter] = yield from make[product.source](Shot(seen, T_w_v, how, key, shown, here.world, moved))
-        if planes := {plane for image in asked.values() for plane in image.planes}:
-            hits = yield from self._render_first_hits(here, planes | ({"instance"} if self._tracks(asked) else set()))
+        planes = {plane for image in asked.values() for plane in image.planes}
+        planes |= {"instance"} if FLOW in asked and self.world.moving else set()
+        if planes:
+            hits = yield from self._render_first_hits(here, planes)
             images |= {letter: image.of_hits(hits) for letter, image in asked.items()
                        if image.source is Source.FIRST_HITS}
         if FLOW in asked and following is not None:
@@ -219,10 +221,6 @@ class FrameRenderer:
                                   time_ns if following.time_ns is None else following.time_ns)
             images[FLOW] = yield from self._render_flow(here, there, hits)
         return Frame(**images)
-
-    def _tracks(self, asked: Iterable[str]) -> bool:
-        """Whether it matters which pixels are of objects that move."""
-        return FLOW in asked and bool(self.world.moving)
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
              channel: str = "green") -> Rays:

@@ -7,7 +7,7 @@ import pytest
 
 from varos_warp.products.images.depth import decode_depth, encode_depth
 from varos_warp.products.images.normals import decode_normal, encode_normal
-from varos_warp.products.images.radiance import decode_color, encode_color, linear_channels, srgb_oetf, to_half
+from varos_warp.products.images.radiance import WATER_IMAGE, decode_color, encode_color, srgb_oetf, to_half
 
 
 def unit_vectors(count, seed=0):
@@ -118,7 +118,7 @@ def test_half_floats_keep_11_bits():
 
 def test_linear_channels_hold_radiance_error_and_layers():
     rgb = np.random.default_rng(0).random((2, 3, 3)).astype(np.float32)
-    channels = linear_channels(SimpleNamespace(radiance=rgb, stderr=rgb / 10, layers={"direct": rgb / 2}))
+    channels = WATER_IMAGE.floats(SimpleNamespace(radiance=rgb, stderr=rgb / 10, layers={"direct": rgb / 2}))
     assert list(channels) == ["R", "G", "B", "stderr.R", "stderr.G", "stderr.B", "direct.R", "direct.G", "direct.B"]
     np.testing.assert_array_equal(channels["stderr.G"], rgb[..., 1] / 10)
 

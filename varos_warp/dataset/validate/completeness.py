@@ -106,7 +106,7 @@ def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
     """Every file that dataset.json asks for is there, and none that it does not account for."""
     required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
     # what an earlier run may have been asked for
-    every = {key: True for image in OUTPUTS.values() for key in image.folders.values()}
+    every = dict.fromkeys((key for image in OUTPUTS.values() for key in image.folders.values()), True)
     optional = {path for camera in data.cameras for output in data.outputs for frame in data.frames
                 for path in data.layout.image_files(camera, output, frame, every).values()}
     missing = sorted(path for path in required - pending.files if not path.is_file())

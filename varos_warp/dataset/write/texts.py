@@ -313,7 +313,8 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
     images = {letter: image.convention for letter, image in OUTPUTS.items()
               if image.convention and (image.released or letter in outputs)}
-    conventions = _replaced({key: words for key, words in conventions.items() if key not in absent}, "images", images)
+    conventions = {key: words for entry, words in conventions.items() if entry not in absent
+                   for key, words in (images.items() if entry == "images" else [(entry, words)])}
     start, end = render.depth_range_m
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
@@ -334,13 +335,6 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
         "sources": sources(scene), "scene": scene_to_dict(scene),
     }
-
-
-def _replaced(content: dict, key: str, others: dict) -> dict:
-    """A dict with other entries in the place of one."""
-    items = list(content.items())
-    place = list(content).index(key)
-    return dict([*items[:place], *others.items(), *items[place + 1:]])
 
 
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}

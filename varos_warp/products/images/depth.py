@@ -50,19 +50,6 @@ def level_step(depth: np.ndarray) -> int:
     return int(np.gcd.reduce(np.diff(levels))) if len(levels) >= FEWEST_LEVELS else 1
 
 
-def depth_colors(pixels: np.ndarray, near_far: tuple[float, float] | None, range_m: tuple[float, float]) -> np.ndarray:
-    """Colours of D, even steps of its logarithm between two distances; black where nothing is within the range."""
-    from matplotlib import colormaps
-
-    hit, (start, end) = pixels < DEPTH_LEVELS, range_m
-    depth = np.maximum(start + pixels * ((end - start) / DEPTH_LEVELS), 1e-4)
-    near, far = near_far or ((depth[hit].min(), depth[hit].max() * 1.001) if hit.any() else (1.0, 2.0))
-    share = np.log(far / depth) / np.log(far / near)
-    colors = (colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
-    colors[~hit] = 0
-    return colors
-
-
 class Depth(ImageProduct):
     """Image D."""
 
@@ -110,8 +97,16 @@ class Depth(ImageProduct):
             yield name, f"is 0 m in {(levels == 0).sum()} pixels, the place of the camera itself"
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
-        """From near (bright) to far (dark): `depth_colors`."""
-        return depth_colors(pixels, near_far, meta["depth"]["range_m"])
+        """Colours of D, even steps of its logarithm between two distances; black where nothing is within the range."""
+        from matplotlib import colormaps
+
+        hit, (start, end) = pixels < DEPTH_LEVELS, meta["depth"]["range_m"]
+        depth = np.maximum(start + pixels * ((end - start) / DEPTH_LEVELS), 1e-4)
+        near, far = near_far or ((depth[hit].min(), depth[hit].max() * 1.001) if hit.any() else (1.0, 2.0))
+        share = np.log(far / depth) / np.log(far / near)
+        colors = (colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
+        colors[~hit] = 0
+        return colors
 
 
 def _of_kind(image: DepthImage, render: Any) -> np.ndarray:

@@ -42,20 +42,6 @@ def encode_flow(flow: np.ndarray) -> np.ndarray:
     return np.concatenate([np.where(known, steps, 0.0), known], -1).astype(np.uint16)
 
 
-def decode_flow(pixels: np.ndarray) -> np.ndarray:
-    """Optical flow float32 [H, W, 2] [pixels], good to 1/128; NaN where it is not known."""
-    flow = (pixels[..., :2].astype(np.float32) - FLOW_ZERO) / np.float32(FLOW_STEPS)
-    flow[pixels[..., 2] == 0] = np.nan
-    return flow
-
-
-def flow_channels(image: FlowImage) -> dict[str, np.ndarray]:
-    """Channels of the float32 EXR of a `FlowImage`: ``flow.u``, ``flow.v``, ``motion.x`` ..., ``occluded`` (0 or 1)."""
-    planes = {"flow.u": image.flow[..., 0], "flow.v": image.flow[..., 1], "occluded": image.occluded}
-    planes |= {f"motion.{axis}": image.motion[..., i] for i, axis in enumerate("xyz")}
-    return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
-
-
 def flow_colors(flow: np.ndarray) -> np.ndarray:
     """uint8 [H, W, 3] of a flow [H, W, 2]: the wheel of Baker et al. (2011), white at rest, black where it is NaN.
 
@@ -96,12 +82,16 @@ class Flow(ImageProduct):
         return encode_flow(image.flow)
 
     def floats(self, image: FlowImage) -> dict[str, np.ndarray]:
-        """With all digits: `flow_channels`."""
-        return flow_channels(image)
+        """Channels ``flow.u``, ``flow.v``, ``motion.x`` ..., ``occluded`` (0 or 1)."""
+        planes = {"flow.u": image.flow[..., 0], "flow.v": image.flow[..., 1], "occluded": image.occluded}
+        planes |= {f"motion.{axis}": image.motion[..., i] for i, axis in enumerate("xyz")}
+        return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
 
     def decode(self, pixels: np.ndarray, scale: Any = None) -> np.ndarray:
-        """Flow [pixels]: `decode_flow`."""
-        return decode_flow(pixels)
+        """Optical flow float32 [H, W, 2] [pixels], good to 1/128; NaN where it is not known."""
+        flow = (pixels[..., :2].astype(np.float32) - FLOW_ZERO) / np.float32(FLOW_STEPS)
+        flow[pixels[..., 2] == 0] = np.nan
+        return flow
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
         """It is its EXR in steps."""
@@ -117,7 +107,7 @@ class Flow(ImageProduct):
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
         """By direction and length: `flow_colors`."""
-        return flow_colors(decode_flow(pixels))
+        return flow_colors(self.decode(pixels))
 
 
 FLOW_IMAGE = Flow()

@@ -90,17 +90,6 @@ def decode_color(pixels: np.ndarray, gain: float) -> np.ndarray:
     return np.take((srgb_to_linear(np.arange(256) / 255.0) / gain).astype(np.float32), pixels, mode="clip")
 
 
-def linear_channels(image: Any) -> dict[str, np.ndarray]:
-    """Channels of the float32 EXR of a `RadianceImage` A or P: RGB, ``stderr.R`` ... and a triple for each layer."""
-    layers = {f"{name}.": layer for name, layer in image.layers.items()}
-    triples = {"": image.radiance, "stderr.": image.stderr} | layers
-    channels: dict[str, np.ndarray] = {}
-    for prefix, values in triples.items():
-        refuse_nan(values)
-        channels |= {f"{prefix}{c}": np.ascontiguousarray(values[..., i], np.float32) for i, c in enumerate("RGB")}
-    return channels
-
-
 class Radiance(ImageProduct):
     """What the three have in common."""
 
@@ -110,9 +99,15 @@ class Radiance(ImageProduct):
         """Linear radiance float32 [H, W, 3] of 8 bits and a gain."""
         return decode_color(pixels, scale)
 
-    def floats(self, image: RadianceImage) -> dict[str, np.ndarray]:
-        """Of the image as it was rendered: `linear_channels`."""
-        return linear_channels(image)
+    def floats(self, image: Any) -> dict[str, np.ndarray]:
+        """Channels of the image as it was rendered: RGB, ``stderr.R`` ... and a triple for each layer."""
+        layers = {f"{name}.": layer for name, layer in image.layers.items()}
+        triples = {"": image.radiance, "stderr.": image.stderr} | layers
+        channels: dict[str, np.ndarray] = {}
+        for prefix, values in triples.items():
+            refuse_nan(values)
+            channels |= {f"{prefix}{c}": np.ascontiguousarray(values[..., i], np.float32) for i, c in enumerate("RGB")}
+        return channels
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
         """As rendered it has its size, finite values and errors, layers that sum to it; undenoised, it is its EXR."""

@@ -29,25 +29,6 @@ class SegmentImage:
         return self.material_ids[self.instance]
 
 
-def encode_segments(instance: np.ndarray) -> np.ndarray:
-    """uint16 [H, W] of the numbers of objects."""
-    return np.asarray(instance).astype(np.uint16)
-
-
-def decode_segments(pixels: np.ndarray) -> np.ndarray:
-    """Numbers of objects int32 [H, W]; 0 where nothing was hit."""
-    return pixels.astype(np.int32)
-
-
-def segment_colors(pixels: np.ndarray) -> np.ndarray:
-    """A colour for each number, unlike those of its neighbours (hues a golden section apart); black where it is 0."""
-    from matplotlib.colors import hsv_to_rgb
-
-    number = pixels.astype(float)
-    hsv = np.stack([number * 0.618034 % 1.0, 0.4 + 0.5 * (number * 0.37 % 1.0), np.where(pixels > 0, 0.95, 0.0)], -1)
-    return (hsv_to_rgb(hsv) * 255).astype(np.uint8)
-
-
 class Segments(ImageProduct):
     """Image S."""
 
@@ -61,16 +42,16 @@ class Segments(ImageProduct):
         return SegmentImage(hits.planes["instance"], hits.material_ids)
 
     def pixels(self, image: SegmentImage, render: Any) -> np.ndarray:
-        """In 16 bits."""
-        return encode_segments(image.instance)
+        """uint16 [H, W] of the numbers of objects."""
+        return np.asarray(image.instance).astype(np.uint16)
 
     def is_empty(self, image: SegmentImage, render: Any) -> bool:
         """Whether nothing is hit."""
         return not image.instance.any()
 
     def decode(self, pixels: np.ndarray, scale: Any = None) -> np.ndarray:
-        """Numbers of objects."""
-        return decode_segments(pixels)
+        """Numbers of objects int32 [H, W]; 0 where nothing was hit."""
+        return pixels.astype(np.int32)
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
         """It numbers only what segments.json lists."""
@@ -79,8 +60,13 @@ class Segments(ImageProduct):
             yield files.file(SEGMENTS).name, f"segments.json does not list {sorted(unknown)[:5]}"
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
-        """A colour for each number: `segment_colors`."""
-        return segment_colors(pixels)
+        """A colour for each number, unlike its neighbours' (hues a golden section apart); black where it is 0."""
+        from matplotlib.colors import hsv_to_rgb
+
+        number = pixels.astype(float)
+        value = np.where(pixels > 0, 0.95, 0.0)
+        hsv = np.stack([number * 0.618034 % 1.0, 0.4 + 0.5 * (number * 0.37 % 1.0), value], -1)
+        return (hsv_to_rgb(hsv) * 255).astype(np.uint8)
 
 
 def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
