@@ -147,7 +147,7 @@ class Water(Radiance):
     """Image A."""
 
     letter, content, method, released = WATER, "RGB image with water", "{water}", True
-    source, denoise_key, bytes_a_pixel, parts = Source.WATER, "denoise", 4.0, ("radiance", "stderr")
+    source, denoise_key, bytes_a_pixel, parts = Source.WATER, "denoise", 4.0, ("radiance",)
     folders: Mapping[str, str] = {"_linear": "linear_exr", "_exr": "", "": ""}
     convention = ("8 bit sRGB of linear radiance times the gain of camXX_exposure_A.csv; A_exr: linear, half float, "
                   "denoised")
