@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from skimage.metrics import structural_similarity
 
+from varos_warp.products.images.radiance import encode_color
 from varos_warp.render.image.exposure import statistics
-from varos_warp.render.image.outputs import encode_color
 
 MEDIAN_OF_NORMAL = 0.6744897501960817
 """Median of the absolute value of a standard normal."""

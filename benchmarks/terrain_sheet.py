@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from varos_warp.render.image.outputs import srgb_oetf
+from varos_warp.products.images.radiance import srgb_oetf
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.file.load import load_scene

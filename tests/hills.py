@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import standins
 
+from varos_warp.products.images.flow import FlowImage
 from varos_warp.render.image.flow import flow_by_rows
-from varos_warp.render.image.frame import FlowImage
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s

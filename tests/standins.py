@@ -7,9 +7,9 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.sensors.registry import ASKED_FOR, mounted
 from varos_warp.render.image.flow import flow_of
-from varos_warp.render.image.frame import FlowImage
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose, inverse, pose_matrix

@@ -26,6 +26,15 @@ WRONG = {
 """What is written in typed_use.py, and a mistake in its place."""
 
 
+PRODUCT = ROOT / "varos_warp" / "products" / "images" / "transmittance.py"
+WRONG_PRODUCT = {
+    'def of_hits(self, hits: FirstHits)': 'def of_hits(self, hits: FirstHits, more: int)',
+    '("distance",), 3, np.float32': '("distance",), "3", np.float32',
+    'TRANSMITTANCE_IMAGE = Transmittance()': 'TRANSMITTANCE_IMAGE = Transmittance("T")',
+}
+"""What is written in an image type, and a mistake in its place."""
+
+
 def mypy(*arguments) -> tuple[int, str]:
     """Status and output, with the cache that `make lint` leaves."""
     pytest.importorskip("mypy")
@@ -50,6 +59,22 @@ def test_every_wrong_use_fails(tmp_path):
     for wrong in WRONG.values():
         line = text[:text.index(wrong)].count("\n") + 1
         assert f"wrong.py:{line}: error" in said, f"{wrong}: {said}"
+
+
+def test_an_image_type_that_breaks_its_protocol_fails(tmp_path):
+    """With another signature or type, and without a member that has no default."""
+    text = PRODUCT.read_text()
+    for right, wrong in WRONG_PRODUCT.items():
+        assert text.count(right) == 1, right
+        text = text.replace(right, wrong)
+    without = PRODUCT.read_text().replace("    letter, content = ", "    letter, contents = ")
+    (tmp_path / "wrong.py").write_text(text)
+    (tmp_path / "without.py").write_text(without)
+    status, said = mypy(tmp_path / "wrong.py", tmp_path / "without.py")
+    assert status == 1
+    for wrong in WRONG_PRODUCT.values():
+        assert f"wrong.py:{text[:text.index(wrong)].count(chr(10)) + 1}: error" in said, f"{wrong}: {said}"
+    assert 'abstract attribute "content"' in said
 
 
 def test_every_public_name_is_used_there():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from varos_warp.cache import cached
-from varos_warp.render.image.outputs import to_half
+from varos_warp.products.images.radiance import to_half
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 

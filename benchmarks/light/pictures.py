@@ -7,8 +7,8 @@ from matplotlib import colormaps
 from PIL import Image
 
 from benchmarks.light.scores import BLOCK, Estimate, block_errors, worst_channel
+from varos_warp.products.images.radiance import encode_color
 from varos_warp.render.image.exposure import statistics
-from varos_warp.render.image.outputs import encode_color
 
 ENLARGED = 4
 FULL_SCALE = 0.5

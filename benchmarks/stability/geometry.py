@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.stability import geometry_guidance
 from benchmarks.stability.entry import Sweep, Sweeps
 from varos_warp.errors import InputError
-from varos_warp.render.image.outputs import decode_depth, encode_depth
+from varos_warp.products.images.depth import decode_depth, encode_depth
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.description.vehicle import Camera

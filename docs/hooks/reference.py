@@ -21,7 +21,10 @@ PAGES_OF_KEYS = ("terrain", "objects", "scatter", "materials", "water", "current
 """Keys of scene files with a page of their own."""
 AS_ELSEWHERE = {"trajectory": "trajectory", "body": "objects"}
 """Pages of the blocks under ``vehicles``; those of all others are under ``vehicle``."""
-FRAME_TYPES = ("Frame", "RadianceImage", "NormalImage", "DepthImage", "SegmentImage", "FlowImage")
+FRAME_TYPES = ("render.image.frame.Frame", "products.images.radiance.RadianceImage",
+               "products.images.normals.NormalImage", "products.images.depth.DepthImage",
+               "products.images.segments.SegmentImage",
+               "products.images.flow.FlowImage", "products.images.transmittance.TransmittanceImage")
 EXAMPLES = ("varos_warp/data/starter.yaml", "varos_warp/data/templates/*.yaml", "examples/*/*.yaml")
 
 
@@ -133,7 +136,7 @@ def api_page() -> str:
              "phase_function", "InputError")
     homes = [f"{varos_warp._HOMES[name]}.{name}" for name in names]
     frames = ["varos_warp.render.options.RenderOptions",
-              *(f"varos_warp.render.image.frame.{name}" for name in FRAME_TYPES)]
+              *(f"varos_warp.{name}" for name in FRAME_TYPES)]
     found = ["varos_warp.sim.trajectory.Simulation", "varos_warp.sim.motion.Trajectory",
              "varos_warp.render.planner.decisions.Plan"]
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
@@ -155,7 +158,7 @@ def dataset_page() -> str:
     """The README.txt of a dataset whose vehicle has every sensor, a section for each of its headings."""
     scene = load_scene(ROOT / "examples/every_block/scene.yaml")
     with tempfile.TemporaryDirectory() as folder:
-        write_readme(Layout.of(scene, folder), scene)
+        write_readme(Layout.of(scene, folder), scene, scene.render.outputs)
         text = (Path(folder) / "README.txt").read_text()
     page = ["# README.txt of a dataset", "", "Every dataset has this file, with the numbers of its own scene; "
             "here those of `examples/every_block`.", ""]

@@ -35,7 +35,7 @@ def test_ids_of_sequence_and_vehicle_are_in_the_names(tmp_path):
     from varos_warp.dataset.layout import Layout
 
     scene = make_scene(sequence="a7", vehicle={"id": "Z", "cameras": [{"id": "M3"}]})
-    path = Layout.of(scene, tmp_path).png("M3", "D", 12345678).relative_to(tmp_path).as_posix()
+    path = Layout.of(scene, tmp_path).image("M3", "D", 12345678).relative_to(tmp_path).as_posix()
     assert path == "vehicleZ/cam0/D/seqa7_vehZ_camM3_D-12345678.png"
 
 

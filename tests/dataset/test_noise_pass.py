@@ -52,7 +52,7 @@ def test_images_have_noise_about_the_clean_ones_which_are_kept(written, noisy):
     for camera in clean.cameras:
         np.testing.assert_array_equal(noisy.pixels("A", 3, camera, truth=True), clean.pixels("A", 3, camera))
         assert (noisy.pixels("A", 3, camera) != clean.pixels("A", 3, camera)).mean() > 0.5
-    assert noisy.layout.clean("L0", 3).samefile(clean.layout.png("L0", "A", 3))
+    assert noisy.layout.clean("L0", 3).samefile(clean.layout.image("L0", "A", 3))
     difference = noisy.image("A", 3) * noisy.gain("A", 3) - clean.image("A", 3) * clean.gain("A", 3)
     assert abs(difference).mean() < 0.1  # a few of 580 electrons at white, and cos^4
     assert difference.mean() < 0.0
@@ -79,7 +79,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(written, no
     again = add_noise(written, PROFILE, tmp_path / "again", seed=4, quiet=True)
     other = add_noise(written, PROFILE, tmp_path / "other", seed=5, quiet=True)
     assert tree(again.root) == tree(noisy.root)
-    for path in (noisy.layout.sensor("imu0"), noisy.layout.sensor("depth0"), noisy.layout.png("R0", "A", 9)):
+    for path in (noisy.layout.sensor("imu0"), noisy.layout.sensor("depth0"), noisy.layout.image("R0", "A", 9)):
         assert (other.root / path.relative_to(noisy.root)).read_bytes() != path.read_bytes()
 
 
@@ -231,7 +231,7 @@ def test_profiles_are_known_by_name_and_combine():
 def test_a_damaged_image_is_named_where_the_dataset_has_it(written, tmp_path):
     shutil.copytree(written, tmp_path / "in")
     data = Dataset(tmp_path / "in")
-    image = data.layout.png("L0", "B", 0)
+    image = data.layout.image("L0", "B", 0)
     content = bytearray(image.read_bytes())
     content[len(content) // 2] ^= 255
     image.write_bytes(content)

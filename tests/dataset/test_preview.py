@@ -18,8 +18,7 @@ from varos_warp.dataset import preview as module
 from varos_warp.dataset.preview import Viewpoint, added, developed, preview, refined
 from varos_warp.dataset.screens import FolderScreen, RerunScreen
 from varos_warp.errors import InputError
-from varos_warp.render.image.frame import RadianceImage
-from varos_warp.render.image.outputs import decode_color
+from varos_warp.products.images.radiance import RadianceImage, decode_color
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.optics import resized
 from varos_warp.scene.file.load import load_scene

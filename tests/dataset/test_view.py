@@ -143,7 +143,7 @@ def test_a_world_far_from_the_origin_is_moved_nearer(data, monkeypatch):
 
 def test_a_frame_that_is_damaged_is_named_and_leaves_no_file(written, tmp_path):
     copy = shutil.copytree(written, tmp_path / "copy")
-    path = Dataset(copy).layout.png("L0", "A", 4)
+    path = Dataset(copy).layout.image("L0", "A", 4)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(InputError, match=path.name):
         view(copy, tmp_path / "out.rrd", quiet=True)

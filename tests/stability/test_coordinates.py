@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
-from varos_warp.render.image.outputs import decode_depth, encode_depth
+from varos_warp.products.images.depth import decode_depth, encode_depth
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.world import Diffuse, MeshObject

@@ -181,6 +181,14 @@ def write_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def write_image(path: Path, pixels: np.ndarray) -> None:
+    """Write a finished image as its name says: as a PNG, or as float32 channels of an EXR, R, G, B or, of [H, W], Y."""
+    if path.suffix == ".exr":
+        write_exr(path, {"RGB" if pixels.ndim == 3 else "Y": np.ascontiguousarray(pixels, np.float32)})
+    else:
+        write_png(path, pixels)
+
+
 def visible(folder: Path) -> list[Path]:
     """Files in a folder and those below it, sorted by their paths in it; none that is hidden or lies in what is."""
     found = []
@@ -332,6 +340,14 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
             check_limit("TEXTURE_PIXELS", int(np.prod(np.maximum(high - low + 1, 0))), file=path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: channel.pixels for name, channel in file.channels().items()}
+
+
+def read_image(path: Path) -> np.ndarray:
+    """What `write_image` wrote."""
+    if path.suffix != ".exr":
+        return read_png(path)
+    channels = read_exr(path)
+    return channels["Y"] if "Y" in channels else np.stack(channels_of(path, channels, *"RGB"), -1)
 
 
 def channels_of(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:

@@ -13,12 +13,15 @@ Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, f
     objects/objects.3_poses/objects.3_poses_*.csv (of what moves; vehicles.2_poses/... of the body of another vehicle)
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import xyz
 from varos_warp.products.sensors.registry import SENSORS
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.description.image_types import WATER
 
 TIME = "# timestamp [ns]"
 """Header of the first column of every table."""
@@ -96,29 +99,34 @@ class Layout:
         """Name of an image without its extension (paper, table 5)."""
         return f"seq{self.sequence}_veh{self.vehicle}_cam{camera}_{output}-{frame:08d}"
 
-    def png(self, camera: str, output: str, frame: int) -> Path:
+    def image(self, camera: str, output: str, frame: int) -> Path:
         """The finished image."""
-        return self.camera_dir(camera) / output / f"{self.image_name(camera, output, frame)}.png"
+        return self._image_file(camera, output, frame, "")
 
     def exr(self, camera: str, output: str, frame: int) -> Path:
         """Half floats of A, B or P before exposure; of D and F, float32 channels."""
-        return self.camera_dir(camera) / f"{output}_exr" / f"{self.image_name(camera, output, frame)}.exr"
+        return self._image_file(camera, output, frame, "_exr")
 
     def clean(self, camera: str, frame: int) -> Path:
         """A without camera noise, where `png` has it."""
-        return self.camera_dir(camera) / "A_clean" / f"{self.image_name(camera, 'A', frame)}.png"
+        return self.camera_dir(camera) / f"{WATER}_clean" / self.image(camera, WATER, frame).name
 
-    def linear(self, camera: str, frame: int, output: str = "A") -> Path:
+    def linear(self, camera: str, frame: int, output: str = WATER) -> Path:
         """A or P as it was rendered: float32 with standard error and layers."""
-        return self.camera_dir(camera) / f"{output}_linear" / f"{self.image_name(camera, output, frame)}.exr"
+        return self._image_file(camera, output, frame, "_linear")
 
-    def rendered(self, camera: str, output: str, frame: int, linear_exr: bool, depth_exr: bool) -> list[Path]:
+    def image_files(self, camera: str, output: str, frame: int, render: Mapping[str, Any]) -> dict[str, Path]:
+        """All files of an image that a scene's block ``render`` asks for, by the endings of their folders."""
+        return {folder: self._image_file(camera, output, frame, folder) for folder in OUTPUTS[output].wanted(render)}
+
+    def rendered(self, camera: str, output: str, frame: int, render: Mapping[str, Any]) -> list[Path]:
         """Files of an image that only rendering can make; the PNG of A, B and P follow from their EXR."""
-        if OUTPUTS[output].is_color:
-            more = [self.linear(camera, frame, output)] if output in "AP" and linear_exr else []
-            return [self.exr(camera, output, frame), *more]
-        more = [self.exr(camera, output, frame)] if output == "F" or (output == "D" and depth_exr) else []
-        return [self.png(camera, output, frame), *more]
+        files = self.image_files(camera, output, frame, render)
+        return [path for folder, path in files.items() if folder or not OUTPUTS[output].is_color]
+
+    def _image_file(self, camera: str, output: str, frame: int, folder: str) -> Path:
+        name = self.image_name(camera, output, frame) + (".exr" if folder else OUTPUTS[output].suffix)
+        return self.camera_dir(camera) / f"{output}{folder}" / name
 
     def sensor(self, name: str) -> Path:
         """Data of a sensor, such as ``imu0``."""

@@ -24,11 +24,15 @@ from varos_warp.dataset.reader.rows import exposure_s
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.errors import InputError
+from varos_warp.products.images.radiance import encode_color
 from varos_warp.products.sensors.protocol import Samples
 from varos_warp.products.sensors.registry import BY_ID, SENSORS
-from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.scene.block import Block
-from varos_warp.scene.description.noise_profile import CameraNoise, NoiseProfile
+from varos_warp.scene.description.image_types import WATER
+from varos_warp.scene.description.noise_profile import (
+    CameraNoise,
+    NoiseProfile,
+)
 from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
 
@@ -67,7 +71,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         if profile.camera is not None:
             def write(frame: int, camera: str) -> None:
                 pixels = noisy_pixels(data, profile, seed, frame, camera)
-                files.write_png(noisy.layout.png(camera, "A", frame), pixels)
+                files.write_png(noisy.layout.image(camera, WATER, frame), pixels)
 
             views = zip(*itertools.product(data.frames, data.cameras), strict=True)
             list(in_threads("noise", write, *views, quiet=quiet))
@@ -107,14 +111,14 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
     Raises:
         InputError: If its EXR or its gain cannot be read.
     """
-    linear, gain = data.linear("A", frame, camera), data.gain("A", frame, camera)
+    linear, gain = data.linear(WATER, frame, camera), data.gain(WATER, frame, camera)
     share: np.ndarray | float = 1.0
     if profile.camera.vignetting is not None and not data.camera(camera).get("vignetting"):
         seen = replace(data.camera_model(camera), vignetting=Vignetting(**profile.camera.vignetting.model_dump()))
         share = seen.vignette(pixel_centres(*linear.shape[1::-1]))
     rng = image_noise.frame_generator(seed, frame, camera)
     numbers = image_noise.expose(profile.camera, linear, gain, rng, share, exposure_s(data.camera(camera)))
-    return OUTPUTS["A"].encode(image_noise.to_linear(profile.camera, numbers), 1.0)
+    return encode_color(image_noise.to_linear(profile.camera, numbers), 1.0)
 
 
 # ------------------------------------------------------------------------------------------------------------- checks
@@ -123,7 +127,7 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
 def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
     """The profile without blocks of sensors that the dataset does not have, of which it warns."""
     there = {sensor.key: data.layout.sensor(sensor.id).is_file() for sensor in SENSORS}
-    there["camera"] = "A" in data.outputs
+    there["camera"] = WATER in data.outputs
     absent = [name for name, known in there.items() if getattr(profile, name) is not None and not known]
     if absent:
         warnings.warn(f"the dataset has no readings of: {', '.join(absent)}; that part of the profile is left out",
@@ -157,7 +161,7 @@ def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
                              key="camera.dark_current_electrons_per_s", value=model.dark_current_electrons_per_s,
                              remedy="Give the camera a shutter with exposure_s in the scene and `run` it anew, or "
                                     "leave the dark current out of the profile.")
-        gains = np.array(list(data.gains("A", camera).values()))
+        gains = np.array(list(data.gains(WATER, camera).values()))
         if model.electrons_per_dn is not None and seconds and np.ptp(gains) > 1e-9 * gains.max():
             alike = model.electrons_per_dn * image_noise.levels(model) * np.median(gains)
             raise InputError(f"takes the gain of a frame for its time of exposure, but camera {camera} is exposed for "
@@ -181,10 +185,10 @@ def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> N
     known = read_checksums(data.root)
     left_out = {data.root / name for name in ANEW}
     left_out |= {data.layout.sensor(name) for name in profile.of_sensors}
-    renamed = {data.layout.camera_dir(camera) / "A" for camera in data.cameras} if profile.camera is not None else ()
+    renamed = {data.layout.camera_dir(camera) / WATER for camera in data.cameras} if profile.camera is not None else ()
 
     def link(path: Path) -> None:
-        folder = path.parent.with_name("A_clean") if path.parent in renamed else path.parent
+        folder = path.parent.with_name(f"{WATER}_clean") if path.parent in renamed else path.parent
         name, target = path.relative_to(data.root).as_posix(), folder.relative_to(data.root) / path.name
         files.link(path, temp / target)
         if target.parts[0] not in LEFT_OUT:
@@ -206,7 +210,7 @@ def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> No
         meta["sensors"][name] = {**meta["sensors"][name], "noise": block.model_dump(mode="json")}
     meta["noise"] = {"profile": profile.model_dump(mode="json"), "seed": seed, "versions": writers.versions()}
     if profile.camera is not None:
-        meta["conventions"]["A"] += "; A_clean: without the noise of noise.profile.camera, which A has"
+        meta["conventions"][WATER] += "; A_clean: without the noise of noise.profile.camera, which A has"
     files.write_json(temp / "dataset.json", meta)
     readme = data.root / "README.txt"
     words = readme.read_text(encoding="utf-8") if readme.is_file() else ""

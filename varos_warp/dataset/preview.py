@@ -18,13 +18,13 @@ from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run.produce import simulated
 from varos_warp.errors import InputError
 from varos_warp.files import stamp_of
+from varos_warp.products.images.radiance import RadianceImage, encode_color, to_half
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
-from varos_warp.render.image.frame import RadianceImage
-from varos_warp.render.image.outputs import OUTPUTS, to_half
 from varos_warp.render.moments import Motion
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Camera
@@ -136,17 +136,17 @@ def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int 
 def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Console) -> None:
     """Show better and better images until they are good enough, or the scene changes."""
     scene, stage = view.renderer.scene, ""
-    for image in refined(lambda **how: view.render("A", integrator="path", **how), most):
-        pixels, gain = developed("A", denoise_image(image, scene.render.denoise), scene)
-        screen.show("A", pixels)
+    for image in refined(lambda **how: view.render(WATER, integrator="path", **how), most):
+        pixels, gain = developed(WATER, denoise_image(image, scene.render.denoise), scene)
+        screen.show(WATER, pixels)
         seconds = time.monotonic() - edited.since
         count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
         words = f"{count}, exposure gain {gain:.3g}, after {seconds:.1f} s"
         if not stage:
             console.tell(f"camera {view.camera.id}, {pixels.shape[1]} x {pixels.shape[0]}: {words}")
-            if "B" in screen.outputs:
-                without_water = view.render("B", spp_b=B_SPP, denoise_b="oidn").denoised
-                screen.show("B", developed("B", without_water, scene)[0])
+            if AMBIENT in screen.outputs:
+                without_water = view.render(AMBIENT, spp_b=B_SPP, denoise_b="oidn").denoised
+                screen.show(AMBIENT, developed(AMBIENT, without_water, scene)[0])
         stage = words
         if edited.changed():
             return
@@ -158,7 +158,7 @@ def developed(letter: str, radiance: np.ndarray, scene: Scene) -> tuple[np.ndarr
     half, _ = to_half(radiance)
     setting = getattr(scene.render.exposure, letter)
     gain = float(exposure.gains(setting, letter, np.zeros(1), [exposure.statistics(half)])[0])
-    return OUTPUTS[letter].encode(half, gain), gain
+    return encode_color(half, gain), gain
 
 
 def refined(render: Callable[..., RadianceImage], most: int) -> Iterator[RadianceImage]:

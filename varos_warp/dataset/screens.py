@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.view import load_rerun, moved_by, open_viewer
 from varos_warp.errors import InputError
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.frames import camera_pose, intrinsics
 
 
@@ -19,7 +20,7 @@ class FolderScreen:
         InputError: If the folder is a dataset, which holds its own files alone.
     """
 
-    outputs = "A"
+    outputs = WATER
 
     def __init__(self, folder: Path):
         if (folder / "dataset.json").exists():
@@ -48,7 +49,7 @@ class RerunScreen:
         InputError: If Rerun is not installed; and later, if it cannot be opened.
     """
 
-    outputs = "AB"
+    outputs = WATER + AMBIENT
 
     def __init__(self, stream=None):
         self.rr = load_rerun("preview", ", or write PNG files with -o FOLDER")

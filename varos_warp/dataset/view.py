@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.report.pictures import flow_colors
 from varos_warp.errors import InputError
+from varos_warp.products.images.depth import DEPTH_LEVELS
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Curve, SensorProduct
 from varos_warp.products.sensors.registry import SENSORS
-from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS
+from varos_warp.scene.description.image_types import DEPTH, SEGMENTS, WATER
 
 VIEWER_PORT = 9876
 """Rerun's own."""
@@ -142,7 +143,7 @@ class _Recorder:
         self.sensors()
         for camera in self.data.cameras:
             self.camera(camera, numbers)
-        if "S" in self.data.outputs:
+        if SEGMENTS in self.data.outputs:
             labels = [(0, "nothing"), *((row["id"], row["key"]) for row in self.data.segments())]
             self.fix("world", self.rr.AnnotationContext(labels))
         work = [(number, camera) for number in numbers for camera in self.data.cameras]
@@ -222,20 +223,20 @@ class _Recorder:
         self.stream.send_columns(entity, self.times(time_ns), self.rr.Scalars.columns(scalars=values))
 
     def images(self, number: int, camera: str) -> None:
-        """The images of a frame: A, B and C as they are, D in its own steps, S with the objects' keys, F in colours."""
+        """The images of a frame: 8 bits as they are, D in its steps, S with the objects' keys, others in colours."""
         rr, data = self.rr, self.data
         self.stream.set_time("time", duration=np.timedelta64(data.frame(number, camera).time_ns, "ns"))
         self.stream.set_time("frame", sequence=number)
         for output in data.outputs:
             pixels = data.pixels(output, number, camera)  # a damaged file is named here, not shown as nothing
-            if output == "D":
+            if output == DEPTH:
                 image = self.depth(pixels, number, camera)
-            elif output == "S":
+            elif output == SEGMENTS:
                 image = rr.SegmentationImage(pixels)
-            elif output == "F":
-                image = rr.Image(flow_colors(OUTPUTS["F"].decode(pixels)))
+            elif OUTPUTS[output].dtype is not np.uint8:
+                image = rr.Image(OUTPUTS[output].colors(pixels, data.meta, None))
             else:
-                contents = data.layout.png(camera, output, number).read_bytes()
+                contents = data.layout.image(camera, output, number).read_bytes()
                 image = rr.EncodedImage(contents=contents, media_type="image/png")
             self.stream.log(f"world/cam{camera}/{output}", image)
 
@@ -264,7 +265,7 @@ def _blueprint(data: Dataset):
     images = [rrb.Spatial2DView(origin=f"{camera}/{output}", name=f"{output}: {OUTPUTS[output].content}")
               for output in data.outputs]
     others = [f"- $origin/cam{camera}/{output}" for camera in data.cameras for output in data.outputs
-              if output not in "AD"]  # A is on the frustum's far side, D is a cloud
+              if output not in (WATER, DEPTH)]  # A is on the frustum's far side, D is a cloud
     world = rrb.Spatial3DView(origin="world", name="World", contents=["+ $origin/**", *others])
     origins = [*((f"{sensor.id}/{drawn.quantity}", drawn.viewed) for sensor, drawn in _viewed(data)),
                ("exposure", "exposure gain")]

@@ -1,1 +1,1 @@
-"""What a dataset is made of: one object in one file for each sensor."""
+"""What a dataset is made of: an object each in a file of its own, behind a protocol."""

@@ -19,10 +19,11 @@ from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel, make_hidden_kernel
 from varos_warp.kernels.transport.path import make_subpath_kernel
 from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
+from varos_warp.products.images.protocol import Source
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.field.open_water import along_camera, unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
@@ -92,12 +93,6 @@ def is_dark(scene: Scene, spec: SceneSpec) -> bool:
     return not (spec.surfaces or spec.medium) or not scene.lights
 
 
-def twin_of(scene: Scene, view: Camera) -> Camera:
-    """The camera of P; strobes light it as they do A."""
-    strobes = any(light.strobe for light in scene.lights)
-    return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
-
-
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None,
                    device: str = "cpu") -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
@@ -105,25 +100,26 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
     Args:
         scene: The scene.
         spec: What is present in it.
-        letters: Which images, of A, B, C, D, S, P, F.
+        letters: Which images.
         integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
         device: On which they are denoised.
     """
-    options, letters = options_of(scene, {"integrator": integrator}), {*letters}
+    options, wanted = options_of(scene, {"integrator": integrator}), [OUTPUTS[letter] for letter in letters]
+    sources = {image.source for image in wanted}
     no_field = cache(lambda: unavailable(scene))  # it reads files
     kernels: list[wp.Kernel] = []
     for view in scene.vehicle.cameras:
-        for letter, seen in (("A", view), ("P", twin_of(scene, view))):
-            if letter in letters and not is_dark(scene, spec):
-                kernels += _of_water(scene, spec, seen, options, no_field)
-        if "B" in letters and spec.surfaces:
+        for image in (image for image in wanted if image.source is Source.WATER):
+            if not is_dark(scene, spec):
+                kernels += _of_water(scene, spec, image.seen_by(scene, view), options, no_field)
+        if Source.AMBIENT in sources and spec.surfaces:
             kernels += _of_ambient(scene, spec, view)
-        if letters & {*"CDSF"} and spec.surfaces:
+        if sources & {Source.FIRST_HITS, Source.NEXT_FRAME} and spec.surfaces:
             seen_first = replace(spec, optics=optics_spec(view), rolling=is_rolling(view))
             kernels.append(make_first_hits_kernel(seen_first))
-            if "F" in letters:
+            if Source.NEXT_FRAME in sources:
                 kernels.append(make_hidden_kernel(seen_first))
-    if letters & {*"APB"}:
+    if any(image.is_color for image in wanted):
         kernels.append(film.develop)
         if device != "cpu":
             kernels.append(denoise.clip_negative)

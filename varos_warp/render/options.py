@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from varos_warp.errors import InputError
+from varos_warp.products.images.registry import DENOISE_KEYS
 from varos_warp.render.image.denoise import METHODS
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import field_by_old_name
@@ -71,7 +72,7 @@ def of_run(device: str, denoisers: Mapping[str, str | None], linear_exr: bool) -
         denoisers: Of A and B.
         linear_exr: Whether A is written before denoising, too.
     """
-    there = {key: "oidn" for key, letter in (("denoise", "A"), ("denoise_b", "B"))
+    there = {key: "oidn" for letter, key in DENOISE_KEYS.items()
              if device != "cpu" and denoisers[letter] == "oidn"}
     return there | {"copied": None if linear_exr else ["denoised"]}
 

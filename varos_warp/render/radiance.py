@@ -21,11 +21,12 @@ from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
 from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.products.images.radiance import RadianceImage
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
-from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
+from varos_warp.render.image.frame import block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, layers, sample_step
 from varos_warp.render.launch import Steps, aside
 from varos_warp.render.moments import Motion, moments_of

@@ -1,4 +1,4 @@
-"""One frame from one pose of the vehicle: radiance of A, B and P, normals of C, depth of D, objects of S, flow of F."""
+"""One frame from one pose of the vehicle: the images of the registry, by what each is made from."""
 
 import copy
 import functools
@@ -13,17 +13,23 @@ from numpy.typing import ArrayLike
 
 from varos_warp.errors import InputError
 from varos_warp.kernels.transport.first_hits import Rows, make_first_hits_kernel, make_hidden_kernel
+from varos_warp.products.images.depth import DepthImage
+from varos_warp.products.images.flow import FlowImage
+from varos_warp.products.images.normals import NormalImage
+from varos_warp.products.images.protocol import FirstHits, Source
+from varos_warp.products.images.radiance import RadianceImage
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.products.images.segments import SegmentImage, segment_table
 from varos_warp.render.image.films import Films
 from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
-from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalImage, RadianceImage, SegmentImage
-from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.render.image.segments import segment_table
-from varos_warp.render.kinds import kernels_needed, twin_of
+from varos_warp.render.image.frame import Frame
+from varos_warp.render.kinds import kernels_needed
 from varos_warp.render.launch import Launcher, Steps, finish
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import FLOW, WATER
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records, optics_spec, resolve_device
 from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
@@ -138,7 +144,7 @@ class FrameRenderer:
         """A ``with`` statement during which threads compile what images of the scene's cameras will need.
 
         Args:
-            outputs: Which images, of A, B, C, D, S, P, F.
+            outputs: Letters of the images.
             integrator: Of A and P; absent: the scene's.
         """
         kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator, self.device)
@@ -154,7 +160,7 @@ class FrameRenderer:
         Args:
             T_w_v: Pose of the vehicle in the world.
             camera: Id of a camera of the scene, or a camera that is not in it; absent: the first.
-            outputs: Any of A, B, C, D, S, P and F.
+            outputs: Letters of image types.
             following: The next frame, to which F is the flow.
             motion: Of the vehicle around this frame, for cameras with a shutter (`Simulation.motion`); absent: it
                 stands still, as do objects, and nothing is blurred.
@@ -178,7 +184,7 @@ class FrameRenderer:
         Only one thread at a time may do a step.
         """
         check_names("outputs", outputs, OUTPUTS)
-        if "F" in outputs and following is None:
+        if FLOW in outputs and following is None:
             raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
                              remedy="Give it, or leave F out of the outputs.")
         how = options_of(self.scene, options)
@@ -192,27 +198,29 @@ class FrameRenderer:
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
         # else all of an exposure is lit
         flashes = motion is not None and all(light.strobe for light in self.scene.lights)
-        water, ambient = self.radiance.water, self.radiance.ambient
+        make = {Source.WATER: self.radiance.water, Source.AMBIENT: self.radiance.ambient}
+        asked = {letter: image for letter, image in OUTPUTS.items() if letter in outputs}
         images: dict[str, Any] = {}
-        for letter, make, seen, moved in (("A", water, view, motion), ("B", ambient, view, motion),
-                                          ("P", water, twin_of(self.scene, view), None)):
-            sharp = motion is None or view.shutter is None
-            if letter == "P" and "P" in outputs and "A" in images and seen == view and sharp:
-                images["P"] = images["A"]
-            elif letter in outputs:
-                key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
-                shown = functools.partial(guides, seen, moved, flashes and letter == "A")
-                images[letter] = yield from make(Shot(seen, T_w_v, how, key, shown, here.world, moved))
-        needed = {"D", "S"} if self.world.moving else {"D"}
-        if geometry := set("CDSF") & set(outputs):
-            images |= yield from self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
-        if "F" in geometry and following is not None:
+        for letter, product in ((letter, image) for letter, image in asked.items() if image.source in make):
+            seen, moved = product.seen_by(self.scene, view), motion if product.blurs else None
+            if product.like in images and seen == view and (motion is None or view.shutter is None):
+                images[letter] = images[product.like]
+            else:
+                key = stream_key(seed, frame, view.id, product.settings)
+                shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
+                images[letter] = yield from make[product.source](Shot(seen, T_w_v, how, key, shown, here.world, moved))
+        planes = {plane for image in asked.values() for plane in image.planes}
+        planes |= {"instance"} if FLOW in asked and self.world.moving else set()
+        if planes:
+            hits = yield from self._render_first_hits(here, planes)
+            images |= {letter: image.of_hits(hits) for letter, image in asked.items()
+                       if image.source is Source.FIRST_HITS}
+        if FLOW in asked and following is not None:
             there = self._exposed(self._camera(following.camera) if following.camera else view,
                                   np.asarray(following.T_w_v), following.motion,
                                   time_ns if following.time_ns is None else following.time_ns)
-            images["F"] = yield from self._render_flow(here, there, images["D"].range,
-                                                        images["S"].instance if "S" in images else None)
-        return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
+            images[FLOW] = yield from self._render_flow(here, there, hits)
+        return Frame(**images)
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
              channel: str = "green") -> Rays:
@@ -272,7 +280,8 @@ class FrameRenderer:
             rows.moving = here.world.moving_at(here.row_times())
         return rows
 
-    def _render_first_hits(self, here: Exposed, outputs: Iterable[str]) -> Steps[dict[str, Any]]:
+    def _render_first_hits(self, here: Exposed, planes: Iterable[str]) -> Steps[FirstHits]:
+        """Those planes of `FirstHits`."""
         view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
@@ -284,23 +293,18 @@ class FrameRenderer:
             self.launcher.rows(kernel, shape, {
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here), "normal": normal,
                 "depth": depth, "distance": distance, "instance": instance})
-        arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
-        wanted = [letter for letter in arrays if letter in outputs]
-        fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
-        on_host = {letter: [next(fetched) for _ in arrays[letter]] for letter in wanted}
-        if "S" in on_host:
-            on_host["S"].append(self._material_ids)
-        kinds = {"C": NormalImage, "D": DepthImage, "S": SegmentImage}
-        return {letter: kinds[letter](*images) for letter, images in on_host.items()}
+        arrays = {"normal": normal, "depth": depth, "distance": distance, "instance": instance}
+        wanted = {name: array for name, array in arrays.items() if name in planes}
+        on_host = yield from self.launcher.fetch(*wanted.values())
+        return FirstHits(dict(zip(wanted, on_host, strict=True)), self.world.water, self._material_ids)
 
-    def _render_flow(self, here: Exposed, following: Exposed, distance: np.ndarray, parts: np.ndarray | None
-                     ) -> Steps[FlowImage]:
-        """F from the range of D and the parts of S: in float64 on the host, and what hides on the device."""
-        view = here.view
+    def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> Steps[FlowImage]:
+        """F from distances and objects: in float64 on the host, and what hides on the device."""
+        view, distance = here.view, hits.planes["distance"]
         before = camera_model(following.view), pixel_centres(*view.resolution), _centre_rays(view), distance
         if here.rolls or following.rolls or self.world.moving:
             T_w_c, T_w_next = (at.cameras_of_rows() for at in (here, following))
-            moved = flow_by_rows(*before, T_w_c, T_w_next, self._moving_parts(here, following, parts))
+            moved = flow_by_rows(*before, T_w_c, T_w_next, self._moving_parts(here, following, hits))
             eye = moved.eye
         else:
             T_w_next = camera_pose(following.view, following.T_w_v)
@@ -323,10 +327,11 @@ class FrameRenderer:
         on_host, = yield from self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
 
-    def _moving_parts(self, here: Exposed, following: Exposed, parts: np.ndarray | None) -> list[MovingPart]:
+    def _moving_parts(self, here: Exposed, following: Exposed, hits: FirstHits) -> list[MovingPart]:
         """Where each object that moves is seen, and its poses at both frames, for each row where rows differ."""
-        if parts is None or not self.world.moving:
+        if not self.world.moving:
             return []
         now, then = (at.world.poses_at(at.row_times()) for at in (here, following))
         numbers = [self.world.part_names.index(part.name) + 1 for part in self.world.moving]
-        return [MovingPart(np.equal(parts, number), now[:, k], then[:, k]) for k, number in enumerate(numbers)]
+        seen = hits.planes["instance"]
+        return [MovingPart(seen == number, now[:, k], then[:, k]) for k, number in enumerate(numbers)]

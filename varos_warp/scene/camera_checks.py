@@ -3,6 +3,7 @@
 import numpy as np
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import DEPTH
 from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.info import camera_info
 from varos_warp.scene.optics.camera import camera_model
@@ -74,7 +75,7 @@ def _check_aperture(camera):
 
 def _check_planar_depth(scene):
     """Cameras that see behind their lens, where planar depth is below 0."""
-    if "D" not in scene.render.outputs or scene.render.depth_kind != "z":
+    if DEPTH not in scene.render.outputs or scene.render.depth_kind != "z":
         return []
     warnings = []
     for i, camera in enumerate(scene.vehicle.cameras):

@@ -10,6 +10,7 @@ from varos_warp.products.sensors.registry import mounted as sensors_on
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.camera_checks import GRID, check_cameras
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import DEPTH
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
@@ -135,7 +136,7 @@ def _scale_of(scene, name):
 
 def _check_reach(scene, parts):
     """Courses so wide that the single precision of rays, finest in their middle, loses steps of D at their ends."""
-    if not parts or "D" not in scene.render.outputs:
+    if not parts or DEPTH not in scene.render.outputs:
         return []
     reach = float(np.abs(standpoints(scene, parts) - local_origin(scene, parts)).max())
     near, far = scene.render.depth_range_m

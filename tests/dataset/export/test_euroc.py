@@ -111,7 +111,7 @@ def test_euroc_images_are_named_by_their_time_and_byte_for_byte_the_datasets(dat
     table = rows(out / "euroc/mav0/cam1/data.csv", ",")
     assert [(int(t), name) for t, name in table] == [(t, f"{t}.png") for t in data.time_ns("R0").tolist()]
     for frame, (_, name) in zip(data.frames, table, strict=True):
-        assert (out / "euroc/mav0/cam1/data" / name).read_bytes() == data.layout.png("R0", "A", frame).read_bytes()
+        assert (out / "euroc/mav0/cam1/data" / name).read_bytes() == data.layout.image("R0", "A", frame).read_bytes()
 
 
 def test_opencv_sees_the_pixels_of_the_dataset(data, out):

@@ -61,9 +61,9 @@ def test_where_nothing_moves_no_poses_lie_beside(out):
 def test_opencv_and_openexr_read_the_native_images_as_the_dataset_does(data):
     for camera in data.cameras:
         frame = data.frames[-1]
-        bgr = cv2.imread(str(data.layout.png(camera, "A", frame)), cv2.IMREAD_UNCHANGED)
+        bgr = cv2.imread(str(data.layout.image(camera, "A", frame)), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(bgr[..., ::-1], data.pixels("A", frame, camera))
-        units = cv2.imread(str(data.layout.png(camera, "D", frame)), cv2.IMREAD_UNCHANGED)
+        units = cv2.imread(str(data.layout.image(camera, "D", frame)), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(units, data.pixels("D", frame, camera))
         with OpenEXR.File(str(data.layout.exr(camera, "A", frame))) as file:
             rgb = file.channels()["RGB"].pixels
@@ -79,7 +79,7 @@ def test_seconds_keep_every_nanosecond(time_ns):
 
 
 def test_images_are_the_same_files_or_copies_where_they_cannot_be(written, tmp_path, monkeypatch):
-    source, linked, copied = Dataset(written).layout.png("L0", "A", 0), tmp_path / "a/1.png", tmp_path / "b/1.png"
+    source, linked, copied = Dataset(written).layout.image("L0", "A", 0), tmp_path / "a/1.png", tmp_path / "b/1.png"
     files.link(source, linked)
     assert linked.samefile(source)
     monkeypatch.setattr(files.os, "link", lambda *_: (_ for _ in ()).throw(OSError("no links here")))
@@ -117,7 +117,7 @@ def test_what_cannot_be_exported_is_bad_input(written, tmp_path):
 
 def test_a_missing_image_is_found_before_anything_is_written(written, tmp_path):
     copy = shutil.copytree(written, tmp_path / "copy")
-    Dataset(copy).layout.png("L0", "D", 4).unlink()
+    Dataset(copy).layout.image("L0", "D", 4).unlink()
     with pytest.raises(InputError, match=r"D-00000004.png.*missing"):
         export(copy, "nerfstudio", tmp_path / "out")
     export(copy, "euroc", tmp_path / "out")  # which takes no depth

@@ -49,7 +49,7 @@ def test_the_depth_benchmarks_names_lead_to_the_same_depth_and_images(data, out)
             assert np.abs(units / 256 - truth)[there].max() <= 0.5 / 256 + 25 * 2.0**-24
             assert not units[~there].any()
             color = (drive / f"image_0{place}/data/{i:010d}.png").read_bytes()
-            assert color == data.layout.png(camera, "A", frame).read_bytes()
+            assert color == data.layout.image(camera, "A", frame).read_bytes()
 
 
 def test_kitti_poses_are_relative_to_the_first_frame_and_times_begin_at_zero(data, out):

@@ -66,7 +66,7 @@ def test_images_of_a_bag_are_the_datasets_files_and_depth_is_in_millimetres(data
     for camera in data.cameras:
         for frame, (_, image), (_, depth) in zip(data.frames, bag[f"/cam{camera}/image/compressed"],
                                                  bag[f"/cam{camera}/depth/compressed"], strict=True):
-            assert image.data.tobytes() == data.layout.png(camera, "A", frame).read_bytes()
+            assert image.data.tobytes() == data.layout.image(camera, "A", frame).read_bytes()
             with Image.open(io.BytesIO(depth.data.tobytes())) as opened:
                 units = np.array(opened)
             truth = data.depth(frame, camera)

@@ -129,7 +129,7 @@ def test_images_of_all_types_and_cameras_are_pointed_to_at_their_times(streamed)
     assert sorted((t, frame, camera, letter.decode()) for t, (frame, camera, letter), _ in messages[60]
                   ) == sorted(expected)
     for _, (frame, camera, letter), path in messages[60]:
-        original = data.layout.png(data.cameras[camera], letter.decode(), frame)
+        original = data.layout.image(data.cameras[camera], letter.decode(), frame)
         assert (folder / path).read_bytes() == original.read_bytes()
 
 

@@ -16,7 +16,7 @@ def test_tum_course_is_that_of_the_camera_and_its_lists_name_the_images(data, ou
     text = (out / "tum/groundtruth.txt").read_text()
     assert not any(line != line.strip() for line in text.splitlines())
     first = rows(out / "tum/rgb.txt")[0][1]
-    assert (out / "tum" / first).read_bytes() == data.layout.png("L0", "A", 0).read_bytes()
+    assert (out / "tum" / first).read_bytes() == data.layout.image("L0", "A", 0).read_bytes()
 
 
 def test_tum_associations_pair_each_image_with_its_depth(data, out):

@@ -78,8 +78,8 @@ def test_places_and_numbers_differ_where_frames_were_left_out(tmp_path):
 def test_images_are_the_pixels_of_the_files_in_their_units(data):
     frame = data[3, "R0"]
     assert (frame.A.dtype, frame.A.shape) == (np.uint8, (27, 48, 3))
-    np.testing.assert_array_equal(frame.A, files.read_png(data.layout.png("R0", "A", 3)))
-    np.testing.assert_array_equal(frame.B, files.read_png(data.layout.png("R0", "B", 3)))
+    np.testing.assert_array_equal(frame.A, files.read_png(data.layout.image("R0", "A", 3)))
+    np.testing.assert_array_equal(frame.B, files.read_png(data.layout.image("R0", "B", 3)))
     np.testing.assert_array_equal(frame.D, data.depth(3, "R0"))
     length = np.linalg.norm(frame.C, axis=-1)
     assert frame.C.dtype == np.float32
@@ -87,7 +87,7 @@ def test_images_are_the_pixels_of_the_files_in_their_units(data):
 
 
 def test_the_image_is_the_radiance_times_the_gain_through_the_srgb_curve(data):
-    from varos_warp.render.image.outputs import encode_color
+    from varos_warp.products.images.radiance import encode_color
 
     frame = data[2]
     np.testing.assert_array_equal(frame.A, encode_color(frame.A_radiance, frame.gain()))

@@ -95,7 +95,7 @@ def test_images_that_the_dataset_has_not_are_bad_input(torch, written, outputs):
 
 def test_a_damaged_image_is_named_by_the_worker_that_met_it(torch, written, tmp_path):
     data = Dataset(shutil.copytree(written, tmp_path / "copy"))
-    path = data.layout.png("L0", "A", 4)
+    path = data.layout.image("L0", "A", 4)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(ValueError, match=path.name):
         list(torch.utils.data.DataLoader(data.torch("A"), num_workers=2))

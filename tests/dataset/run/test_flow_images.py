@@ -11,10 +11,9 @@ from standins import make_scene, scene_dict, tree
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import write_report
-from varos_warp.dataset.report.pictures import flow_colors
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.products.images.flow import encode_flow, flow_colors
 
 PORT = {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008}
 
@@ -48,7 +47,7 @@ def test_every_frame_has_it_the_last_one_too(whole):
     assert validate(whole, quiet=True).problems == []
     for camera in data.cameras:
         table = files.read_csv(data.layout.camera_file(camera, "_timestamps.csv"))
-        assert list(table["F"]) == [data.layout.png(camera, "F", frame).name for frame in range(10)]
+        assert list(table["F"]) == [data.layout.image(camera, "F", frame).name for frame in range(10)]
     for frame in (data[4], data[9]):
         assert np.nanmax(np.abs(frame.F)) > 0.3
         assert np.isfinite(frame.F[np.isfinite(frame.D)]).all()  # D ends at 25 m, F does not
@@ -69,7 +68,8 @@ def test_the_last_frames_next_pose_is_in_the_vehicles_motion(whole):
 def test_opencv_reads_it_as_kitti_has_it(whole):
     """To 1/128 px; blue, green and red in its order."""
     data = Dataset(whole)
-    known, v, u = np.moveaxis(cv2.imread(str(data.layout.png("L0", "F", 5)), cv2.IMREAD_UNCHANGED).astype(float), -1, 0)
+    path = data.layout.image("L0", "F", 5)
+    known, v, u = np.moveaxis(cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(float), -1, 0)
     F = data[5].F
     assert np.array_equal(known == 1, np.isfinite(F[..., 0]))
     assert 0.3 < (known == 1).mean() < 1.0
@@ -83,7 +83,7 @@ def test_readers_of_raft_and_its_successors_have_it(whole):
     """They let OpenCV choose the depth and ask for colours, turn the planes about, and take 1 for valid."""
     data = Dataset(whole)
     for frame in (0, 9):
-        planes = cv2.imread(str(data.layout.png("L0", "F", frame)), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+        planes = cv2.imread(str(data.layout.image("L0", "F", frame)), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
         u, v, valid = (planes[..., k].astype(np.float32) for k in (2, 1, 0))
         F = data[frame].F
         assert np.unique(valid).tolist() == [0.0, 1.0]
@@ -95,7 +95,7 @@ def test_readers_of_raft_and_its_successors_have_it(whole):
 
 def test_flow_beyond_16_bits_is_unknown_in_the_png():
     flow = np.array([[[-512.0, 511.984], [512.0, 0.0], [0.0, -512.1], [np.nan, np.nan]]], np.float32)
-    pixels = OUTPUTS["F"].encode(flow)
+    pixels = encode_flow(flow)
     assert pixels.tolist() == [[[0, 65535, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]]]
 
 
@@ -126,7 +126,7 @@ def change(data, number, **planes):
     for name, add in planes.items():
         channels[name.replace("_", ".")][20, 25] += add
     files.write_exr(path, channels)
-    files.write_png(data.layout.png("L0", "F", number), OUTPUTS["F"].encode(data.flow(number, "L0").flow))
+    files.write_png(data.layout.image("L0", "F", number), encode_flow(data.flow(number, "L0").flow))
 
 
 @pytest.mark.parametrize("frame", [4, 9])
@@ -142,7 +142,7 @@ def test_one_wrong_pixel_is_found(copy, frame, planes, problem):
 
 def test_swapped_images_are_found(copy):
     layout = Dataset(copy).layout
-    layout.png("R0", "F", 1).write_bytes(layout.png("R0", "F", 6).read_bytes())
+    layout.image("R0", "F", 1).write_bytes(layout.image("R0", "F", 6).read_bytes())
     shutil.copy(layout.exr("L0", "F", 2), layout.exr("L0", "F", 7))
     text = "\n".join(validate(copy, quiet=True).problems)
     assert "camR0_F-00000001.png: is not its EXR (F_exr) in steps of 1/64 pixel" in text
@@ -151,7 +151,7 @@ def test_swapped_images_are_found(copy):
 
 def test_a_cut_file_and_a_missing_channel_are_found(copy):
     layout = Dataset(copy).layout
-    layout.png("L0", "F", 0).write_bytes(layout.png("L0", "F", 0).read_bytes()[:-30])
+    layout.image("L0", "F", 0).write_bytes(layout.image("L0", "F", 0).read_bytes()[:-30])
     channels = files.read_exr(layout.exr("L0", "F", 1))
     del channels["motion.y"]
     files.write_exr(layout.exr("L0", "F", 1), channels)

@@ -53,7 +53,7 @@ def test_files_and_columns_are_those_of_a(whole):
     assert data.outputs == ["A", "P"]
     table = files.read_csv(data.layout.camera_file("L0", "_timestamps.csv"))
     assert list(table) == ["# timestamp [ns]", "A", "B", "C", "D", "P"]
-    assert table["P"][1] == data.layout.png("L0", "P", 1).name
+    assert table["P"][1] == data.layout.image("L0", "P", 1).name
     np.testing.assert_allclose(data.image("P", 1), data[1].P_radiance, atol=0.02 / data.gain("P", 1), rtol=0)
     channels = files.read_exr(data.layout.linear("L0", 1, "P"))
     assert {"R", "stderr.R", "direct.B"} <= set(channels)
@@ -78,7 +78,7 @@ def test_a_wrong_gain_and_a_damaged_image_are_found(tmp_path):
     path = data.layout.exposures("L0", "P")
     table = files.read_csv(path)
     files.write_csv(path, list(table), *[values * 1.01 if name == "gain" else values for name, values in table.items()])
-    data.layout.png("L0", "P", 2).write_bytes(data.layout.png("L0", "P", 1).read_bytes())
+    data.layout.image("L0", "P", 2).write_bytes(data.layout.image("L0", "P", 1).read_bytes())
     text = "\n".join(validate(data.root, quiet=True).problems)
     assert "camL0_exposure_P.csv:2: gain = " in text
     assert "the gain of frame 0 and of 2 more is not that of A times what the port lets through" in text

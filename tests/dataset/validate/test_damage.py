@@ -45,7 +45,7 @@ def test_hills_are_sound(hilly):
 
 
 def png(root, letter, frame):
-    return Dataset(root).layout.png("M0", letter, frame)
+    return Dataset(root).layout.image("M0", letter, frame)
 
 
 def exr(root, letter, frame):
@@ -464,7 +464,7 @@ def test_damage_to_noise_and_to_truth_is_told_apart(noisy):
     (noisy.root / "checksums").unlink()
     cell(noisy.layout.sensor("imu0"), 57, 1, lambda x: x + 1.0)
     cell(noisy.layout.sensor("imu0"), 90, 7, lambda x: x + 0.05)
-    swap(noisy.layout.png("M0", "A", 3), noisy.layout.png("M0", "A", 4))
+    swap(noisy.layout.image("M0", "A", 3), noisy.layout.image("M0", "A", 4))
     for frame in (6, 7):
         unlinked(noisy.layout.clean("M0", frame))
     swap(noisy.layout.clean("M0", 6), noisy.layout.clean("M0", 7))

@@ -17,8 +17,8 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import Validation, surfaces, validate
 from varos_warp.dataset.write import texts as writers
+from varos_warp.products.images.radiance import encode_color, to_half
 from varos_warp.render.image import exposure
-from varos_warp.render.image.outputs import OUTPUTS, to_half
 from varos_warp.scene.file.load import scene_from_dict
 
 FRAMES = range(10)
@@ -29,7 +29,7 @@ def images(letter, change, frames=FRAMES):
     def damage(root):
         drop_depth_exr(root)
         for frame in frames:
-            path = Dataset(root).layout.png("M0", letter, frame)
+            path = Dataset(root).layout.image("M0", letter, frame)
             files.write_png(path, np.ascontiguousarray(change(files.read_png(path).copy())))
     return damage
 
@@ -47,8 +47,8 @@ def radiance(letter, change, frames=FRAMES):
             files.write_exr(exr, {c: np.ascontiguousarray(linear[..., i], np.float16) for i, c in enumerate("RGB")})
             known = exposure.statistics(linear)
             table["log_average"][frame], table["highlight"][frame] = known.log_average, known.highlight
-            pixels = OUTPUTS[letter].encode(linear, data.gain(letter, frame))
-            files.write_png(data.layout.png("M0", letter, frame), pixels)
+            pixels = encode_color(linear, data.gain(letter, frame))
+            files.write_png(data.layout.image("M0", letter, frame), pixels)
         files.write_csv(path, list(table), *[c.tolist() for c in table.values()])
     return damage
 

@@ -125,7 +125,7 @@ def test_an_image_that_is_not_its_exr_is_found(copy):
 
 def test_an_image_of_another_frame_under_this_name_is_found(copy):
     data = Dataset(copy)
-    shutil.copy(data.layout.png("L0", "A", 3), data.layout.png("L0", "A", 4))
+    shutil.copy(data.layout.image("L0", "A", 3), data.layout.image("L0", "A", 4))
     assert "camL0_A-00000004.png: is not its EXR" in problems(copy)
 
 
@@ -149,13 +149,13 @@ def test_segmentation_is_written_with_a_table_of_its_numbers_and_is_sound(segmen
 
 
 def test_a_number_that_the_table_does_not_list_is_found(segmented):
-    path = Dataset(segmented).layout.png("L0", "S", 1)
+    path = Dataset(segmented).layout.image("L0", "S", 1)
     files.write_png(path, files.read_png(path) * 7)
     assert f"{path.name}: segments.json does not list [7]" in problems(segmented)
 
 
 def test_a_hole_in_the_segmentation_is_found(segmented):
-    path = Dataset(segmented).layout.png("L0", "S", 1)
+    path = Dataset(segmented).layout.image("L0", "S", 1)
     files.write_png(path, files.read_png(path) * 0)
     assert f"{path.name}: has nothing where D has a surface" in problems(segmented)
 
@@ -288,12 +288,12 @@ def test_what_a_second_run_adds_to_a_complete_dataset_is_not_damage(tmp_path):
     produce(make_scene(), tmp_path, quiet=True, frames=slice(0, 4))
     produce(make_scene(), tmp_path, quiet=True, shard=(0, 3))
     assert problems(tmp_path) == "not complete: 4 of 10 frames are missing images; the same `run` goes on"
-    Dataset(tmp_path).layout.png("L0", "C", 2).unlink()
+    Dataset(tmp_path).layout.image("L0", "C", 2).unlink()
     assert "camL0_C-00000002.png: there is no such file" in problems(tmp_path)
 
 
 def test_damage_to_what_is_there_is_named_beside_it(part):
-    path = Dataset(part).layout.png("L0", "D", 3)
+    path = Dataset(part).layout.image("L0", "D", 3)
     path.write_bytes(path.read_bytes()[:-30])
     Dataset(part).layout.sensor("imu0").unlink()
     text = problems(part)

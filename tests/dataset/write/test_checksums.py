@@ -20,7 +20,7 @@ def copy(written, tmp_path):
 
 
 def png(root, letter, frame):
-    return Dataset(root).layout.png("L0", letter, frame)
+    return Dataset(root).layout.image("L0", letter, frame)
 
 
 def test_sha256sum_reads_the_checksums(copy):

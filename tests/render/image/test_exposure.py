@@ -105,6 +105,6 @@ def test_fixed_and_constant_exposures_do_not_change_over_the_sequence(setting, o
 
 
 def test_constant_exposure_shows_half_reflectance_under_unit_ambient_light_as_188():
-    from varos_warp.render.image.outputs import encode_color
+    from varos_warp.products.images.radiance import encode_color
 
-    assert (encode_color(np.full((1, 1, 3), 0.5), exposure.CONSTANT_GAIN_B) == 188).all()
+    assert (encode_color(np.full((1, 1, 3), 0.5), exposure.known_gain("constant", "B")) == 188).all()

@@ -18,6 +18,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.export.shared import moving, shutters
 from varos_warp.dataset.export.shared.job import EXPORTED, Clocked, Job
 from varos_warp.errors import InputError, did_you_mean
+from varos_warp.scene.description.image_types import AMBIENT, WATER
 
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
 """Names of the modules here; docs/exports.md says what each writes."""
@@ -25,7 +26,7 @@ LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
 
 
-def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: bool = True, raw: bool = False,
+def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet: bool = True, raw: bool = False,
            start_ns: int = 0) -> Job:
     """Write a dataset in another format.
 
@@ -65,7 +66,7 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
     if left := [camera for camera in chosen if camera not in job.cameras]:
         warnings.warn(f"{to} holds {module.HOLDS}; left out: {', '.join(left)}", stacklevel=2)
     # ``A`` alone among A and B stands for the chosen one
-    wanted = {images if letter == "A" and not _has_all_types(module) else letter for letter in module.IMAGES}
+    wanted = {images if letter == WATER and not _has_all_types(module) else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
     with files.new_folder(job.out) as temp:
         module.write(replace(job, out=temp))
@@ -76,14 +77,14 @@ def export(dataset_root, to: str, out, images: str = "A", cameras=None, quiet: b
 
 def _has_all_types(module) -> bool:
     """Whether a format holds images of every type, whichever are the colour images, also where there are none."""
-    return {*"AB"} <= {*module.IMAGES}
+    return {WATER, AMBIENT} <= {*module.IMAGES}
 
 
 def _require_colors(data: Clocked, images: str) -> None:
     """Refuse a dataset without frames, or without the colour images that are chosen."""
     if not data.frames:
         raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
-    colors = [letter for letter in data.outputs if letter in "AB"]  # P does not lie on D
+    colors = [letter for letter in data.outputs if letter in (WATER, AMBIENT)]  # P does not lie on D
     if images not in colors:
         raise InputError("are no colour images of this dataset", key="images", value=images,
                          remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")

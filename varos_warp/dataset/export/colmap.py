@@ -15,11 +15,12 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Job, lens_of, numbers, quaternion
 from varos_warp.dataset.export.shared.seed import seeds
+from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.frames import inverse
 from varos_warp.scene.optics.camera import GREEN
 from varos_warp.scene.optics.ports import FlatPort
 
-IMAGES = "AD"
+IMAGES = WATER + DEPTH
 
 
 def write(job: Job) -> None:

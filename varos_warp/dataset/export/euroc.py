@@ -12,9 +12,10 @@ from varos_warp.dataset.export.estimators import imu_noise, kalibr_camera, write
 from varos_warp.dataset.export.shared.job import Job, quaternion
 from varos_warp.errors import InputError
 from varos_warp.products.sensors.protocol import xyz
+from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.frames import inverse
 
-IMAGES = "A"
+IMAGES = WATER
 HOLDS = "cameras on the vehicle"
 TIME = "#timestamp [ns]"
 

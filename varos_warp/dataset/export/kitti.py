@@ -8,9 +8,10 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Job, baseline, lens_of, numbers, seconds
+from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.frames import inverse
 
-IMAGES = "AD"
+IMAGES = WATER + DEPTH
 HOLDS = "one camera, or a rectified pair"
 PER_METRE = 256.0
 T_CAMERA_VELODYNE = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0]])

@@ -19,8 +19,9 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS as ALL
+from varos_warp.scene.description.image_types import DEPTH, WATER
 
-IMAGES = "AD"
+IMAGES = WATER + DEPTH
 PER_METRE = 1000.0
 ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "kannala_brandt": "equidistant"}
 """What ROS calls models of distortion."""
@@ -113,7 +114,7 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
 
     def image(t: int, frame: int):
-        file = job.data.layout.png(camera, job.images, frame).read_bytes()
+        file = job.data.layout.image(camera, job.images, frame).read_bytes()
         return messages.png(t, name, file, "rgb8; png compressed bgr8")
 
     def depth(t: int, frame: int):

@@ -10,8 +10,9 @@ from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Job, lens_of
 from varos_warp.dataset.export.shared.seed import seeds
 from varos_warp.errors import InputError
+from varos_warp.scene.description.image_types import DEPTH, WATER
 
-IMAGES = "AD"
+IMAGES = WATER + DEPTH
 PER_METRE = 1000.0
 T_OPENCV_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """An OpenGL camera has y up and z backwards."""

@@ -16,9 +16,11 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Clocked, Job
 from varos_warp.dataset.layout import READINGS, STATES
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.registry import SENSORS as ALL
+from varos_warp.scene.description.image_types import SEGMENTS
 
-IMAGES = "ABCDSPF"
+IMAGES = "".join(OUTPUTS)
 NAME = "stream.sbst"
 VERSION = 1
 """Raised when an id or a payload changes its meaning."""
@@ -46,7 +48,7 @@ Message = tuple[int, int, bytes]
 
 def write(job: Job) -> None:
     """Write the stream, and link the images of all types to ``images/cam<id>/<type>``, with what numbers of S mean."""
-    if "S" in job.data.outputs:
+    if SEGMENTS in job.data.outputs:
         files.write_json(job.out / job.data.layout.segments.name, files.read_json(job.data.layout.segments))
     cameras = job.cameras if job.data.frames else ()
     sources = [*job.data.recorded, *cameras, *(job.data.moving if cameras else ())]
@@ -109,7 +111,7 @@ def _images(job: Job, camera: str) -> Iterator[Message]:
     layout, number = job.data.layout, job.data.cameras.index(camera)
     for time_ns, frame in zip(job.data.views(camera)[0].tolist(), job.data.frames, strict=True):
         for letter in job.data.outputs:
-            source = layout.png(camera, letter, frame)
+            source = layout.image(camera, letter, frame)
             path = f"images/cam{camera}/{letter}/{source.name}"
             files.link(source, job.out / path)
             yield time_ns, IMAGE, struct.pack("<IBB", frame, number, ord(letter)) + path.encode()

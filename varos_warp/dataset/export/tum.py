@@ -6,8 +6,9 @@ Depth is 5000 to the metre, so 16 bit end at 13.107 m; what is farther becomes 0
 import numpy as np
 
 from varos_warp.dataset.export.shared.job import Job, lens_of, numbers, quaternion, seconds
+from varos_warp.scene.description.image_types import DEPTH, WATER
 
-IMAGES = "AD"
+IMAGES = WATER + DEPTH
 HOLDS = "one camera"
 PER_METRE = 5000.0
 

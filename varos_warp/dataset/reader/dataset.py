@@ -18,10 +18,11 @@ from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.files import is_file
+from varos_warp.products.images.flow import FlowImage
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import BY_ID
-from varos_warp.render.image.frame import FlowImage
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.description.image_types import DEPTH, FLOW, WATER
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
 from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.motion import Trajectory
@@ -193,28 +194,30 @@ class Dataset:
     def image(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """A decoded image: linear radiance of A, B and P (from 8 bits), unit normals of C, metres of D, numbers of S.
 
-        Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known.
+        Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known. Of others what their files hold.
         """
         if output not in OUTPUTS:
             raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
         return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
 
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
-        """Pixels of the PNG: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].
+        """What the finished image holds: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].
+
+        Of a type without a PNG, float32 of its EXR.
 
         ``truth``: of A, without the camera noise that it may have.
         """
         camera, _ = self._camera(camera), self._index(frame)
-        clean = truth and output == "A" and self.has_noise("A")
-        return files.read_png(self.layout.clean(camera, frame) if clean else self.layout.png(camera, output, frame))
+        clean = truth and output == WATER and self.has_noise(WATER)
+        return files.read_image(self.layout.clean(camera, frame) if clean else self.layout.image(camera, output, frame))
 
     def require_images(self, outputs: Iterable[str] | None = None, cameras: Iterable[str] | None = None) -> None:
-        """Refuse to go on where the PNG of an image is not there, or not whole; absent: of all outputs, all cameras.
+        """Refuse to go on where a finished image is not there, or not whole; absent: of all outputs, all cameras.
 
         Raises:
             InputError: Naming the first such file.
         """
-        paths = [self.layout.png(camera, output, frame) for camera in cameras or self.cameras
+        paths = [self.layout.image(camera, output, frame) for camera in cameras or self.cameras
                  for output in outputs or self.outputs for frame in self.frames]
         missing = [path for path in paths if not files.is_complete(path)]
         if missing:
@@ -233,7 +236,7 @@ class Dataset:
             InputError: The run did not keep it; it does with ``render.linear_exr``.
         """
         self._index(frame)
-        path = self.layout.linear(self._camera(camera), frame, "A")
+        path = self.layout.linear(self._camera(camera), frame, WATER)
         if not path.exists():
             raise InputError("is not there: standard errors were not kept", file=path,
                              remedy="`run` again with --linear-exr, which adds them.")
@@ -241,7 +244,7 @@ class Dataset:
 
     def flow(self, frame: int, camera: str | None = None) -> FlowImage:
         """F with all its digits, what hides and the scene flow, from its EXR."""
-        u, v, x, y, z, occluded = self._channels("F", frame, camera, "flow.u", "flow.v", "motion.x", "motion.y",
+        u, v, x, y, z, occluded = self._channels(FLOW, frame, camera, "flow.u", "flow.v", "motion.x", "motion.y",
                                                  "motion.z", "occluded")
         return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
 
@@ -278,20 +281,20 @@ class Dataset:
 
     def depth(self, frame: int, camera: str | None = None) -> np.ndarray:
         """Metres [H, W] of D, of the kind that dataset.json names; inf at or beyond the end of the range."""
-        return self.image("D", frame, camera)
+        return self.image(DEPTH, frame, camera)
 
     def planar_depth(self, frame: int, camera: str | None = None, pixels: np.ndarray | None = None) -> np.ndarray:
         """Metres [H, W] along the camera's z axis, whichever kind D has, float64; inf where it has none.
 
         ``pixels`` of D, if they are at hand, save reading them.
         """
-        pixels = self.pixels("D", frame, camera) if pixels is None else pixels
-        depth = OUTPUTS["D"].decode(pixels, self.scale("D", frame)).astype(float)
+        pixels = self.pixels(DEPTH, frame, camera) if pixels is None else pixels
+        depth = OUTPUTS[DEPTH].decode(pixels, self.scale(DEPTH, frame)).astype(float)
         return depth if self.meta["depth"]["kind"] == "z" else along_axis(depth, self.camera_model(camera))
 
     def scale(self, output: str, frame: int, camera: str | None = None) -> float | tuple[float, float] | None:
-        """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for C, S and F."""
-        if output == "D":
+        """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for others."""
+        if output == DEPTH:
             return tuple(self.meta["depth"]["range_m"])
         return self.gain(output, frame, camera) if OUTPUTS[output].is_color else None
 
@@ -424,7 +427,7 @@ class Dataset:
 
     def has_noise(self, name: str) -> bool:
         """Whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
-        if name == "A":
+        if name == WATER:
             return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
         return bool(self.meta["sensors"][name].get("noise"))
 

@@ -7,6 +7,8 @@ import numpy as np
 
 from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.points import colour_offsets
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.scene.description.image_types import AMBIENT, DEPTH, NORMALS, SEGMENTS, TWIN, WATER
 
 
 class Frame:
@@ -39,32 +41,32 @@ class Frame:
     @cached_property
     def A(self) -> np.ndarray:
         """Underwater image uint8 [H, W, 3], sRGB after exposure: the pixels of the PNG."""
-        return self.data.pixels("A", self.number, self.camera)
+        return self.data.pixels(WATER, self.number, self.camera)
 
     @cached_property
     def B(self) -> np.ndarray:
         """The same without water, uint8 [H, W, 3], sRGB after exposure."""
-        return self.data.pixels("B", self.number, self.camera)
+        return self.data.pixels(AMBIENT, self.number, self.camera)
 
     @cached_property
     def C(self) -> np.ndarray:
         """Unit world normals float32 [H, W, 3]; zero where nothing was hit."""
-        return self.data.image("C", self.number, self.camera)
+        return self.data.image(NORMALS, self.number, self.camera)
 
     @cached_property
     def D(self) -> np.ndarray:
         """Distance [m] float32 [H, W], of the kind in ``data.meta["depth"]["kind"]``; inf where there is none."""
-        return self.data.image("D", self.number, self.camera)
+        return self.data.image(DEPTH, self.number, self.camera)
 
     @cached_property
     def S(self) -> np.ndarray:
         """Numbers of objects int32 [H, W], as ``data.segments()`` lists them; 0 where nothing was hit."""
-        return self.data.image("S", self.number, self.camera)
+        return self.data.image(SEGMENTS, self.number, self.camera)
 
     @cached_property
     def P(self) -> np.ndarray:
         """A without port, distortion and vignetting (the twin), uint8 [H, W, 3], sRGB after exposure."""
-        return self.data.pixels("P", self.number, self.camera)
+        return self.data.pixels(TWIN, self.number, self.camera)
 
     @property
     def F(self) -> np.ndarray:
@@ -88,10 +90,18 @@ class Frame:
     def _flow(self) -> Any:
         return self.data.flow(self.number, self.camera)
 
+    def __getattr__(self, name: str) -> Any:
+        """Images of the types that have no property here, by their letters, as `Dataset.image` decodes them."""
+        if name not in OUTPUTS:
+            raise AttributeError(f"a frame has no {name}")
+        image = self.data.image(name, self.number, self.camera)
+        self.__dict__[name] = image
+        return image
+
     @cached_property
     def A_radiance(self) -> np.ndarray:
         """Linear radiance [W/sr/m^2] of A, float32 [H, W, 3], before exposure: from the half floats of its EXR."""
-        return self.data.linear("A", self.number, self.camera)
+        return self.data.linear(WATER, self.number, self.camera)
 
     @cached_property
     def A_stderr(self) -> np.ndarray:
@@ -101,14 +111,14 @@ class Frame:
     @cached_property
     def B_radiance(self) -> np.ndarray:
         """Linear radiance [W/sr/m^2] of B, float32 [H, W, 3], before exposure."""
-        return self.data.linear("B", self.number, self.camera)
+        return self.data.linear(AMBIENT, self.number, self.camera)
 
     @cached_property
     def P_radiance(self) -> np.ndarray:
         """Linear radiance [W/sr/m^2] of P, float32 [H, W, 3], before exposure."""
-        return self.data.linear("P", self.number, self.camera)
+        return self.data.linear(TWIN, self.number, self.camera)
 
-    def gain(self, output: str = "A") -> float:
+    def gain(self, output: str = WATER) -> float:
         """What the radiance of A, B or P was multiplied with before the sRGB curve."""
         return self.data.gain(output, self.number, self.camera)
 

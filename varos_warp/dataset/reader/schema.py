@@ -15,6 +15,7 @@ from varos_warp.files import is_file
 from varos_warp.limits import check_limit
 from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.block import CameraId, SequenceId, VehicleId
+from varos_warp.scene.description.image_types import ImageLetter
 from varos_warp.scene.description.lens import Distortion
 from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.description.optics import Duration, Index, Port, Vignetting
@@ -102,7 +103,7 @@ def _metadata() -> type[BaseModel]:
         {"moving": list[moving]},  # type: ignore[valid-type]
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
         device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
-        outputs=list[Literal["A", "B", "C", "D", "S", "P", "F"]],
+        outputs=list[ImageLetter],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=plan | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,

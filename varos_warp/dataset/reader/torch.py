@@ -7,6 +7,8 @@ import numpy as np
 
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.errors import InputError
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.scene.description.image_types import DEPTH
 
 try:
     import torch
@@ -23,13 +25,13 @@ def _planes(image: np.ndarray, scale: float = 1.0) -> torch.Tensor:
 
 def _read(frame: Frame, output: str) -> torch.Tensor:
     """One image of a frame."""
-    if output == "S":
-        return torch.from_numpy(frame.S.astype(np.int64))
-    return _planes(getattr(frame, output), 1 / 255 if output in "ABP" else 1.0)
+    image = getattr(frame, output)
+    if image.dtype == np.int32:
+        return torch.from_numpy(image.astype(np.int64))
+    return _planes(image, 1 / 255 if image.dtype == np.uint8 else 1.0)
 
 
-IMAGES = ("A", "B", "C", "D", "S", "P", "F", "A_radiance", "B_radiance", "P_radiance", "F_occluded",
-          "F_motion")
+IMAGES = (*OUTPUTS, *(f"{letter}_{part}" for letter, image in OUTPUTS.items() for part in image.parts))
 """What may be asked for."""
 
 
@@ -39,9 +41,9 @@ class TorchDataset(torch.utils.data.Dataset):
     An item has, of what is asked for, ``A``, ``B`` and ``P`` float32 [3, H, W] in 0..1 (sRGB, after exposure), their
     ``A_radiance`` ... float32 [3, H, W] (linear, before exposure), ``C`` float32 [3, H, W] (unit world normals, zero
     where nothing was hit), ``D`` float32 [1, H, W] [m], ``S`` int64 [H, W], ``F`` float32 [2, H, W] [pixels] (NaN where
-    it is not known), ``F_occluded`` float32 [1, H, W] of 0 and 1, ``F_motion`` float32 [3, H, W] [m]; and always
-    ``T_w_c`` and ``T_w_v`` float64 [4, 4], ``K`` float64 [3, 3] (`Frame.K_center_half`, not OpenCV's), ``time_ns`` and
-    ``frame`` int64 [].
+    it is not known), ``F_occluded`` float32 [1, H, W] of 0 and 1, ``F_motion`` float32 [3, H, W] [m], other types as
+    planes of float32; and always ``T_w_c`` and ``T_w_v`` float64 [4, 4], ``K`` float64 [3, 3] (`Frame.K_center_half`,
+    not OpenCV's), ``time_ns`` and ``frame`` int64 [].
 
     Args:
         data: A `Dataset`; `Dataset.torch` gives itself.
@@ -87,7 +89,7 @@ class TorchDataset(torch.utils.data.Dataset):
     def _item(self, index: int) -> dict[str, torch.Tensor]:
         frame = self.data[index, self.camera]
         item = {output: _read(frame, output) for output in self.outputs}
-        if "D" in item:
-            item["D"][torch.isinf(item["D"])] = self.no_depth
+        if DEPTH in item:
+            item[DEPTH][torch.isinf(item[DEPTH])] = self.no_depth
         item |= {name: torch.from_numpy(np.array(getattr(frame, name), np.float64)) for name in ("T_w_c", "T_w_v", "K")}
         return item | {"time_ns": torch.tensor(frame.time_ns), "frame": torch.tensor(frame.number)}

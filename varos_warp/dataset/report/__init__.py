@@ -22,7 +22,8 @@ from varos_warp.dataset.report.course import course_pictures, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curves
 from varos_warp.dataset.report.facts import Raw
 from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.scene.description.image_types import DEPTH
 
 __all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
 
@@ -106,7 +107,7 @@ def _frames(data: Dataset, strip: Filmstrip) -> str:
     total = sum(len(whole_frames(data, camera)) for camera in data.cameras[:1])
     shown = "every frame" if len(strip.frames) == total else f"{len(strip.frames)} of {total} frames, evenly spread"
     legend, about = "", data.camera()
-    if "D" in data.outputs:
+    if DEPTH in data.outputs:
         from matplotlib import colormaps
         from matplotlib.colors import to_hex
 

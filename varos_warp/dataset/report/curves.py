@@ -12,8 +12,8 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.registry import SENSORS
-from varos_warp.render.image.outputs import OUTPUTS
 
 ROUNDING = 1e-12
 """Below it, a quantity in SI units is what rounding left of 0."""

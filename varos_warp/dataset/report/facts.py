@@ -15,7 +15,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError, counted
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.optics.distortion import lens_of
 
 MOST_WARNINGS = 40
@@ -218,7 +218,7 @@ def warnings(data: Dataset, scene: list[str]) -> list[str]:
     """What a person should know before using the dataset, with what looks wrong in its scene."""
     found = []
     for camera, output in itertools.product(data.cameras, data.outputs):
-        missing = [f for f in data.frames if not files.is_complete(data.layout.png(camera, output, f))]
+        missing = [f for f in data.frames if not files.is_complete(data.layout.image(camera, output, f))]
         if missing:
             found.append(f"camera {camera}: {output} of {len(missing)} of {len(data)} frames is missing, the first of "
                          f"frame {missing[0]}")

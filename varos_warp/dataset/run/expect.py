@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varos_warp.products.images.protocol import Source
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.planner.decisions import open_questions
 from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
 from varos_warp.scene.description import Scene
@@ -21,18 +23,16 @@ from varos_warp.scene.optics.shutter import in_ns
 if TYPE_CHECKING:
     from varos_warp.sim.trajectory import Simulation
 
-BYTES = {"A": 4.0, "B": 5.0, "C": 0.6, "D": 0.6, "S": 0.05, "P": 4.0, "F": 12.0}
-"""Of a pixel of each image type, PNG and EXR, in the template harbour_wall; F's EXR hardly compresses."""
 EXR_BYTES = {"linear_exr": 16.0, "depth_exr": 6.0}
 """Of a pixel of A, and of D, with these keys of ``render``."""
 SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
 """For a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
-PIXEL_S = {"CDS": {"cpu": 0.5e-6, "cuda": 5e-9}, "F": {"cpu": 1.5e-6, "cuda": 30e-9}}
-"""For a pixel of what first hits tell, all of C, D and S together, and of F: on one core (3dab77d); beside a GPU, where
+PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9}}
+"""For a pixel of what first hits tell, all such images together, and of F: on one core (3dab77d); beside a GPU, where
 encoding takes longest, what that takes on 16 such cores."""
-COMPILE_S = {"AP": 24.0, "B": 5.0, "CDSF": 4.0}
+COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0}
 """To compile what each image needs, which is done side by side, and for A to solve for the field: seconds on one
 device, however many cores."""
 LOAD_S = 1.5
@@ -89,11 +89,12 @@ def dataset_facts(scene: Scene, frames: int) -> dict:
     """
     render, device = scene.render, resolve_device("auto").partition(":")[0]
     pixels = frames * sum(camera.resolution[0] * camera.resolution[1] for camera in scene.vehicle.cameras)
-    per_pixel = sum(BYTES[letter] for letter in render.outputs)
+    images = [OUTPUTS[letter] for letter in render.outputs]
+    per_pixel = sum(image.bytes_a_pixel for image in images)
     per_pixel += sum(size for key, size in EXR_BYTES.items() if getattr(render, key))
     cores = usable_cores() if device == "cpu" else 1
     planning = _samples_to_plan(scene, frames) * SAMPLE_S[device] / cores
-    compiling = max(seconds for letters, seconds in COMPILE_S.items() if {*letters} & {*render.outputs})
+    compiling = max(COMPILE_S[image.source] for image in images)
     seconds = LOAD_S + compiling + planning + pixels * _pixel_seconds(scene, device) / cores
     return {"frames": frames, "cameras": len(scene.vehicle.cameras),
             "images": frames * len(scene.vehicle.cameras) * len(render.outputs), "bytes": round(pixels * per_pixel),
@@ -110,11 +111,10 @@ def _samples(scene: Scene) -> dict:
 
 def _pixel_seconds(scene: Scene, device: str) -> float:
     """For a pixel of all the images of a frame, on one core or a GPU."""
-    render = scene.render
-    of_water = sum(letter in "AP" for letter in render.outputs) * (_samples(scene)["spp"] or 0) * SAMPLE_S[device]
-    of_b = ("B" in render.outputs) * render.spp_b * SAMPLE_B_S[device]
-    return of_water + of_b + sum(seconds[device] for letters, seconds in PIXEL_S.items()
-                                 if {*letters} & {*render.outputs})
+    sources = [OUTPUTS[letter].source for letter in scene.render.outputs]
+    of_water = sources.count(Source.WATER) * (_samples(scene)["spp"] or 0) * SAMPLE_S[device]
+    of_b = sources.count(Source.AMBIENT) * scene.render.spp_b * SAMPLE_B_S[device]
+    return of_water + of_b + sum(seconds[device] for source, seconds in PIXEL_S.items() if source in sources)
 
 
 def _samples_to_plan(scene: Scene, frames: int) -> int:

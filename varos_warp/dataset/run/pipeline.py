@@ -29,6 +29,7 @@ from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.options import of_run
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
+from varos_warp.scene.description.image_types import FLOW, TWIN, WATER
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.launch import usable_cores
 from varos_warp.sim.clock import frame_time_ns
@@ -82,7 +83,7 @@ class Rendered:
     clamped: Counter[str] = field(default_factory=Counter)
     """Values that were cut to the largest half float, by letter."""
     empty: set[tuple[str, str, int]] = field(default_factory=set)
-    """Images C, D and S without any surface, by camera, letter and frame."""
+    """Images that show that no surface is in sight, by camera, letter and frame."""
     timings: list[dict] = field(default_factory=list)
     """For the log: an entry for each image job."""
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
@@ -196,7 +197,7 @@ class Pipeline:
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: self.renderer.render(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
-            following=self.following(job.frame) if "F" in job.letters else None,
+            following=self.following(job.frame) if FLOW in job.letters else None,
             motion=self.motion(job.frame), time_ns=self.time_ns(job.frame),
             **frame_options(self.plan, job.camera, job.frame), **self.options))
         overlap = max(self.last_done - start, 0.0)
@@ -218,7 +219,7 @@ class Pipeline:
         for letter, count in lost.items():
             self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite or "
                      "not a number and count as black")
-        spp = getattr(getattr(image, "A", None) or getattr(image, "P", None), "spp", None)
+        spp = getattr(getattr(image, WATER, None) or getattr(image, TWIN, None), "spp", None)
         return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if lost else {})
 
     def collect(self, job: ImageJob, rendering: Future) -> None:

@@ -28,11 +28,13 @@ from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.dataset.write.moving import describe_moving, write_moving
 from varos_warp.dataset.write.rays import write_rays
 from varos_warp.errors import InputError, RunFailed, counted
+from varos_warp.products.images.registry import DENOISE_KEYS, OUTPUTS, colors
+from varos_warp.products.images.segments import SEGMENT_LEVELS
 from varos_warp.products.sensors.registry import needs_solids
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
 from varos_warp.render.planner.decisions import says_how
+from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
@@ -178,7 +180,7 @@ class _Run:
         self.previous = previous
         before = previous["samples"] if previous else {}
         self.plan, self.recorded_device = before.get("plan"), previous and previous["device"]
-        self.denoisers = {"A": before.get("denoise"), "B": before.get("denoise_b")}
+        self.denoisers = {letter: before.get(key) for letter, key in DENOISE_KEYS.items()}
         self.store = Store(self.layout, self.scene.render, self.denoisers, self.record.has)
 
     def clean_up(self) -> None:
@@ -273,7 +275,7 @@ class _Run:
     def lacks_segments(self, images: bool) -> bool:
         """Whether what tells what S means is to be made, though no image is."""
         outputs = {*(self.previous["outputs"] if self.previous else ()), *(self.scene.render.outputs if images else ())}
-        return "S" in outputs and not self.layout.segments.exists()
+        return SEGMENTS in outputs and not self.layout.segments.exists()
 
     def say(self, message: str) -> None:
         """Tell the user, and keep it for the summary."""
@@ -318,11 +320,10 @@ class _Run:
         Raises:
             InputError: If earlier frames were denoised otherwise.
         """
-        render = self.scene.render
-        for letter, asked, key in (("A", render.denoise, "denoise"), ("B", render.denoise_b, "denoise_b")):
+        for letter, key in DENOISE_KEYS.items():
             if not any(OUTPUTS[made].settings == letter for job in self.work for made in job.letters):
                 continue
-            method, before = available_method(asked), self.denoisers[letter]
+            method, before = available_method(getattr(self.scene.render, key)), self.denoisers[letter]
             if before not in (None, method):
                 raise InputError(f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
                                  f"would be with {method!r}", file=self.layout.metadata, key=f"samples.{key}",
@@ -351,9 +352,9 @@ class _Run:
                 self.renderer = renderer.result()
         if self.renderer.device == "cpu":
             give_back_large_arrays()
-        if "S" in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
+        if SEGMENTS in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
-                             key="render.outputs", value="S", remedy="Leave out S, or scatter fewer.")
+                             key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer.")
 
     def settle(self) -> None:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""
@@ -407,12 +408,12 @@ class _Run:
         if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
             content["versions"] = self.previous["versions"]
         files.write_json(self.layout.metadata, content)
-        if "S" in self.outputs and self.renderer is not None:
+        if SEGMENTS in self.outputs and self.renderer is not None:
             files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
 
     def write_tables(self, sensors: bool) -> None:
         """Everything but the images and the metadata; long courses take seconds."""
-        writers.write_readme(self.layout, self.scene)
+        writers.write_readme(self.layout, self.scene, self.outputs)
         if sensors:
             writers.write_sensors(self.layout, self.scene, self.simulation)
         poses = np.array([self.T_w_v(frame) for frame in self.frames])
@@ -491,7 +492,7 @@ class _Run:
             return
         with self.clock("expose"):
             for camera in self.scene.vehicle.cameras:
-                for letter in (letter for letter in self.outputs if OUTPUTS[letter].is_color):  # A before P
+                for letter in colors(self.outputs):  # A before P
                     frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
                     setting = getattr(self.scene.render.exposure, OUTPUTS[letter].settings)
                     expose(self.layout, setting, camera.id, letter, frames, self.simulation.frames.time_ns[frames],

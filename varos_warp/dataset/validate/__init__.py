@@ -25,6 +25,7 @@ dataset.json that were changed together with the scene in it; changes below the 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate import alignment, completeness, images, meshes, metadata, motion, views
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.scene.description.image_types import DEPTH
 
 __all__ = ["Validation", "validate"]
 
@@ -48,7 +49,7 @@ def validate(root, quiet: bool = False) -> Validation:
                   *motion.CHECKS):
         result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
-    if "D" in data.outputs:
+    if DEPTH in data.outputs:
         result.guard(views.check_residuals, data, result, pending.ready(data))
         result.guard(views.check_neighbours, data, result, pending.ready(data), quiet)
     if not pending.files:  # B is exposed

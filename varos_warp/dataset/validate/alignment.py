@@ -22,6 +22,7 @@ from varos_warp.dataset.validate.blur import blur_of
 from varos_warp.dataset.validate.objects import of_still, swept
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
+from varos_warp.scene.description.image_types import AMBIENT, DEPTH
 from varos_warp.scene.optics.camera import CameraModel
 
 BLOCKS = 4, 6
@@ -63,9 +64,9 @@ class View:
     @classmethod
     def of(cls, data: Dataset, frame: int, camera: str) -> "View":
         """The square root of linear light makes noise even; it does not depend on the gain."""
-        depth, light = data.planar_depth(frame, camera), data.image("B", frame, camera).mean(-1)
+        depth, light = data.planar_depth(frame, camera), data.image(AMBIENT, frame, camera).mean(-1)
         if light.shape != depth.shape:
-            raise InputError("has another size than D", file=data.layout.png(camera, "B", frame))
+            raise InputError("has another size than D", file=data.layout.image(camera, AMBIENT, frame))
         depth = of_still(data, depth, frame, camera)
         near = np.where(np.isfinite(depth), depth, 1e9).astype(np.float32)
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
@@ -197,7 +198,7 @@ def _pairs(data: Dataset, frames: list[int]) -> dict[str, list]:
 
 def check_alignment(data: Dataset, result: Validation, frames: list[int], quiet: bool = True) -> None:
     """B is where D, K and the poses have it, to `MARGIN` standard errors of all blocks: 0.02 px in the demo."""
-    if not {"B", "D"} <= set(data.outputs):
+    if not {AMBIENT, DEPTH} <= set(data.outputs):
         return
     view = lru_cache(KEPT_VIEWS)(partial(View.of, data))
     for name, pairs in _pairs(data, frames).items():

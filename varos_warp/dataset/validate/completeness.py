@@ -14,8 +14,9 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write.folder import at_work
 from varos_warp.errors import InputError
+from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.registry import BY_ID
-from varos_warp.render.image.outputs import OUTPUTS
+from varos_warp.scene.description.image_types import SEGMENTS, WATER
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Pending:
                     if not path.is_file() and path.relative_to(data.root).as_posix() not in listed}
 
         by_frame = {frame: absent(images(data, frame)) for frame in data.frames}
-        exposed = [output for output in data.outputs if OUTPUTS[output].is_color]  # their PNG follow from all frames
+        exposed = colors(data.outputs)  # their PNG follow from all frames
         frames = [frame for frame, paths in by_frame.items() if any(path.parent.name not in exposed for path in paths)]
         return cls(frozenset().union(absent(exposure_tables(data)), *by_frame.values()), frozenset(frames))
 
@@ -55,17 +56,15 @@ def images(data: Dataset, frame: int) -> list[Path]:
     """Every image of a frame that dataset.json asks for."""
     render, paths = data.meta["scene"].get("render", {}), []
     for camera, output in itertools.product(data.cameras, data.outputs):
-        paths += [data.layout.png(camera, output, frame), *data.layout.rendered(
-            camera, output, frame, render.get("linear_exr", False), render.get("depth_exr", False))]
-        if output == "A" and data.has_noise("A"):
+        paths += data.layout.image_files(camera, output, frame, render).values()
+        if output == WATER and data.has_noise(WATER):
             paths.append(data.layout.clean(camera, frame))
     return paths
 
 
 def exposure_tables(data: Dataset) -> list[Path]:
     """Tables of gains, which are made when all frames are there."""
-    return [data.layout.exposures(camera, output)
-            for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color]
+    return [data.layout.exposures(camera, output) for camera in data.cameras for output in colors(data.outputs)]
 
 
 def _texts(data: Dataset) -> Iterator[Path]:
@@ -87,7 +86,7 @@ def _texts(data: Dataset) -> Iterator[Path]:
         yield from map(layout.sensor, data.meta["sensors"])
         erring = filter(data.has_noise, data.meta["sensors"])
         yield from (layout.bias(name) for name in erring if BY_ID[name].bias_apart)
-    if "S" in data.outputs:
+    if SEGMENTS in data.outputs:
         yield layout.segments
 
 
@@ -108,9 +107,9 @@ def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
     """Every file that dataset.json asks for is there, and none that it does not account for."""
     required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
     # what an earlier run may have been asked for
-    optional = {data.layout.exr(camera, "D", frame) for camera in data.cameras for frame in data.frames}
-    optional |= {data.layout.linear(camera, frame, output) for camera in data.cameras for frame in data.frames
-                 for output in data.outputs if output in "AP"}
+    every = dict.fromkeys((key for image in OUTPUTS.values() for key in image.folders.values()), True)
+    optional = {path for camera in data.cameras for output in data.outputs for frame in data.frames
+                for path in data.layout.image_files(camera, output, frame, every).values()}
     missing = sorted(path for path in required - pending.files if not path.is_file())
     found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
     strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))

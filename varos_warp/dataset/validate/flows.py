@@ -7,9 +7,10 @@ import numpy as np
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.rows import next_sight, sight
 from varos_warp.dataset.validate.objects import moving_parts, solid
+from varos_warp.products.images.depth import DEPTH_LEVELS
+from varos_warp.products.images.flow import FlowImage
 from varos_warp.render.image.flow import Moved, MovingPart, flow_by_rows, flow_of
-from varos_warp.render.image.frame import FlowImage
-from varos_warp.render.image.outputs import DEPTH_LEVELS
+from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.frames import inverse
 
 EVERY = 5
@@ -26,7 +27,7 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
     row, col = (places[::EVERY, ::EVERY].ravel() for places in np.indices(levels.shape))
     inside = (levels[row, col] > 0) & (levels[row, col] < DEPTH_LEVELS)
     row, col = row[inside], col[inside]
-    unknown = solid(data) and "S" not in data.outputs  # whose pixels are whose
+    unknown = solid(data) and SEGMENTS not in data.outputs  # whose pixels are whose
     if T_w_next is None or not row.size or unknown:
         return
     poses = sight(data, frame, camera), T_w_next

@@ -1,4 +1,4 @@
-"""Every image by itself: its size and type, PNG against EXR against exposure, C against D, S against its table, F."""
+"""Every image by itself: its size and type, what its type checks, exposure; and C, S and F against D."""
 
 import hashlib
 from functools import cached_property, partial
@@ -12,15 +12,21 @@ from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.exposures import read_exposures
-from varos_warp.dataset.reader.points import pixel_rays
+from varos_warp.dataset.reader.points import along_axis, pixel_rays
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, objects, surfaces
 from varos_warp.dataset.validate.completeness import Pending
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
+from varos_warp.products.images.depth import DEPTH_LEVELS
+from varos_warp.products.images.flow import FlowImage
+from varos_warp.products.images.normals import decode_normal
+from varos_warp.products.images.protocol import ImageProduct
+from varos_warp.products.images.radiance import encode_color
+from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.render.image import exposure
-from varos_warp.render.image.outputs import DEPTH_LEVELS, OUTPUTS, to_half
+from varos_warp.scene.description.image_types import DEPTH, FLOW, NORMALS, SEGMENTS, WATER
 from varos_warp.scene.frames import inverse
 
 BORDER_OF_C = 40
@@ -34,20 +40,20 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
     """
     problems: list[str] = []
     angles: list[float] = []
-    frames, exposed = pending.ready(data), [o for o in data.outputs if OUTPUTS[o].is_color and not pending.files]
+    frames, exposed = pending.ready(data), [] if pending.files else colors(data.outputs)
     boxes: dict[int, np.ndarray] = {}
     result.guard(lambda: boxes.update(objects.boxes(data)))
     for camera in data.cameras:
-        colors, sums = [Exposures(data, result, camera, output) for output in exposed], {}
-        read = partial(_FrameImages, data, camera, colors, boxes)
+        exposures, sums = [Exposures(data, result, camera, output) for output in exposed], {}
+        read = partial(_FrameImages, data, camera, exposures, boxes)
         for images in in_threads(f"images {camera}", read, frames, quiet=quiet):
             problems += images.found.problems
             result.files_read += images.found.files_read
             angles += images.angles
             for key, values in images.sums.items():
                 sums[key] = sums.get(key, 0) + values
-        for color in colors:
-            problems += color.verdicts()
+        for one in exposures:
+            problems += one.verdicts()
         surfaces.check_sums(result, camera, sums)
         if "places" in sums:
             objects.check_places(data, result, camera, boxes, sums["places"])
@@ -59,30 +65,38 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
 class _FrameImages:
     """The images of one frame of a camera: each file is read once, and held against the others."""
 
-    def __init__(self, data: Dataset, camera: str, colors: list["Exposures"], boxes: dict[int, np.ndarray], frame: int):
+    def __init__(self, data: Dataset, camera: str, exposures: list["Exposures"], boxes: dict[int, np.ndarray],
+                 frame: int):
         self.data, self.camera, self.boxes, self.frame = data, camera, boxes, frame
         self.found = Validation(data.root)
         self.kept: dict[str, np.ndarray] = {}
-        """Pixels of C, D and S, which several checks look at."""
+        """What finished images hold, but those of radiance: several checks look at it."""
         self.angles: list[float] = []
         """The median angle between C and the slopes of D [deg], where there are both."""
         self.sums: dict[str, np.ndarray] = {}
         """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; of `objects`: ``places``."""
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
-        for color in colors:
-            self.found.guard(color.check, self)
-        for output, check in (("A", self._linear), ("P", partial(self._linear, "P")), ("D", self._steps),
-                              ("D", self._depths), ("S", self._segments), ("C", self._normals), ("F", self._flow)):
-            if output in data.outputs:
+        for one in exposures:
+            self.found.guard(one.check, self)
+        for output in data.outputs:
+            self.found.guard(self._check, OUTPUTS[output])
+        for pair, check in ((DEPTH, self._holes), (SEGMENTS, self._segments), (NORMALS, self._normals),
+                            (FLOW, self._flow)):
+            if {pair, DEPTH} <= {*data.outputs}:
                 self.found.guard(check)
+
+    def _check(self, product: ImageProduct) -> None:
+        """What an image type checks itself."""
+        for name, problem in product.check(self):
+            self.tell(name, problem)
 
     def tell(self, name: str, problem: str) -> None:
         """Note a problem of a file."""
         self.found.problems.append(f"{name}: {problem}")
 
-    def png(self, output: str) -> Path:
+    def file(self, output: str) -> Path:
         """The finished image."""
-        return self.data.layout.png(self.camera, output, self.frame)
+        return self.data.layout.image(self.camera, output, self.frame)
 
     def exr(self, path: Path) -> dict[str, np.ndarray]:
         """Channels of an EXR."""
@@ -91,123 +105,81 @@ class _FrameImages:
         return channels
 
     def pixels(self, output: str) -> np.ndarray:
-        """Pixels of a PNG, of the size and type that they must have."""
+        """What a finished image holds, of the size and type that it must have."""
         if output in self.kept:
             return self.kept[output]
-        row, pixels = OUTPUTS[output], files.read_png(self.png(output))
+        product, pixels = OUTPUTS[output], files.read_image(self.file(output))
         self.found.files_read += 1
-        shape = (*self.shape, 3) if row.channels == 3 else self.shape
-        if pixels.shape != shape or pixels.dtype != row.dtype:
-            raise InputError(f"is {pixels.dtype} {pixels.shape}, not {np.dtype(row.dtype)} {shape}",
-                             file=self.png(output))
-        return self.kept.setdefault(output, pixels) if output in "CDS" else pixels
+        shape = (*self.shape, 3) if product.channels == 3 else self.shape
+        if pixels.shape != shape or pixels.dtype != product.dtype:
+            raise InputError(f"is {pixels.dtype} {pixels.shape}, not {np.dtype(product.dtype)} {shape}",
+                             file=self.file(output))
+        return pixels if product.is_color else self.kept.setdefault(output, pixels)
+
+    def along_axis(self, distance: np.ndarray) -> np.ndarray:
+        """Distances [H, W] [m] along the pixels' rays in the water as planar depth."""
+        return along_axis(distance, self.data.camera_model(self.camera))
 
     @cached_property
     def planar(self) -> np.ndarray:
         """D in metres along the camera's axis [H, W]."""
-        return self.data.planar_depth(self.frame, self.camera, self.pixels("D"))
+        return self.data.planar_depth(self.frame, self.camera, self.pixels(DEPTH))
+
+    @cached_property
+    def flow(self) -> FlowImage:
+        """F with all its digits."""
+        self.found.files_read += 1
+        return self.data.flow(self.frame, self.camera)
 
     @cached_property
     def jumps(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Where D jumps."""
-        return surfaces.jumps(self.pixels("D"))
+        return surfaces.jumps(self.pixels(DEPTH))
 
     @cached_property
     def has_normal(self) -> np.ndarray:
         """Where C has a surface, bool [H, W]."""
-        x, y, z = np.moveaxis(self.pixels("C"), -1, 0)
+        x, y, z = np.moveaxis(self.pixels(NORMALS), -1, 0)
         return x | y | z > 0  # any(-1) is slow in numpy
 
-    def _linear(self, output: str = "A") -> None:
-        """A or P as rendered has its size, finite values and errors, layers that sum to it; undenoised, it is A_exr."""
-        path = self.data.layout.linear(self.camera, self.frame, output)
-        if not path.is_file():
-            return
-        channels, name = self.exr(path), f"{output}_linear/{path.name}"
-        if any(c.shape != self.shape for c in channels.values()):
-            return self.tell(name, "has another size")
-        # one sample does not tell its error
-        unsure = {channel for channel, c in channels.items() if channel.startswith("stderr.") and np.isposinf(c).all()}
-        if not all(np.isfinite(channels[channel]).all() for channel in channels.keys() - unsure):
-            return self.tell(name, "has values that are not finite")
-        if missing := {"R", "G", "B"} - set(channels):
-            return self.tell(name, f"has no channel {sorted(missing)[0]}")
-        for c in "RGB":
-            layers = [values.astype(float) for channel, values in channels.items()
-                      if channel.endswith(f".{c}") and not channel.startswith("stderr.")]
-            if layers and np.abs(sum(layers) - channels[c]).max() > 1e-4 * max(np.abs(channels[c]).max(), 1e-30):
-                self.tell(name, f"has layers that do not sum to channel {c}")
-            if f"stderr.{c}" in channels and channels[f"stderr.{c}"].min() < 0.0:
-                self.tell(name, "has a negative standard error")
-        if self.data.meta["samples"]["denoise"] == "none":
-            made = to_half(np.stack([channels[c] for c in "RGB"], -1))[0]
-            if not np.array_equal(made.astype(np.float32), self.data.linear(output, self.frame, self.camera)):
-                self.tell(name, f"is not the image of {output}_exr, though nothing was denoised")
-
-    def _steps(self) -> None:
-        """D is its EXR in steps, where there is one."""
-        depth, path = self.pixels("D"), self.data.layout.exr(self.camera, "D", self.frame)
-        if path.is_file():
-            distance = self.exr(path)["Z" if self.data.meta["depth"]["kind"] == "z" else "range"]
-            made = OUTPUTS["D"].encode(distance, self.data.scale("D", self.frame, self.camera))
-            if not np.array_equal(made, depth):
-                self.tell(self.png("D").name, "is not its EXR (D_exr) in steps of D")
-
-    def _depths(self) -> None:
-        """Nothing is as near as the camera itself, D has no hole where C or S goes on, and uses all of its 16 bits."""
-        levels, surface, labels = self.pixels("D"), None, None
-        if (step := surfaces.level_step(levels)) > 1:
-            self.tell(self.png("D").name, f"holds only one level in {step}, as if it had fewer than 16 bits")
-        if self.data.meta["depth"]["range_m"][0] == 0.0 and (levels == 0).any():
-            self.tell(self.png("D").name, f"is 0 m in {(levels == 0).sum()} pixels, the place of the camera itself")
-        if "S" in self.data.outputs:
-            surface, labels = self.pixels("S") > 0, self.pixels("S")[..., None]
-        elif "C" in self.data.outputs:
-            surface, labels = self.has_normal, self.pixels("C")
-        if surface is not None and (count := surfaces.holes(levels, surface, labels)):
-            self.tell(self.png("D").name, f"has holes: nothing in {count} pixels within a near surface")
+    def _holes(self) -> None:
+        """D has no hole where C or S goes on."""
+        surface, labels = None, None
+        if SEGMENTS in self.data.outputs:
+            surface, labels = self.pixels(SEGMENTS) > 0, self.pixels(SEGMENTS)[..., None]
+        elif NORMALS in self.data.outputs:
+            surface, labels = self.has_normal, self.pixels(NORMALS)
+        if surface is not None and (count := surfaces.holes(self.pixels(DEPTH), surface, labels)):
+            self.tell(self.file(DEPTH).name, f"has holes: nothing in {count} pixels within a near surface")
 
     def _segments(self) -> None:
-        """S numbers only what segments.json lists, and has something wherever D has."""
-        pixels, listed = self.pixels("S"), {0, *(row["id"] for row in self.data.segments())}
-        if unknown := set(np.flatnonzero(np.bincount(pixels.ravel())).tolist()) - listed:
-            self.tell(self.png("S").name, f"segments.json does not list {sorted(unknown)[:5]}")
-        if "D" in self.data.outputs:
-            if ((pixels == 0) & (self.pixels("D") < DEPTH_LEVELS)).any():
-                self.tell(self.png("S").name, "has nothing where D has a surface")
-            self.sums["S"] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
+        """S has something wherever D has, and where the scene's objects are."""
+        pixels = self.pixels(SEGMENTS)
+        if ((pixels == 0) & (self.pixels(DEPTH) < DEPTH_LEVELS)).any():
+            self.tell(self.file(SEGMENTS).name, "has nothing where D has a surface")
+        self.sums[SEGMENTS] = surfaces.border_counts(self.jumps, pixels[..., None], 0)
         if self.boxes:
             model, T_w_c = self.data.camera_model(self.camera), sight(self.data, self.frame, self.camera)
             self.sums["places"] = objects.sums_in(self.planar, model, T_w_c, pixels, self.boxes)
 
     def _normals(self) -> None:
         """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""
-        if "D" not in self.data.outputs:
-            return
-        if ((self.pixels("D") < DEPTH_LEVELS) & ~self.has_normal).any():
-            self.tell(self.png("C").name, "has no surface where D has one")
-        self.sums["C"] = surfaces.border_counts(self.jumps, self.pixels("C"), BORDER_OF_C)
+        if ((self.pixels(DEPTH) < DEPTH_LEVELS) & ~self.has_normal).any():
+            self.tell(self.file(NORMALS).name, "has no surface where D has one")
+        self.sums[NORMALS] = surfaces.border_counts(self.jumps, self.pixels(NORMALS), BORDER_OF_C)
         away, cosine, sums = zip(*map(self._slopes, surfaces.bands(*self.shape)), strict=True)
         if (share := np.mean(away)) > 0.05:
-            self.tell(self.png("C").name, f"{100 * share:.0f} % of its normals point away from the camera")
+            self.tell(self.file(NORMALS).name, f"{100 * share:.0f} % of its normals point away from the camera")
         if (cosine := np.concatenate(cosine)).size:
             self.angles.append(float(np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1)))))
         self.sums["slopes"] = sum(sums)
 
     def _flow(self) -> None:
-        """F is its EXR in steps, and both follow from D, the poses and the camera."""
-        pixels, path = self.pixels("F"), self.data.layout.exr(self.camera, "F", self.frame)
-        made = self.data.flow(self.frame, self.camera)
-        self.found.files_read += 1
-        if made.flow.shape[:2] != self.shape:
-            return self.tell(path.name, "has another size than its PNG")
-        if not np.array_equal(OUTPUTS["F"].encode(made.flow), pixels):
-            self.tell(self.png("F").name, "is not its EXR (F_exr) in steps of 1/64 pixel")
-        if (made.occluded & ~made.valid).any():
-            self.tell(path.name, "is occluded where its flow is not known")
-        if "D" in self.data.outputs:
-            for problem in flows.against_depth(self.data, self.camera, self.frame, made, self.pixels("D")):
-                self.tell(path.name, problem)
+        """F follows from D, the poses and the camera."""
+        if self.flow.flow.shape[:2] == self.shape:
+            name = self.data.layout.exr(self.camera, FLOW, self.frame).name
+            for problem in flows.against_depth(self.data, self.camera, self.frame, self.flow, self.pixels(DEPTH)):
+                self.tell(name, problem)
 
     def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
         """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""
@@ -223,7 +195,7 @@ class _FrameImages:
             origins, rays = (np.einsum("hij,hwj->hwi", T[:, :3, :3], np.broadcast_to(x, rays.shape))
                              for x in (origins, rays))
             origins = origins + T[:, None, :3, 3]
-        normal, to_pixel = OUTPUTS["C"].decode(self.pixels("C")[rows]), rays @ R.T
+        normal, to_pixel = decode_normal(self.pixels(NORMALS)[rows]), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
         with np.errstate(invalid="ignore"):
             slope = surfaces.normals_of(origins + rays * along[..., None].astype(np.float32), rays) @ R.T
@@ -246,7 +218,7 @@ class Exposures:
     def __init__(self, data: Dataset, result: Validation, camera: str, output: str):
         self.data, self.result, self.camera, self.output = data, result, camera, output
         self.path = data.layout.exposures(camera, output)
-        self.has_noise = output == "A" and data.has_noise("A")
+        self.has_noise = output == WATER and data.has_noise(WATER)
         self.expected: dict[str, int] = {}
         """Frame by the digest of what its PNG must be."""
         self.wrong_png: dict[int, str] = {}
@@ -277,9 +249,9 @@ class Exposures:
             self.wrong_statistics[frame] = exposure.statistics(linear)
         if self.has_noise:
             if is_repeatable(data) and not np.array_equal(noisy_pixels(data, *noise_of(data), frame, camera), pixels):
-                images.tell(images.png("A").name, "is not its EXR with the noise of dataset.json")
-            pixels = data.pixels("A", frame, camera, truth=True)
-        made = OUTPUTS[output].encode(linear, gain)
+                images.tell(images.file(WATER).name, "is not its EXR with the noise of dataset.json")
+            pixels = data.pixels(WATER, frame, camera, truth=True)
+        made = encode_color(linear, gain)
         self.expected.setdefault(_digest(made), frame)
         if not np.array_equal(made, pixels):
             self.wrong_png[frame] = _digest(pixels)
@@ -292,7 +264,8 @@ class Exposures:
 
     def _verdict(self, frame: int) -> str:
         statistics = self.wrong_statistics.get(frame)
-        png = ("A_clean/" if self.has_noise else "") + self.data.layout.png(self.camera, self.output, frame).name
+        png = self.data.layout.image(self.camera, self.output, frame).name
+        png = f"{WATER}_clean/{png}" if self.has_noise else png
         exr = self.data.layout.exr(self.camera, self.output, frame).name
         if statistics is None:
             other = self.expected.get(self.wrong_png[frame])
@@ -321,7 +294,7 @@ class Exposures:
     def _expected_gains(self) -> tuple[np.ndarray, str]:
         """What the gains of the table should be, and what is wrong with others."""
         setting = self.data.meta["color"]["exposure"][OUTPUTS[self.output].settings]
-        if self.output == "P":
+        if OUTPUTS[self.output].like:
             weight = self.data.camera_model(self.camera).axis_weight
             of_a = twin_gains(self.data.layout, setting, self.camera, list(self.table), weight)
             if of_a is not None:

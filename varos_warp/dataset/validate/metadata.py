@@ -12,10 +12,12 @@ from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.rays import ray_channels
 from varos_warp.errors import InputError
+from varos_warp.products.images.registry import DENOISE_KEYS
+from varos_warp.products.images.segments import segment_table
 from varos_warp.products.sensors.registry import SENSORS
-from varos_warp.render.image.segments import segment_table
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.description.water import HenyeyGreenstein
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
@@ -32,7 +34,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
     known = _without_table(scene)
     made = writers.describe(data.layout, known, frames=data.frames, outputs=data.outputs,
                             frame_count=meta["frames"]["of"], plan=samples["plan"], device=meta["device"],
-                            denoisers={"A": samples["denoise"], "B": samples["denoise_b"]})
+                            denoisers={letter: samples[key] for letter, key in DENOISE_KEYS.items()})
     for key in ("versions", "sources", "conventions"):  # not of the scene alone
         del made[key]
     if known is not scene:
@@ -64,7 +66,7 @@ def _without_table(scene: Scene) -> Scene:
 
 def check_segments(data: Dataset, result: Validation) -> None:
     """segments.json numbers terrain, objects and copies in the order of the scene, with the scene's materials."""
-    if "S" not in data.outputs:
+    if SEGMENTS not in data.outputs:
         return
     scene, rows = scene_from_dict(data.meta["scene"]), data.segments()
     # how many copies find a place only the meshes tell
@@ -131,7 +133,7 @@ def check_times(data: Dataset, result: Validation, pending: Pending) -> None:
         if not _same_times(data, result, path, table, expected):
             continue
         for output in data.outputs:
-            names = np.array([data.layout.png(camera, output, frame).name for frame in data.frames])
+            names = np.array([data.layout.image(camera, output, frame).name for frame in data.frames])
             for i in np.flatnonzero(table[output] != names)[:1]:
                 result.add(f"{result.cell(path, i, output)}: is not {names[i]}")
         if "imu0" in data.recorded and len(expected) and data.imu()["time_ns"][-1] <= expected[-1]:

@@ -22,6 +22,7 @@ from varos_warp.dataset.validate.metadata import same
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write.texts import describe_lights, sources
 from varos_warp.render.image.flow import MovingPart
+from varos_warp.scene.description.image_types import DEPTH, SEGMENTS
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import transform
@@ -97,14 +98,14 @@ def check_moving(data: Dataset, result: Validation) -> None:
 
 def of_moving(data: Dataset, frame: int, camera: str) -> np.ndarray:
     """Pixels of objects that move, bool [H, W], by S, which the dataset must have."""
-    return np.isin(data.pixels("S", frame, camera), [entry["id"] for entry in solid(data)])
+    return np.isin(data.pixels(SEGMENTS, frame, camera), [entry["id"] for entry in solid(data)])
 
 
 def of_still(data: Dataset, depth: np.ndarray, frame: int, camera: str) -> np.ndarray:
     """Depth [H, W] of what stands still; infinite elsewhere, as where nothing is."""
     if not solid(data):
         return depth
-    if "S" not in data.outputs:
+    if SEGMENTS not in data.outputs:
         return np.full_like(depth, np.inf)
     seen = of_moving(data, frame, camera)
     return np.where(seen, np.inf, depth) if seen.shape == depth.shape else depth
@@ -154,7 +155,7 @@ def moving_parts(data: Dataset, frame: int, camera: str, row: np.ndarray, col: n
     if not (entries := solid(data)):
         return []
     ids = {entry["key"]: entry["id"] for entry in entries}
-    numbers, about = data.pixels("S", frame, camera)[row, col], data.camera(camera)
+    numbers, about = data.pixels(SEGMENTS, frame, camera)[row, col], data.camera(camera)
     offset = offsets_ns(about) if is_rolling(about) else np.zeros(1, np.int64)
     times = [frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) + offset for i in range(2)]
     return [MovingPart(numbers == ids[key], *map(poses, times))
@@ -167,7 +168,7 @@ def moving_parts(data: Dataset, frame: int, camera: str, row: np.ndarray, col: n
 def boxes(data: Dataset) -> dict[int, np.ndarray]:
     """Lowest and highest corner [2, 3] [m] of the parametric objects, by their numbers in S; none without S and D."""
     scene, found = scene_from_dict(data.meta["scene"]), {}
-    for i, block in enumerate(scene.objects if {"D", "S"} <= set(data.outputs) else ()):
+    for i, block in enumerate(scene.objects if {DEPTH, SEGMENTS} <= set(data.outputs) else ()):
         if not isinstance(block, MeshObject) and not block.path:
             corners = object_part(scene, block.model_copy(update={"chord_error_m": None}), f"objects.{i}").vertices
             low, high = corners.min(0), corners.max(0)

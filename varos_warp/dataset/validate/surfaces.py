@@ -8,14 +8,13 @@ from scipy import ndimage
 
 from varos_warp.dataset.validate.alignment import lucas_kanade
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.render.image.outputs import DEPTH_LEVELS
+from varos_warp.products.images.depth import DEPTH_LEVELS
+from varos_warp.scene.description.image_types import NORMALS, SEGMENTS
 
 OFFSETS = (0, -2, -1, 1, 2)
 """Pixels by which borders of C or S are moved against jumps of D."""
 FEWEST_JUMPS = 30
 """Fewer that meet a border say nothing."""
-FEWEST_LEVELS = 40
-"""Levels of D that are all even by chance once in 2^39 images."""
 FEWEST_SLOPES = 200
 """Pixels with a slope, fewer of which say nothing."""
 MOST_PIXELS = 150_000
@@ -32,7 +31,7 @@ def check_sums(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> 
     """Note what the sums over a camera's frames say: ``slopes``, and borders of ``C`` and ``S``."""
     if "slopes" in sums:
         check_slopes(result, camera, sums["slopes"])
-    for letter in sorted(sums.keys() & {"C", "S"}):
+    for letter in sorted(sums.keys() & {NORMALS, SEGMENTS}):
         check_borders(result, camera, letter, sums[letter])
 
 
@@ -64,12 +63,6 @@ def holes(depth: np.ndarray, surface: np.ndarray, labels: np.ndarray) -> int:
         alike = 20.0 if labels.shape[-1] == 3 else 0.0
         found += int(inside.sum()) if np.abs(within - about).max() <= alike else 0
     return found
-
-
-def level_step(depth: np.ndarray) -> int:
-    """What all differences in D are multiples of: 256 of 8 bits in 16; 1 of sound images, or if levels are few."""
-    levels = np.flatnonzero(np.bincount(depth.ravel())[:DEPTH_LEVELS])
-    return int(np.gcd.reduce(np.diff(levels))) if len(levels) >= FEWEST_LEVELS else 1
 
 
 # -------------------------------------------------------------------------------------------------------------- slopes

@@ -20,6 +20,7 @@ from varos_warp.dataset.validate.blur import blur_of
 from varos_warp.dataset.validate.objects import of_still, swept
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.errors import InputError
+from varos_warp.scene.description.image_types import AMBIENT, DEPTH, NORMALS, SEGMENTS
 
 PAIRS = 8
 """Pairs of views compared per camera for the residuals that are reported."""
@@ -35,7 +36,7 @@ INDEPENDENT = 1.0 - 0.8**3 + 0.05
 """Share of points outside the box of nine neighbours in some channel, if all pixels were independent of each other (the
 tenth of ten numbers is the least or the largest of them in two cases of ten), and a little for chance."""
 
-LEAST = {"C": 0.1, "S": 0.01, "B": 0.1}
+LEAST = {NORMALS: 0.1, SEGMENTS: 0.01, AMBIENT: 0.1}
 """Share of such points that is no cause for doubt: detail finer than a pixel; S has less of it."""
 
 
@@ -49,8 +50,8 @@ class _View:
         self.model, self.T_w_c = data.camera_model(camera), sight(data, frame, camera)
         self.depth = of_still(data, data.planar_depth(frame, camera), frame, camera)
         self.images = {}
-        self.streak = blur_of(data, frame, camera, self.depth).streak if "B" in letters else None
-        self.swept = swept(data, frame, camera, self.depth.shape) if "B" in letters else None
+        self.streak = blur_of(data, frame, camera, self.depth).streak if AMBIENT in letters else None
+        self.swept = swept(data, frame, camera, self.depth.shape) if AMBIENT in letters else None
         for letter in letters:
             with contextlib.suppress(InputError):  # told of already
                 pixels = data.pixels(letter, frame, camera)
@@ -144,19 +145,19 @@ def _compare(first: _View, second: _View, step_m: float) -> dict[str, float]:
     row, col, u, v, z, seen = matches
     if len(z) < FEWEST_POINTS:
         return {}
-    found = {"D": abs(np.median(seen - z)) / (step_m + 0.1 * np.median(z) / second.model.K[0, 0])}
+    found = {DEPTH: abs(np.median(seen - z)) / (step_m + 0.1 * np.median(z) / second.model.K[0, 0])}
     row, col, u, v, *_ = (x[np.abs(seen - z) < 0.02 * z].astype(int) for x in matches)
     letters = first.images.keys() & second.images.keys()
-    if "B" in letters and not np.hypot(*(first.streak - second.streak)) <= 1.0:
-        letters -= {"B"}  # it is blurred otherwise
-    for letter in sorted(letters, key="CSB".index):
-        if letter == "B":
+    if AMBIENT in letters and not np.hypot(*(first.streak - second.streak)) <= 1.0:
+        letters -= {AMBIENT}  # it is blurred otherwise
+    for letter in sorted(letters, key=list(LEAST).index):
+        if letter == AMBIENT:
             row, col, u, v = (x[~(first.swept[row, col] | second.swept[v, u])] for x in (row, col, u, v))
         if len(row) < FEWEST_POINTS:
             break
         here, there = first.images[letter][row, col].astype(np.int32), second.images[letter]
         nine = np.stack([there[v + i, u + j] for i in (-1, 0, 1) for j in (-1, 0, 1)]).astype(np.int32)
-        slack = letter != "S"  # a step of rounding
+        slack = letter != SEGMENTS  # a step of rounding
         found[letter] = float(((here < nine.min(0) - slack) | (here > nine.max(0) + slack)).any(-1).mean())
     return found
 
@@ -176,19 +177,19 @@ def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet
                            "images")
             pairs |= {pair: found for pair, found in chunk.items() if isinstance(found, dict)}
         problems: list[str] = []
-        for letter in "DCSB":
+        for letter in (DEPTH, *LEAST):
             shares = {pair: found[letter] for pair, found in pairs.items()
-                      if letter in found and (letter == "D" or found["D"] <= 1.0)}
+                      if letter in found and (letter == DEPTH or found[DEPTH] <= 1.0)}
             if not shares:
                 continue
             median, limit = float(np.median(list(shares.values()))), 1.0
-            if letter == "D":
+            if letter == DEPTH:
                 result.measure(f"{camera}: D against neighbours, share of what is allowed", median, limit, "")
             else:
                 limit = min(INDEPENDENT, max(LEAST[letter], 5.0 * median))
                 result.measure(f"{camera}: {letter} against neighbours, points that differ", 100 * median, 100 * limit,
                                "%")
-            problems += [f"{data.layout.png(camera, letter, frame).name}: does not fit the frames about it: it shows "
+            problems += [f"{data.layout.image(camera, letter, frame).name}: does not fit the frames about it: it shows "
                          "another view than that of its pose"
                          for frame in _misfits({pair: share > limit for pair, share in shares.items()})]
         result.add_all(problems, "images")
@@ -196,7 +197,7 @@ def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet
 
 def _compare_chunk(data: Dataset, camera: str, frames: list[int], start: int) -> dict:
     """By pair: what `_compare` finds for some frames and the two before each, or why one cannot be read."""
-    letters = "".join(letter for letter in "CSB" if letter in data.outputs)
+    letters = "".join(letter for letter in LEAST if letter in data.outputs)
     view, pairs = lru_cache(3)(lambda frame: _View(data, frame, camera, letters)), {}
     for i in range(start, min(start + CHUNK, len(frames))):
         for earlier in frames[max(0, i - 2):i]:

@@ -12,7 +12,9 @@ from varos_warp.dataset.layout import TIME, Layout
 from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.write.images import develop
 from varos_warp.errors import InputError
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image import exposure
+from varos_warp.scene.description.image_types import WATER
 
 Known = dict[tuple[str, str, int], exposure.Statistics]
 """Statistics by camera, letter and frame."""
@@ -48,15 +50,15 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         return found or exposure.statistics(_read_half(layout.exr(camera, letter, frame)))
 
     def write(frame: int, gain: float) -> None:
-        path = layout.png(camera, letter, frame)
+        path = layout.image(camera, letter, frame)
         fresh = known and (camera, letter, frame) in made
         exposed = fresh or (frame in old and old[frame][0] == gain)
         if not (exposed and has(path)):
-            files.write_png(path, develop(letter, _read_half(layout.exr(camera, letter, frame)), gain))
+            files.write_png(path, develop(_read_half(layout.exr(camera, letter, frame)), gain))
 
     with ThreadPoolExecutor(usable_cores(), "expose") as pool:
         found = list(pool.map(statistics, frames))
-        gains = twin_gains(layout, setting, camera, frames, axis_weight) if letter == "P" else None
+        gains = twin_gains(layout, setting, camera, frames, axis_weight) if OUTPUTS[letter].like else None
         if gains is None:
             gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
         list(pool.map(write, frames, gains.tolist()))
@@ -73,7 +75,7 @@ def twin_gains(layout: Layout, setting: str | float, camera: str, frames: list[i
     if not isinstance(setting, str):
         return np.full(len(frames), axis_weight * setting)
     try:
-        known = read_exposures(layout.exposures(camera, "A"))
+        known = read_exposures(layout.exposures(camera, WATER))
         return axis_weight * np.array([known[frame][0] for frame in frames])
     except (InputError, KeyError):
         return None

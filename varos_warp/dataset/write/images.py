@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.timing import Clock
 from varos_warp.errors import InputError
+from varos_warp.products.images.radiance import encode_color, to_half
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
-from varos_warp.render.image.outputs import OUTPUTS, flow_channels, linear_channels, to_half
 
 _EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
 """By its bits; 0 for what is not a number, which no image has."""
@@ -41,7 +42,7 @@ class Stored:
     statistics: exposure.Statistics | None = None
     """Of A, B and P."""
     empty: bool = False
-    """Whether C, D or S holds no surface at all."""
+    """Whether it shows that no surface is in sight."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Store:
     """Writes images, from any thread."""
 
     layout: Layout
-    render: object
+    render: Any
     """The scene's block of that name."""
     denoisers: dict[str, str | None]
     """What denoises A (and P) and B on the host, where the renderer did not."""
@@ -61,8 +62,7 @@ class Store:
         for frame in frames:
             for camera in self.layout.cameras:
                 letters = "".join(letter for letter in self.render.outputs if not all(map(
-                    self.has, self.layout.rendered(camera, letter, frame, self.render.linear_exr,
-                                                            self.render.depth_exr))))
+                    self.has, self.layout.rendered(camera, letter, frame, vars(self.render)))))
                 if letters:
                     yield ImageJob(frame, camera, letters)
 
@@ -86,16 +86,17 @@ class Store:
     def _write_color(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
         """A, B or P: as rendered where asked for, denoised as half floats, and exposed if the gain is known."""
         frame, camera, _ = job
-        if letter in "AP" and self.render.linear_exr:
+        product, paths = OUTPUTS[letter], self.layout.image_files(camera, letter, frame, vars(self.render))
+        if "_linear" in paths:
             with clock("encode"):
-                files.write_exr(self.layout.linear(camera, frame, letter), linear_channels(image))
+                files.write_exr(paths["_linear"], product.floats(image))
         denoised = image.denoised if image.denoised is not None else self._denoise(image, letter, clock)
         with clock("encode"):
             half, clamped = to_half(denoised)
-            files.write_exr(self.layout.exr(camera, letter, frame), {"RGB": half})
-            gain = exposure.known_gain(getattr(self.render.exposure, OUTPUTS[letter].settings), letter)
+            files.write_exr(paths["_exr"], {"RGB": half})
+            gain = exposure.known_gain(getattr(self.render.exposure, product.settings), letter)
             if gain is not None:
-                files.write_png(self.layout.png(camera, letter, frame), develop(letter, half, gain))
+                files.write_png(paths[""], develop(half, gain))
             return Stored(clamped, exposure.statistics(half))
 
     def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
@@ -104,27 +105,19 @@ class Store:
             return denoise_image(image, method)
 
     def _write_geometry(self, job: ImageJob, letter: str, image) -> bool:
-        """C, D, S or F; returns whether no pixel of C, D or S holds anything."""
-        frame, camera, _ = job
-        if letter == "D":
-            if self.render.depth_exr:
-                channels = {"Z": image.depth, "range": image.range}
-                files.write_exr(self.layout.exr(camera, letter, frame),
-                                {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()})
-        if letter == "F":
-            files.write_exr(self.layout.exr(camera, letter, frame), flow_channels(image))
-        distance = "depth" if self.render.depth_kind == "z" else "range"
-        values = getattr(image, {"C": "normal", "D": distance, "S": "instance", "F": "flow"}[letter])
-        scale = self.render.depth_range_m if letter == "D" else None
-        files.write_png(self.layout.png(camera, letter, frame), OUTPUTS[letter].encode(values, scale))
-        if letter == "F":
-            return False
-        return not (values < scale[1] if letter == "D" else values != 0).any()
+        """What is not radiance; returns whether it holds no surface at all."""
+        product = OUTPUTS[letter]
+        for folder, path in self.layout.image_files(job.camera, letter, job.frame, vars(self.render)).items():
+            if folder:
+                files.write_exr(path, product.floats(image))
+            else:
+                files.write_image(path, product.pixels(image, self.render))
+        return product.is_empty(image, self.render)
 
 
-def develop(letter: str, half: np.ndarray, gain: float) -> np.ndarray:
+def develop(half: np.ndarray, gain: float) -> np.ndarray:
     """Pixels of A, B or P, uint8 [H, W, 3], of half floats: the curve of every half float, looked up.
 
-    That is what `OUTPUTS[letter].encode` makes of them, in a sixth of its time at 1280 x 720.
+    That is what `encode_color` makes of them, in a sixth of its time at 1280 x 720.
     """
-    return np.take(OUTPUTS[letter].encode(_EVERY_HALF, gain), half.view(np.uint16))
+    return np.take(encode_color(_EVERY_HALF, gain), half.view(np.uint16))

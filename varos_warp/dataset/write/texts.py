@@ -18,11 +18,13 @@ from varos_warp.dataset.layout import POSE_FORMS, READINGS, STATES, TIME, Layout
 from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
+from varos_warp.products.images.depth import DEPTH_LEVELS
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Samples, SensorProduct, xyz
 from varos_warp.products.sensors.registry import BY_ID, SENSORS, mounted
-from varos_warp.render.image.outputs import DEPTH_LEVELS
 from varos_warp.render.planner.decisions import models_in_words
 from varos_warp.scene import plain_yaml
+from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES
 from varos_warp.scene.file.load import scene_to_dict
@@ -107,8 +109,9 @@ def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray,
     path = layout.camera_file(camera.id, ".yaml")
     text = yaml.safe_dump(describe_camera(layout, camera), sort_keys=False, default_flow_style=None, width=120)
     files.write_bytes(path, (_PIXELS + text).encode())
-    letters = [*"ABCD", *(letter for letter in outputs if letter not in "ABCD")]  # the released sequence has four
-    names = [[layout.png(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
+    letters = [letter for letter, image in OUTPUTS.items() if image.released]
+    letters += [letter for letter in outputs if letter not in letters]
+    names = [[layout.image(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
              for letter in letters]
     files.write_csv(layout.camera_file(camera.id, "_timestamps.csv"), [TIME, *letters], time_ns, *names)
     write_poses(layout, camera.id, time_ns, np.array([camera_pose(camera, T) for T in T_w_v]))
@@ -288,10 +291,10 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     """
     vehicle, render = scene.vehicle, scene.render
     bent = any(map(has_lens, vehicle.cameras))
-    absent = {"P", "F"} - set(outputs) | (set() if bent else {"rays"})
+    absent = set() if bent else {"rays"}
     absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
-    conventions = {key: words for key, words in _conventions(vehicle).items() if key not in absent}
+    conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
     start, end = render.depth_range_m
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
@@ -303,7 +306,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
                   "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
         "depth": {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
                   "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
-        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers["A"], "denoise_b": denoisers["B"]},
+        "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers[WATER], "denoise_b": denoisers[AMBIENT]},
         "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
         "sensors": describe_sensors(vehicle),
         "lights": describe_lights(vehicle),
@@ -314,11 +317,14 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     }
 
 
-def _conventions(vehicle) -> dict[str, str]:
-    """What the numbers mean, with those of the sensors of which notes tell in their place."""
-    found = {}
+def _conventions(vehicle, outputs: Sequence[str]) -> dict[str, str]:
+    """What the numbers mean; those of sensors and images of which notes tell are in their places."""
+    told = {"sensors": {sensor.key: sensor.convention for sensor in _noted(vehicle)},
+            "images": {letter: image.convention for letter, image in OUTPUTS.items()
+                       if image.convention and (image.released or letter in outputs)}}
+    found: dict[str, str] = {}
     for key, words in plain_yaml.parse(_text("conventions.yaml")).items():
-        found |= {key: words} if key != "sensors" else {s.key: s.convention for s in _noted(vehicle)}
+        found |= told.get(key, {key: words})
     return found
 
 
@@ -341,8 +347,8 @@ def _text(name: str) -> str:
     return (resources.files("varos_warp") / "data" / name).read_text(encoding="utf-8")
 
 
-def write_readme(layout: Layout, scene) -> None:
-    """README.txt: each convention in words."""
+def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
+    """README.txt: each convention in words; ``outputs`` are the image types that the dataset has or is to have."""
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     more = [_text(f"{key}_readme.txt") for key in ("moving", "companions") if getattr(scene, key)]
@@ -353,6 +359,7 @@ def write_readme(layout: Layout, scene) -> None:
              "GRAVITY": f"{scene.gravity:g}",
              "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
              "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
+             "IMAGES": "".join("\n" + OUTPUTS[letter].readme for letter in outputs if OUTPUTS[letter].readme),
              "SHUTTER": _text("shutter_readme.txt").rstrip("\n") if any(c.shutter for c in scene.vehicle.cameras)
              else _INSTANTS,
              "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}

@@ -16,11 +16,13 @@ import functools
 import sys
 import threading
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import correlate1d, gaussian_filter, uniform_filter
 
 from varos_warp.errors import warn
+from varos_warp.products.images.registry import DENOISE_KEYS
 
 METHODS = ("oidn", "nlm", "none")
 
@@ -44,6 +46,14 @@ def denoise(radiance: np.ndarray, stderr: np.ndarray, method: str, albedo=None, 
         return radiance
     check_finite(radiance)
     return _oidn(radiance, albedo=albedo, normal=normal) if method == "oidn" else _nlm(radiance, stderr)
+
+
+def denoisers_of(render: Any) -> dict[str, str]:
+    """What denoises the image types that have a denoiser of their own, by their letters, as far as it is available.
+
+    ``render`` is a scene's block of this name.
+    """
+    return {letter: available_method(getattr(render, key)) for letter, key in DENOISE_KEYS.items()}
 
 
 def denoise_image(image, method: str) -> np.ndarray:

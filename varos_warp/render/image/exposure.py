@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from varos_warp.products.images.registry import OUTPUTS
+
 KEY_VALUE = 0.18
 """Linear value that the log-average luminance of a frame is exposed to (Reinhard et al. 2002)."""
 HIGHLIGHT_PERCENTILE = 99.0
@@ -16,8 +18,6 @@ FLOOR = 1e-3
 """Luminance, as a share of the highlights, below which darkness no longer asks for more gain."""
 TIME_CONSTANT_S = 1.0
 """Standard deviation [s] of the Gaussian that smooths the logarithm of the gain over time."""
-CONSTANT_GAIN_B = 1.0
-"""B is lit by ambient radiance 1: a reflectance of 0.5 becomes linear 0.5, which is 188 in the 8 bit image."""
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709."""
@@ -56,11 +56,11 @@ def statistics(radiance: np.ndarray) -> Statistics:
 
 def known_gain(setting: str | float, output: str) -> float | None:
     """The gain, where it is known before any frame is rendered: a number, or ``constant`` for B; P follows A."""
-    if output == "P":
+    if OUTPUTS[output].like:
         return None
     if not isinstance(setting, str):
         return float(setting)
-    return CONSTANT_GAIN_B if (setting, output) == ("constant", "B") else None
+    return OUTPUTS[output].constant_gain if setting == "constant" else None
 
 
 def gains(setting: str | float, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:

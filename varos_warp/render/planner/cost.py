@@ -1,12 +1,14 @@
 """What a plan costs in time: measured on the device, and of no influence on what is planned."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
-from varos_warp.render.image.denoise import available_method, denoise_image
+from varos_warp.products.images.protocol import Source
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.render.image.denoise import denoise_image, denoisers_of
 from varos_warp.render.launch import at_once
 from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_run, of_scene
@@ -14,6 +16,7 @@ from varos_warp.render.planner import pilot
 from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import FLOW, TWIN, WATER
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.launch import usable_cores
@@ -31,16 +34,24 @@ def sequence_cost(scene: Scene, frames: Frames, plan) -> dict[str, Any]:
     cent more. On a CPU as if nothing else ran there; on a GPU several at once, as in a run.
     """
     asked = scene.render.outputs
-    groups = ("".join(letter for letter in group if letter in asked) for group in ("A", "P", "B", "CDSF"))
-    free = [camera for camera in scene.vehicle.cameras if "A" in asked and not has_twin(camera)]  # P is A
+    groups = _groups(asked)
+    free = [camera for camera in scene.vehicle.cameras if WATER in asked and not has_twin(camera)]  # P is A
     renderer, measure = frames.renderer, _on_cpu if frames.renderer.device == "cpu" else _on_gpu
     seconds = {letters: sum(measure(scene, frames, camera, letters, plan) for camera in scene.vehicle.cameras
-                            if letters != "P" or camera not in free) for letters in groups if letters}
+                            if letters != TWIN or camera not in free) for letters in groups}
     a_frame = sum(seconds.values())
     return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(frames),
             "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
             "seconds_by_output": {letters: float(f"{value:.3g}") for letters, value in seconds.items()},
             "seconds_in_all": float(f"{a_frame * len(frames):.3g}")}
+
+
+def _groups(asked: Iterable[str]) -> list[str]:
+    """Letters of images that are measured together: radiance each by itself, what follows from first hits at once."""
+    order = [*Source]
+    images = sorted((OUTPUTS[letter] for letter in OUTPUTS if letter in asked), key=lambda i: order.index(i.source))
+    alike = "".join(image.letter for image in images if not image.is_color)
+    return [image.letter for image in images if image.is_color] + [alike] * bool(alike)
 
 
 def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
@@ -53,9 +64,9 @@ def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
 def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: str, plan, samples: dict[str, float]):
     """Images of one view, as a run renders them, but for the samples, and for F as if nothing went on."""
     render = scene.render
-    denoisers = {"A": available_method(render.denoise), "B": available_method(render.denoise_b)}
-    how = of_scene(scene) | of_run(frames.renderer.device, denoisers, render.linear_exr) | plan.options | samples
-    if "F" in letters:
+    of_images = of_run(frames.renderer.device, denoisers_of(render), render.linear_exr)
+    how = of_scene(scene) | of_images | plan.options | samples
+    if FLOW in letters:
         how["following"] = NextFrame(frames.poses[frame], motion=frames.motion_at(frame))
     return frames.render(frame, view, letters, **how)
 
@@ -80,7 +91,7 @@ def _on_gpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) ->
 def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:
     """Seconds for one image, of a large one from small ones: a constant, and so much a pixel."""
     samples = _samples(scene, camera, len(frames), plan)
-    taken = {"A": samples["spp"], "P": samples["spp"], "B": samples["spp_b"]}.get(letters, 1)
+    taken = {Source.WATER: samples["spp"], Source.AMBIENT: samples["spp_b"]}.get(OUTPUTS[letters[0]].source, 1)
     factor = min(1.0, MOST_COSTED / taken)
     few = {"spp": max(1, factor * samples["spp"]), "spp_b": max(1, round(factor * samples["spp_b"]))}
 
@@ -108,9 +119,8 @@ def _places(count: int, kind: str) -> list[int]:
 
 def _denoise(scene: Scene, image, letters: str) -> None:
     """What the host does to A, B or P before it writes them."""
-    if letters in "APB":
-        method = scene.render.denoise_b if letters == "B" else scene.render.denoise
-        denoise_image(getattr(image, letters), available_method(method))
+    if OUTPUTS[letters[0]].is_color:
+        denoise_image(getattr(image, letters), denoisers_of(scene.render)[OUTPUTS[letters].settings])
 
 
 def _core_seconds(make: Callable[[], Any]) -> tuple[Any, float]:

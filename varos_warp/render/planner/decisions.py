@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from varos_warp.errors import counted
+from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.render import sees_water
 
 INTEGRATORS = {"reference": "reference path tracer", "path": "path tracer",
@@ -34,7 +36,7 @@ def says_how(plan: dict[str, Any] | None, letters: Iterable[str]) -> bool:
     """Whether a plan, as `Plan.to_dict` has it, says how images are rendered; of A not if it was made for others."""
     if plan is None:
         return False
-    return not sees_water(letters) or all(decision["what"] != "A" for decision in plan["decisions"])
+    return not sees_water(letters) or all(decision["what"] != WATER for decision in plan["decisions"])
 
 
 def silently(step: str, share: float) -> None:
@@ -131,13 +133,11 @@ def models_in_words(scene: Scene, plan: dict[str, Any], outputs: Iterable[str],
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
     integrator = INTEGRATORS[resolve_integrator(plan["integrator"], scatterings, lambda: unavailable(scene))]
-    words = {"A": f"{integrator}{limits}, {spp_in_words(plan)}, denoise {denoisers['A']}",
-             "B": f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
-                  f"denoise {denoisers['B']}",
-             "C": "first hits of pixel centres, smoothed normals", "D": "first hits of pixel centres",
-             "S": "first hits of pixel centres", "F": "first hits of pixel centres, seen again from the next pose"}
-    words["P"] = words["A"]
-    return {letter: how for letter, how in words.items() if letter in outputs}
+    water = f"{integrator}{limits}, {spp_in_words(plan)}, denoise {denoisers[WATER]}"
+    ambient = (f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
+               f"denoise {denoisers[AMBIENT]}")
+    return {letter: OUTPUTS[letter].method.format(water=water, ambient=ambient)
+            for letter in OUTPUTS if letter in outputs}
 
 
 def in_words(seconds: float) -> str:

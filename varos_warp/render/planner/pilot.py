@@ -11,6 +11,7 @@ from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene
 from varos_warp.render.planner.errors import relative
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.sim.clock import times_ns
@@ -119,13 +120,13 @@ def pilot_views(scene: Scene, frames: Frames, integrator: str) -> Iterator[View]
             small = pilot_camera(camera)
             how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame,
                                      "integrator": integrator}
-            images = tuple(frames.render(frame, small, "A", seed=seed, **how).A for seed in (None, SECOND_SEED))
+            images = tuple(frames.render(frame, small, WATER, seed=seed, **how).A for seed in (None, SECOND_SEED))
             yield View(frame, camera, images)
 
 
 def distances_seen(frames: Frames, camera: Camera) -> np.ndarray:
     """Quantiles of the distances along the rays [m] that a camera sees in a few frames; empty if it sees nothing."""
-    seen = [frames.render(frame, pilot_camera(camera), "D").D.range for frame in pilot_frames(len(frames))]
+    seen = [frames.render(frame, pilot_camera(camera), DEPTH).D.range for frame in pilot_frames(len(frames))]
     distance = np.concatenate(seen, axis=None)
     distance = distance[np.isfinite(distance)]
     return np.quantile(distance.astype(np.float64), DISTANCES) if distance.size else distance

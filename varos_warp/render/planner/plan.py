@@ -15,7 +15,7 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
-from varos_warp.render.image.denoise import available_method
+from varos_warp.render.image.denoise import available_method, denoisers_of
 from varos_warp.render.kinds import sample_step
 from varos_warp.render.launch import at_once
 from varos_warp.render.moments import Motion
@@ -26,6 +26,7 @@ from varos_warp.render.planner.decisions import Decision, Plan, in_words, models
 from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import checked_poses
@@ -88,7 +89,7 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
     if measure_cost:
         progress("time", 0.0)
     cost = sequence_cost(scene, frames, plan) if measure_cost else None
-    denoisers = {"A": available_method(scene.render.denoise), "B": available_method(scene.render.denoise_b)}
+    denoisers = denoisers_of(scene.render)
     models = models_in_words(scene, plan.to_dict(), scene.render.outputs, denoisers)
     return replace(plan, models=models, cost=cost)
 
@@ -111,7 +112,7 @@ class Planner:
             self.choose_integrator()
             spp = self.choose_samples()
         else:  # nothing else pays for water
-            self.decide("A", "none", "it is not among the outputs")
+            self.decide(WATER, "none", "it is not among the outputs")
             spp = render.spp or self.samples.fewest
         self.weigh_ports()
         return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame,
@@ -185,7 +186,7 @@ class Planner:
     def image(self, frame: int, camera, spp: float, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
         how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
-        return self.frames.render(frame, camera, "A", seed=pilot.SEED + number, **how).A
+        return self.frames.render(frame, camera, WATER, seed=pilot.SEED + number, **how).A
 
     @property
     def at_once(self) -> Callable[..., Iterator]:

@@ -15,6 +15,7 @@ from varos_warp.files import absolute
 from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.fleet import FleetVehicle
+from varos_warp.scene.description.image_types import TWIN
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
@@ -124,7 +125,7 @@ class Scene(Block):
     @model_validator(mode="after")
     def _twin_differs(self):
         cameras = [camera for vehicle in self._places.values() for camera in vehicle.cameras]
-        if "P" in self.render.outputs and not any(map(has_twin, cameras)):
+        if TWIN in self.render.outputs and not any(map(has_twin, cameras)):
             raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
                              "has any; leave out P, or give a camera one of them")
         return self

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator
 
 from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive
+from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 
 
 class Exposure(Block):
@@ -25,7 +26,7 @@ def field_by_old_name(name):
 
 def sees_water(outputs: Iterable[str]) -> bool:
     """Whether there is an image of light in water among the outputs, A or P: only those need lights and a plan."""
-    return not {"A", "P"}.isdisjoint(outputs)
+    return not {WATER, TWIN}.isdisjoint(outputs)
 
 
 class Render(Block):
@@ -33,9 +34,9 @@ class Render(Block):
 
     frame_rate_hz: Positive = 10.0
     """Frames per second [Hz]."""
-    outputs: list[Literal["A", "B", "C", "D", "S", "P", "F"]] = ["A", "B", "C", "D"]
-    """Image types: A underwater, B without water in uniform light, C normals, D depth, S objects, P the twin of A
-    without port, distortion, vignetting and shutter, F optical flow."""
+    outputs: list[ImageLetter] = Field(
+        default=[WATER, AMBIENT, NORMALS, DEPTH],
+        description=f"Image types: {', '.join(f'{letter} {line.words}' for letter, line in IMAGE_TYPES.items())}.")
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE asked of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])

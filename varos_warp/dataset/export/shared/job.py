@@ -12,11 +12,13 @@ from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.products.sensors.registry import SENSORS
+from varos_warp.scene.description.image_types import DEPTH, WATER
+from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.distortion import Lens
 
 NO_NOISE = "without noise"
-PROFILE_BLOCKS = {sensor.id: sensor.key for sensor in SENSORS} | {"A": "camera"}
+PROFILE_BLOCKS = {sensor.id: sensor.key for sensor in SENSORS} | {WATER: "camera"}
 """Block of a noise profile by what has the noise."""
 EXPORTED = ("imu0", "depth0")
 """Sensors whose readings most formats have."""
@@ -64,11 +66,11 @@ class Job:
     def link_images(self, camera: str, names: Iterable[str]) -> None:
         """The colour images under other names, frame by frame: hard links, or copies where there can be none."""
         for frame, name in zip(self.data.frames, names, strict=True):
-            files.link(self.data.layout.png(camera, self.images, frame), self.out / name)
+            files.link(self.data.layout.image(camera, self.images, frame), self.out / name)
 
     def names(self, camera: str) -> list[str]:
         """Names of the files of the colour images in the dataset."""
-        return [self.data.layout.png(camera, self.images, frame).name for frame in self.data.frames]
+        return [self.data.layout.image(camera, self.images, frame).name for frame in self.data.frames]
 
     def fx_fy_cx_cy(self, camera: str, convention: str = "opencv") -> list[float]:
         """Focal lengths and principal point [px]; `Dataset.intrinsics` has the conventions of pixels."""
@@ -118,11 +120,11 @@ class Job:
     @property
     def has_depth(self) -> bool:
         """Whether the dataset has D."""
-        return "D" in self.data.outputs
+        return DEPTH in self.data.outputs
 
     def noise(self, name: str) -> str:
         """What noise the readings of a sensor such as ``imu0``, or the images of a letter, have, in words."""
-        if name not in (*self.data.meta["sensors"], "A") or not self.data.has_noise(name):
+        if name not in (*self.data.meta["sensors"], WATER) or not self.data.has_noise(name):
             return NO_NOISE
         about = self.data.meta.get("noise")
         if about and about["profile"].get(PROFILE_BLOCKS[name]):

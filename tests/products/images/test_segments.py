@@ -1,6 +1,6 @@
 """The table of what the segmentation image numbers."""
 
-from varos_warp.render.image.segments import segment_table
+from varos_warp.products.images.segments import segment_table
 from varos_warp.scene.file.load import scene_from_dict
 
 

@@ -1,0 +1,98 @@
+"""Image T: the share of light that the water lets through between the camera and what it sees."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from varos_warp.products.images.nan import refuse_nan
+from varos_warp.products.images.protocol import FirstHits, FrameFiles, ImageProduct
+from varos_warp.products.images.radiance import encode_color
+from varos_warp.scene.description.image_types import DEPTH
+
+HALF_STEP = 0.51
+"""Of D: its rounding, and a little for that of its float32."""
+ROUNDING = 2.0**-22
+"""Share by which one channel of T may be off by another: twice what their two roundings to float32 make."""
+LEAST = 1e-30
+"""Below it float32 loses the digits of T."""
+
+
+@dataclass(frozen=True)
+class TransmittanceImage:
+    """What is left of light that comes from the first hit: neither absorbed nor scattered on its way to the camera."""
+
+    transmittance: np.ndarray
+    """exp(-sigma_t r) in channels R, G, B, float32 [H, W, 3], with the distance r that image D has by the kind
+    ``range``: from where the ray of the pixel's centre enters the water; 0 where nothing is hit."""
+
+
+class Transmittance(ImageProduct):
+    """Image T."""
+
+    letter, content = "T", "Transmittance of the water to each pixel"
+    method = "first hits of pixel centres, extinction of the water"
+    planes, channels, dtype, bytes_a_pixel, suffix = ("distance",), 3, np.float32, 9.0, ".exr"
+    convention = (
+        "exp(-sigma_t r), float32 EXR, channels R, G, B: the share of light from what the pixel's centre sees that the "
+        "water lets through; r is its distance along the ray in the water (channel range of D_exr), also "
+        "beyond depth.range_m; 0: nothing hit")
+    readme = """IMAGES T (vehicle{VEHICLE}/cam0/T, float32 EXR with channels R, G, B)
+  exp(-sigma_t r) per channel: the share of light from what the pixel's centre sees that reaches the camera, neither
+  absorbed nor scattered; r is the distance along the ray in the water, from the port if there is one (channel range of
+  D_exr), also beyond the range of D. 0: nothing hit. sigma_t stands in dataset.json under water.
+"""
+
+    def of_hits(self, hits: FirstHits) -> TransmittanceImage:
+        """By the law of Beer and Lambert: the water is the same everywhere."""
+        distance = hits.planes["distance"][..., None]
+        hit = np.isfinite(distance)
+        found = np.where(hit, np.exp(-hits.water.sigma_t * np.where(hit, distance, 0.0)), 0.0)
+        return TransmittanceImage(found.astype(np.float32))
+
+    def pixels(self, image: TransmittanceImage, render: Any) -> np.ndarray:
+        """As it is, which is never NaN."""
+        refuse_nan(image.transmittance)
+        return image.transmittance
+
+    def is_empty(self, image: TransmittanceImage, render: Any) -> bool:
+        """Whether nothing is hit, or is too far to be seen."""
+        return not image.transmittance.any()
+
+    def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
+        """It is from 0 to 1, all channels are those of one distance in the water, and it is D's where there is D."""
+        found, name = files.pixels(self.letter).astype(float), files.file(self.letter).name
+        if not ((found >= 0.0) & (found <= 1.0)).all():
+            yield name, "has values that are not between 0 and 1"
+            return
+        water = files.data.meta["water"]
+        sigma_t = np.add(water["sigma_a"], water["sigma_s"])
+        strongest = int(np.argmax(sigma_t))
+        known = found[..., strongest] > LEAST
+        if not sigma_t.any():
+            if not np.isin(found, (0.0, 1.0)).all():
+                yield name, "is not 1, though the water lets all light through"
+            return
+        distance = np.where(known, -np.log(np.where(known, found[..., strongest], 1.0)) / sigma_t[strongest], np.inf)
+        made = np.exp(-sigma_t * np.where(known, distance, 0.0)[..., None])
+        if count := np.count_nonzero(known & (np.abs(found - made) > ROUNDING * made).any(-1)):
+            yield name, f"has channels in {count} pixels that no distance in this water makes"
+        if DEPTH in files.data.outputs:
+            yield from self._against_depth(files, distance, known, ROUNDING / sigma_t[strongest])
+
+    def _against_depth(self, files: FrameFiles, distance: np.ndarray, known: np.ndarray, slack_m: float
+                       ) -> Iterator[tuple[str, str]]:
+        """What is wrong with the distances [m] of T where they are ``known``, beside those of D."""
+        planar, seen = files.planar, files.along_axis(distance)
+        both = known & np.isfinite(planar)
+        limit = HALF_STEP * files.data.meta["depth"]["scale_m"] + slack_m + 1e-5 * np.abs(seen[both])
+        if count := np.count_nonzero(np.abs(seen[both] - planar[both]) > limit):
+            yield files.file(self.letter).name, f"has another distance than D in {count} pixels"
+
+    def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
+        """1 is white, by the sRGB curve."""
+        return encode_color(pixels, 1.0)
+
+
+TRANSMITTANCE_IMAGE = Transmittance()

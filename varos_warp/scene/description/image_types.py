@@ -1,0 +1,36 @@
+"""The registry of image types: a line each. What makes, writes, checks and shows one is its product.
+
+It stands below the products, which it names only, so that a scene file's ``outputs`` follow from it.
+"""
+
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+WATER, AMBIENT, NORMALS, DEPTH, SEGMENTS, TWIN, FLOW = "ABCDSPF"
+"""Letters of the types that code outside of products/images means in particular."""
+
+
+class ImageType(NamedTuple):
+    """One line of the registry."""
+
+    product: str
+    """Module of products/images, and the product's name in it."""
+    words: str
+    """What it shows, for the help of scene files."""
+
+
+IMAGE_TYPES = {
+    WATER: ImageType("radiance.WATER_IMAGE", "underwater"),
+    AMBIENT: ImageType("radiance.AMBIENT_IMAGE", "without water in uniform light"),
+    NORMALS: ImageType("normals.NORMAL_IMAGE", "normals"),
+    DEPTH: ImageType("depth.DEPTH_IMAGE", "depth"),
+    SEGMENTS: ImageType("segments.SEGMENT_IMAGE", "objects"),
+    TWIN: ImageType("radiance.TWIN_IMAGE", "the twin of A without port, distortion, vignetting and shutter"),
+    FLOW: ImageType("flow.FLOW_IMAGE", "optical flow"),
+    "T": ImageType("transmittance.TRANSMITTANCE_IMAGE", "transmittance of the water"),
+}
+"""By letter, in the order in which images are made, written and listed."""
+
+if TYPE_CHECKING:
+    ImageLetter = str
+else:
+    ImageLetter = Literal[tuple(IMAGE_TYPES)]
