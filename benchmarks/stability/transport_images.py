@@ -10,7 +10,8 @@ from benchmarks.stability.entry import Sweep, Sweeps
 from benchmarks.stability.transport import run
 from benchmarks.stability.transport_surfaces import scene_of, shot, wall
 from varos_warp.kernels.film.film import Sums, add_sample, half_difference
-from varos_warp.render.image import exposure, outputs
+from varos_warp.products.images.radiance import to_half
+from varos_warp.render.image import exposure
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.camera_checks import PIXEL_BYTES
 
@@ -138,7 +139,7 @@ def half_error(radiance: float) -> float:
     values = (radiance * np.geomspace(1.0, 9.99, 10_000)).astype(np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it warns of images as dark as these
-        half, cut = outputs.to_half(values)
+        half, cut = to_half(values)
     return np.nan if cut else float(np.abs(half.astype(float) / values - 1).max())
 
 

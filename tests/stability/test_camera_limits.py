@@ -11,7 +11,8 @@ from benchmarks.stability.transport_images import (
     half_error,
     resolution_seconds,
 )
-from varos_warp.render.image import exposure, outputs
+from varos_warp.products.images.radiance import to_half
+from varos_warp.render.image import exposure
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description import Scene
@@ -50,7 +51,7 @@ def test_half_floats_hold_what_they_promise(radiance):
 
 @pytest.mark.parametrize(("brightest", "warned"), [(6.2e-5, False), (6.0e-5, True), (1e-9, True), (0.0, False)])
 def test_images_too_dark_for_half_floats_are_warned_of(brightest, warned, recwarn):
-    outputs.to_half(np.array([[[0.0, brightest / 2, brightest]]], np.float32))
+    to_half(np.array([[[0.0, brightest / 2, brightest]]], np.float32))
     assert any("darker" in str(warning.message) for warning in recwarn) == warned
 
 

@@ -13,7 +13,6 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.description.image_types import DEPTH, WATER
-from varos_warp.scene.description.noise_profile import SENSOR_BLOCKS
 from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.distortion import Lens
 
