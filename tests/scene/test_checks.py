@@ -62,6 +62,20 @@ def test_water_too_murky_to_see_through_is_noticed():
     assert "nothing will be seen" in warnings(water={"coefficients": {"sigma_s": [9, 9, 9], "sigma_a": [1, 1, 1]}})[0]
 
 
+@pytest.mark.parametrize(("keys", "told"), [
+    ({"speed": 0.7}, ["trajectory.speed: without effect beside poses"]),
+    ({"dwell_s": 1.0, "max_acceleration": 0.1}, ["trajectory.max_acceleration: without effect", "dwell_s"]),
+    ({"speed": 0.5}, []), ({}, []),
+])
+def test_keys_of_waypoints_beside_exact_poses_are_told(keys, told):
+    poses = [{"time_s": 0.0, "position": [0, 0, 1]}, {"time_s": 1.0, "position": [1, 0, 1]}]
+    s = scene_from_dict({"trajectory": {"poses": poses, **keys}, "terrain": FLAT, "water": TABLE_1,
+                         "surface_depth_m": 80.0, "vehicle": {"lights": [LAMP]}}, ".")
+    found = [words for words in check_scene(s, build_parts(s)) if "without effect" in words]
+    assert len(found) == bool(told)
+    assert all(part in words for words in found for part in told)
+
+
 def test_waypoints_under_the_terrain_or_too_near_to_it_are_noticed_by_number():
     texts = warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 1, -1), (2, 2, 0.1)])
     assert any("waypoint 1 is under the terrain, whose height there is 0.00 m" in t for t in texts)

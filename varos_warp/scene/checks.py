@@ -23,6 +23,9 @@ from varos_warp.scene.lights.records import light_position
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
+OF_WAYPOINTS = ("speed", "max_angular_speed_deg", "max_acceleration", "overlap", "handover_radius_m",
+                "handover_timeout_s", "dwell_s")
+"""Keys of a trajectory that only tell how waypoints are followed."""
 NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
 MOST_STOPS = 50
@@ -54,9 +57,9 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     at_stops, told = _check_stops(scene, solids, stops)
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
     made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
-    found = [*made, *check_angles(scene), *_check_water(scene), *_check_sizes(scene, parts),
-             *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene), *_check_exposure(scene),
-             *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
+    found = [*made, *check_angles(scene), *_check_trajectory(scene.trajectory), *_check_water(scene),
+             *_check_sizes(scene, parts), *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene),
+             *_check_exposure(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
              *_check_lamps_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
     found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
@@ -81,6 +84,18 @@ def _gather(scene, parts, poses, path):
             vertices, faces = join((copy.vertices, copy.faces) for copy in copies)
             solids.append(replace(copies[0], name=part.name, vertices=vertices, faces=faces))
     return solids
+
+
+def _check_trajectory(trajectory):
+    """Keys of waypoints beside exact poses."""
+    if not trajectory.is_exact:
+        return
+    fields = type(trajectory).model_fields
+    idle = [key for key in OF_WAYPOINTS if getattr(trajectory, key) != fields[key].default]
+    if idle:
+        form = "poses" if trajectory.poses is not None else "file"
+        yield f"trajectory.{idle[0]}: without effect beside {form}, which says when the vehicle is where" + (
+            f"; so are {', '.join(idle[1:])}" if idle[1:] else "")
 
 
 def looks_like_transmission(coefficients) -> bool:

@@ -143,6 +143,11 @@ def test_depth_as_a_mask_is_told(tmp_path):
     assert "not modelled of m.mtl: -imfchan z of map_d" in told
 
 
+def test_of_two_masks_the_one_that_is_not_read_is_told(tmp_path):
+    _, told = loaded(obj(tmp_path, USED, "newmtl a\nmap_Kd q.png\nmap_d q.png\nmap_Tr q.png\n"))
+    assert "not modelled of m.mtl: map_d beside map_Tr" in told
+
+
 def test_options_of_a_mask_that_differ_are_told(tmp_path):
     for number, options in enumerate(("-s 2 2", "-o 0.5", "-clamp on")):
         (tmp_path / str(number)).mkdir()

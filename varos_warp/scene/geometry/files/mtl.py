@@ -181,7 +181,10 @@ def _set(current, keyword, rest, path, file):
     elif keyword == "map_kd":
         current.colour = _map("map_Kd", rest, path, current.ignored)
     elif keyword in ("map_d", "map_tr"):
-        current.mask = _map("map_d" if keyword == "map_d" else "map_Tr", rest, path, current.ignored)
+        mask = _map("map_d" if keyword == "map_d" else "map_Tr", rest, path, current.ignored)
+        if current.mask and current.mask.inverted != mask.inverted:
+            current.ignored.append(f"{current.mask.name.split()[0]} beside {mask.name.split()[0]}")
+        current.mask = mask
     elif keyword == "d":
         current.opaque = float(rest.split()[-1])
     elif keyword == "tr":
