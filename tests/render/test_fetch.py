@@ -8,16 +8,16 @@ import numpy as np
 import warp as wp
 
 from varos_warp.render import launch
-from varos_warp.render.launch import Launcher, finish
+from varos_warp.render.launch import Launcher
 
 
 def test_arrays_are_awaited_and_copied_without_the_turn_and_pinned_memory_is_used_again(monkeypatch):
     """On a stand-in for a GPU, whose copies are done when they are waited for."""
-    launcher, turn, pending, waited = object.__new__(Launcher), threading.Lock(), [], []
-    launcher.device, launcher._unused = "cuda:0", defaultdict(list)
+    launcher, pending, waited = object.__new__(Launcher), [], []
+    launcher.device, launcher.turn, launcher._unused = "cuda:0", threading.Lock(), defaultdict(list)
 
     def synchronize(event):
-        assert not turn.locked()
+        assert not launcher.turn.locked()
         waited.append(event)
         for target, values in pending:
             target.numpy()[...] = values
@@ -29,14 +29,12 @@ def test_arrays_are_awaited_and_copied_without_the_turn_and_pinned_memory_is_use
     monkeypatch.setattr(launch.wp, "synchronize_event", synchronize)
     monkeypatch.setattr(launch.wp, "empty", lambda shape, dtype, device, pinned: wp.zeros(shape, dtype, device="cpu"))
 
-    def steps(number):
+    for number in (1.0, 2.0):
         one = wp.full((2, 3), number, dtype=float, device="cpu")
-        found, = yield from launcher.fetch(one)
-        again, whole = yield from launcher.fetch(one, wp.full((2, 3), 7, dtype=wp.int32, device="cpu"))
-        return found, again, whole
-
-    results = [finish(steps(number), turn) for number in (1.0, 2.0)]
-    for number, (found, again, whole) in zip((1.0, 2.0), results, strict=True):
+        with launcher.turn:
+            found, = launcher.fetch(one)
+            again, whole = launcher.fetch(one, wp.full((2, 3), 7, dtype=wp.int32, device="cpu"))
+            assert launcher.turn.locked()
         np.testing.assert_array_equal(found, np.full((2, 3), number))
         np.testing.assert_array_equal(again, found)
         np.testing.assert_array_equal(whole, np.full((2, 3), 7))

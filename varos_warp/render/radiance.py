@@ -27,7 +27,6 @@ from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, layers, sample_step
-from varos_warp.render.launch import Steps, aside
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
@@ -87,7 +86,7 @@ class RadianceRenderer:
         self._told = False
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
-    def water(self, shot: Shot) -> Steps[RadianceImage]:
+    def water(self, shot: Shot) -> RadianceImage:
         """Render A."""
         view, options = shot.view, shot.options
         integrator = self._integrator(options)
@@ -97,12 +96,12 @@ class RadianceRenderer:
         if is_dark(self.scene, self.world.spec):
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
-            return (yield from self._denoised(image, {}, options.denoise))
+            return self._denoised(image, {}, options.denoise)
         bounds, most = PathBounds(), (options.max_scatterings if self.world.spec.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
         if integrator == "reference":
-            return (yield from self._by_reference(shot, bounds))
-        return (yield from self._by_paths(shot, bounds, integrator == "field"))
+            return self._by_reference(shot, bounds)
+        return self._by_paths(shot, bounds, integrator == "field")
 
     def _integrator(self, options: RenderOptions) -> str:
         """The integrator of A; that ``auto`` does without a field that cannot be solved for is told, once.
@@ -138,7 +137,7 @@ class RadianceRenderer:
             self._shares[view] = None if left is None else wp.array(left, dtype=wp.float64, device=self.device)
         return self._shares[view]
 
-    def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
+    def _by_reference(self, shot: Shot, bounds: PathBounds) -> RadianceImage:
         options = shot.options
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
@@ -147,21 +146,21 @@ class RadianceRenderer:
             "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
             "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
             share=self._share(shot.view))
-        return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
+        return self._fetched([film], self._developed([film]), shot, options.layers, options.denoise)
 
-    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> RadianceImage:
         options, spec = shot.options, shot.world.spec
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
         kinds = kinds_of_samples(self.scene, spec, shot.view, options, with_field, seen.varies)
-        films = yield from self._path_films(shot, bounds, with_field, seen, kinds)
+        films = self._path_films(shot, bounds, with_field, seen, kinds)
         images, guides = self._developed(films), {}
         # without the field the base is too noisy to guide
         if with_field and spec.surfaces and options.denoise in (None, "oidn"):
             guides = self._weighed(shot.guides(), images)
-        return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
+        return self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds)
 
     def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, seen: Seen, kinds: list[SampleKind]
-                    ) -> Steps[list[Film]]:
+                    ) -> list[Film]:
         """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
         view, options = shot.view, shot.options
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
@@ -188,9 +187,11 @@ class RadianceRenderer:
             # by the noise of the first, of which a denoiser takes most
             denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
-            statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
+            statistics = self.films.tile_statistics(films, taken_away if denoised else 1.0)
             cost = [kind.cost for kind in kinds]
-            take((yield from aside(lambda: share_out(other_noise(*statistics), first, spp, cost))))
+            with self.launcher.aside():
+                samples = share_out(other_noise(*statistics), first, spp, cost)
+            take(samples)
         return films
 
     def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
@@ -226,12 +227,12 @@ class RadianceRenderer:
         """What kernels of an image are compiled for."""
         return replace(world.spec, optics=optics_spec(view), varies=seen.varies)
 
-    def ambient(self, shot: Shot) -> Steps[RadianceImage]:
+    def ambient(self, shot: Shot) -> RadianceImage:
         """Render B."""
         resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
         if not world.spec.surfaces:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
-            return (yield from self._denoised(image, {}, method))
+            return self._denoised(image, {}, method)
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         kernel = make_ambient_kernel(self._spec(world, shot.view, seen))
@@ -244,7 +245,7 @@ class RadianceRenderer:
             guides = shot.guides()
             if not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
                 guides = guides | {"albedo": images["direct"]}
-        return (yield from self._fetched([film], images, shot, (), method, guides))
+        return self._fetched([film], images, shot, (), method, guides)
 
     def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,
                      lit: bool) -> dict[str, wp.array]:
@@ -277,7 +278,7 @@ class RadianceRenderer:
         return images | {"block_error": blocks}
 
     def _fetched(self, films: list[Film], images: dict[str, wp.array], shot: Shot, wanted_layers, method: str | None,
-                 guides=None, kinds: Sequence[SampleKind] = ()) -> Steps[RadianceImage]:
+                 guides=None, kinds: Sequence[SampleKind] = ()) -> RadianceImage:
         """The `RadianceImage` of what was `_developed`; of paths, if there are kinds of samples."""
         shape = images["radiance"].shape
         # what a denoiser works on, still on the device
@@ -290,7 +291,7 @@ class RadianceRenderer:
             told = () if shot.options.copied else ("block_error", *wanted_layers)
             wanted = work | {name: images[name] for name in ("stderr", *told)}
         kept = [array for film in films for array in (film.lost, film.count)]
-        fetched = yield from self.launcher.fetch(*kept, *wanted.values())
+        fetched = self.launcher.fetch(*kept, *wanted.values())
         on_host = dict(zip(wanted, fetched[len(kept):], strict=True))
         lost = sum(int(count[0]) for count in fetched[:len(kept):2])
         if lost:
@@ -304,17 +305,17 @@ class RadianceRenderer:
         if "block_error" in on_host:
             on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in on_host}
-        return (yield from self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method))
+        return self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method)
 
     def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None
-                  ) -> Steps[RadianceImage]:
+                  ) -> RadianceImage:
         """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
         if method is None:
             return image
         if not on_device or not self._denoises(method):
             return replace(image, denoised=denoise_image(image, method))
         check_finite(image.radiance)
-        denoised, = yield from self.launcher.fetch(self._device_denoiser.denoise(**on_device))
+        denoised, = self.launcher.fetch(self._device_denoiser.denoise(**on_device))
         return replace(image, denoised=denoised)
 
     def _denoises(self, method: str | None) -> bool:

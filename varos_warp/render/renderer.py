@@ -19,7 +19,7 @@ from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalIm
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.kinds import kernels_needed, twin_of
-from varos_warp.render.launch import Launcher, Steps, finish
+from varos_warp.render.launch import Launcher
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
@@ -149,7 +149,7 @@ class FrameRenderer:
                seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
-        Several threads may render: one goes on while others wait for a GPU.
+        Several threads may render: one uses the device while others wait for what it computes.
 
         Args:
             T_w_v: Pose of the vehicle in the world.
@@ -167,16 +167,14 @@ class FrameRenderer:
             InputError: If something unknown is asked for, or F without ``following``, or a pose is none.
             TypeError: If there is no such option.
         """
-        return finish(self.steps(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns, seed=seed,
-                                 frame=frame, **options), self.launcher.turn)
+        with self.launcher.turn:
+            return self._rendered(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns,
+                                  seed=seed, frame=frame, **options)
 
-    def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-              following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
-              seed: int | None = None, frame: int = 0, **options: Any) -> Steps[Frame]:
-        """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU.
-
-        Only one thread at a time may do a step.
-        """
+    def _rendered(self, T_w_v: ArrayLike, camera: str | Camera | None, outputs: Iterable[str], *,
+                  following: NextFrame | None, motion: Motion | None, time_ns: int, seed: int | None, frame: int,
+                  **options: Any) -> Frame:
+        """Render as `render` does, by the thread whose turn it is."""
         check_names("outputs", outputs, OUTPUTS)
         if "F" in outputs and following is None:
             raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
@@ -202,16 +200,16 @@ class FrameRenderer:
             elif letter in outputs:
                 key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
                 shown = functools.partial(guides, seen, moved, flashes and letter == "A")
-                images[letter] = yield from make(Shot(seen, T_w_v, how, key, shown, here.world, moved))
+                images[letter] = make(Shot(seen, T_w_v, how, key, shown, here.world, moved))
         needed = {"D", "S"} if self.world.moving else {"D"}
         if geometry := set("CDSF") & set(outputs):
-            images |= yield from self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
+            images |= self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))
         if "F" in geometry and following is not None:
             there = self._exposed(self._camera(following.camera) if following.camera else view,
                                   np.asarray(following.T_w_v), following.motion,
                                   time_ns if following.time_ns is None else following.time_ns)
-            images["F"] = yield from self._render_flow(here, there, images["D"].range,
-                                                        images["S"].instance if "S" in images else None)
+            images["F"] = self._render_flow(here, there, images["D"].range,
+                                            images["S"].instance if "S" in images else None)
         return Frame(**{letter: image for letter, image in images.items() if letter in outputs})
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
@@ -272,7 +270,7 @@ class FrameRenderer:
             rows.moving = here.world.moving_at(here.row_times())
         return rows
 
-    def _render_first_hits(self, here: Exposed, outputs: Iterable[str]) -> Steps[dict[str, Any]]:
+    def _render_first_hits(self, here: Exposed, outputs: Iterable[str]) -> dict[str, Any]:
         view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
@@ -286,7 +284,7 @@ class FrameRenderer:
                 "depth": depth, "distance": distance, "instance": instance})
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
         wanted = [letter for letter in arrays if letter in outputs]
-        fetched = iter((yield from self.launcher.fetch(*(array for letter in wanted for array in arrays[letter]))))
+        fetched = iter(self.launcher.fetch(*(array for letter in wanted for array in arrays[letter])))
         on_host = {letter: [next(fetched) for _ in arrays[letter]] for letter in wanted}
         if "S" in on_host:
             on_host["S"].append(self._material_ids)
@@ -294,7 +292,7 @@ class FrameRenderer:
         return {letter: kinds[letter](*images) for letter, images in on_host.items()}
 
     def _render_flow(self, here: Exposed, following: Exposed, distance: np.ndarray, parts: np.ndarray | None
-                     ) -> Steps[FlowImage]:
+                     ) -> FlowImage:
         """F from the range of D and the parts of S: in float64 on the host, and what hides on the device."""
         view = here.view
         before = camera_model(following.view), pixel_centres(*view.resolution), _centre_rays(view), distance
@@ -320,7 +318,7 @@ class FrameRenderer:
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here),
                 "next_scene": following.world.data, "next_moving": following.world.moving_at(following.row_times()),
                 "eyes": eyes, "next_row": next_row, "hidden": hidden})
-        on_host, = yield from self.launcher.fetch(hidden)
+        on_host, = self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
 
     def _moving_parts(self, here: Exposed, following: Exposed, parts: np.ndarray | None) -> list[MovingPart]:

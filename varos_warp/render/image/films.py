@@ -25,7 +25,7 @@ from varos_warp.kernels.film.film import (
     note_samples,
     weigh_parts,
 )
-from varos_warp.render.launch import Launcher, Steps
+from varos_warp.render.launch import Launcher
 from varos_warp.scene.device import kind_of
 
 MOST_SAMPLES = {"cpu": 256, "cuda": 4}
@@ -127,7 +127,7 @@ class Films:
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)
 
-    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> Steps[np.ndarray]:
+    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> np.ndarray:
         """Mean and variance of one sample, [2, film, side, tile row, tile column, 3].
 
         Args:
@@ -143,7 +143,7 @@ class Films:
             for image, means in zip(pixels, tiles[-1], strict=True):
                 self.launcher.run(average_tiles, means.shape, {"pixels": image, "tiles": means})
         means, variances = zip(*tiles, strict=True)
-        fetched = yield from self.launcher.fetch(*means, *variances)
+        fetched = self.launcher.fetch(*means, *variances)
         return np.reshape(fetched, (2, len(films), *fetched[0].shape))
 
 
