@@ -23,9 +23,9 @@ from benchmarks.light.scenes import SCENES as UNLIKE
 from benchmarks.light.scenes import Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import machine
+from varos_warp.device.devices import resolve_device
 from varos_warp.render.image.denoise import denoise_image, part_denoised
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.device import resolve_device
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate

@@ -42,8 +42,8 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
     from varos_warp.dataset import timing
     from varos_warp.dataset.run import produce
     from varos_warp.dataset.write.images import Store
+    from varos_warp.device.devices import usable_cores
     from varos_warp.scene.file.load import load_scene
-    from varos_warp.scene.launch import usable_cores
 
     path, changes = SCENES[name]
     start, first, write = time.process_time(), [], Store.write

@@ -16,7 +16,7 @@ import varos_warp
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
-    "": ["kernels", "scene", "sim", "render", "dataset", "cli"],
+    "": ["kernels", "device", "scene", "sim", "render", "dataset", "cli"],
     "kernels": ["world", "mesh", "film", "field", "transport"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],

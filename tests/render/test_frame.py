@@ -13,16 +13,16 @@ from physics.rig import VAROS_LAMPS, floor, one_ray_scene
 from scipy import stats
 from spread import absolute, assert_honest, evenly, relative
 
+from varos_warp.device import launcher as launch_module
+from varos_warp.device.devices import kind_of
+from varos_warp.device.launcher import at_once
 from varos_warp.errors import InputError
-from varos_warp.render import launch as launch_module
 from varos_warp.render import radiance
 from varos_warp.render.image.denoise import available_method, denoise_image
 from varos_warp.render.image.films import MOST_PARTS
-from varos_warp.render.launch import at_once
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
-from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
 from varos_warp.scene.geometry.parts import Part
 

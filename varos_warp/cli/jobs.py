@@ -28,9 +28,9 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     from varos_warp.dataset.progress import Console
     from varos_warp.dataset.run.planning import keep_plan, plan_sequence
     from varos_warp.dataset.run.produce import simulated
+    from varos_warp.device.devices import resolve_device
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.checks import check_scene
-    from varos_warp.scene.device import resolve_device
     from varos_warp.scene.file.load import load_scene
     from varos_warp.scene.file.named_files import require_files
     from varos_warp.scene.file.source import located

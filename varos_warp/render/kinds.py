@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from varos_warp.device.compile import compiling
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
@@ -28,7 +29,6 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import foretold_spec, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
-from varos_warp.scene.launch import compiling
 from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.shutter import is_rolling
 

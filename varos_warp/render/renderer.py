@@ -11,6 +11,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
+from varos_warp.device.compile import compiling
+from varos_warp.device.devices import resolve_device
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.kernels.transport.first_hits import Rows, make_first_hits_kernel, make_hidden_kernel
 from varos_warp.render.image.films import Films
@@ -19,17 +22,15 @@ from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalIm
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.kinds import kernels_needed, twin_of
-from varos_warp.render.launch import Launcher
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, camera_records, optics_spec, resolve_device
+from varos_warp.scene.device import DeviceScene, camera_records, optics_spec
 from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.launch import compiling
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.companions import companions

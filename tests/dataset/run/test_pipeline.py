@@ -15,9 +15,10 @@ from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.run.pipeline import GIVE_UP, SWITCH_S, Pipeline, Rendered, room
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
+from varos_warp.device.devices import usable_cores
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
-from varos_warp.render.launch import Launcher, usable_cores
 
 JOBS = [ImageJob(frame, "L0", "D") for frame in range(12)]
 PLAN = plan_render(make_scene(), None, []).to_dict()

@@ -13,6 +13,7 @@ import trimesh
 import warp as wp
 from scipy.ndimage import uniform_filter
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.kernels.film.film import weigh_guides
 from varos_warp.render.image import denoise as module
@@ -25,7 +26,6 @@ from varos_warp.render.image.denoise import (
     mix,
     part_denoised,
 )
-from varos_warp.render.launch import Launcher
 from varos_warp.render.options import LAYERS
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict

@@ -22,15 +22,14 @@ import numpy as np
 
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
+from varos_warp.device.devices import kind_of, usable_cores
+from varos_warp.device.launcher import AT_ONCE
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
-from varos_warp.render.launch import AT_ONCE
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.options import of_run
 from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
-from varos_warp.scene.device import kind_of
-from varos_warp.scene.launch import usable_cores
 from varos_warp.sim.clock import frame_time_ns
 
 GIVE_UP = 3

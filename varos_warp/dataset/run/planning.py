@@ -10,10 +10,10 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
+from varos_warp.device.devices import kind_of
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.planner.decisions import STEPS, open_questions, spp_in_words
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.geometry.files.named import mesh_textures
 

@@ -27,16 +27,16 @@ from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.dataset.write.moving import describe_moving, write_moving
 from varos_warp.dataset.write.rays import write_rays
+from varos_warp.device.compile import beside
+from varos_warp.device.devices import kind_of, resolve_device
 from varos_warp.errors import InputError, RunFailed, counted
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.image.outputs import OUTPUTS, SEGMENT_LEVELS
 from varos_warp.render.moments import Motion
 from varos_warp.render.planner.decisions import says_how
 from varos_warp.scene.description.optics import has_lens
-from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
-from varos_warp.scene.launch import beside
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.clock import frame_time_ns, select
 

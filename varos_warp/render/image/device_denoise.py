@@ -4,6 +4,7 @@ import weakref
 
 import warp as wp
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.film.denoise import (
     add_mixed,
     add_scaled,
@@ -14,7 +15,6 @@ from varos_warp.kernels.film.denoise import (
     subtract,
 )
 from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, open_image_denoise
-from varos_warp.render.launch import Launcher
 
 
 class DeviceDenoiser:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from varos_warp.device.devices import kind_of
+from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.conventions import RESIDENT_THREADS
 from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.film.film import (
@@ -25,8 +27,6 @@ from varos_warp.kernels.film.film import (
     note_samples,
     weigh_parts,
 )
-from varos_warp.render.launch import Launcher
-from varos_warp.scene.device import kind_of
 
 MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 """Most samples of a part, by kind of device: threads side by side of a GPU then take about equally many."""

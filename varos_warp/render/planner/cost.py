@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.device.devices import usable_cores
+from varos_warp.device.launcher import at_once
 from varos_warp.render.image.denoise import available_method, denoise_image
-from varos_warp.render.launch import at_once
 from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_run, of_scene
 from varos_warp.render.planner import pilot
@@ -16,7 +17,6 @@ from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.launch import usable_cores
 
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""

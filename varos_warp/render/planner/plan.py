@@ -12,12 +12,13 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from varos_warp.device.devices import kind_of
+from varos_warp.device.launcher import at_once
 from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.kinds import sample_step
-from varos_warp.render.launch import at_once
 from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
@@ -27,7 +28,6 @@ from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw,
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import checked_poses
 from varos_warp.scene.optics.pinhole import port_worth
 

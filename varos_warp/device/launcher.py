@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 import numpy as np
 import warp as wp
 
-from varos_warp.scene.device import kind_of
-from varos_warp.scene.launch import TILE_ROWS, block_dim, in_order, launch_rows, load_kernel, usable_cores
+from varos_warp.device.compile import block_dim, load_kernel
+from varos_warp.device.devices import kind_of, usable_cores
+from varos_warp.device.launch import TILE_ROWS, in_order, launch_rows
 
 AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
-from varos_warp.render import launch
-from varos_warp.render.launch import Launcher
+from varos_warp.device.launcher import Launcher
 
 
 def test_arrays_are_awaited_and_copied_without_the_turn_and_pinned_memory_is_used_again(monkeypatch):
@@ -24,10 +23,10 @@ def test_arrays_are_awaited_and_copied_without_the_turn_and_pinned_memory_is_use
         pending.clear()
 
     stream = SimpleNamespace(record_event=lambda: len(waited))
-    monkeypatch.setattr(launch.wp, "get_stream", lambda device: stream)
-    monkeypatch.setattr(launch.wp, "copy", lambda target, source: pending.append((target, source.numpy().copy())))
-    monkeypatch.setattr(launch.wp, "synchronize_event", synchronize)
-    monkeypatch.setattr(launch.wp, "empty", lambda shape, dtype, device, pinned: wp.zeros(shape, dtype, device="cpu"))
+    monkeypatch.setattr(wp, "get_stream", lambda device: stream)
+    monkeypatch.setattr(wp, "copy", lambda target, source: pending.append((target, source.numpy().copy())))
+    monkeypatch.setattr(wp, "synchronize_event", synchronize)
+    monkeypatch.setattr(wp, "empty", lambda shape, dtype, device, pinned: wp.zeros(shape, dtype, device="cpu"))
 
     for number in (1.0, 2.0):
         one = wp.full((2, 3), number, dtype=float, device="cpu")
