@@ -78,11 +78,9 @@ def foretold(scene, frames: int) -> float:
     from varos_warp.sim.trajectory import simulate
 
     simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
-    plan = kept_plan(scene, renderer, simulation.frames, simulation.motion, quiet=True)["plan"]
-    options = {key: plan[key] for key in ("spp", "integrator", "max_scatterings", "max_bounces")}
-    planned = SimpleNamespace(options=options, to_dict=lambda: plan)
+    plan = kept_plan(scene, renderer, simulation.frames, simulation.motion, quiet=True)
     costed = Frames(renderer, list(simulation.frames.poses()[:frames]), simulation.frames.time_ns, simulation.motion)
-    return sequence_cost(scene, costed, planned)["seconds_per_frame"]
+    return sequence_cost(scene, costed, plan)["seconds_per_frame"]
 
 
 def measure(name: str, frames: int, *options: str) -> dict:

@@ -110,7 +110,7 @@ def test_simulate_writes_sensors_only_and_render_frames_only(scene_file, tmp_pat
 def test_plan_prints_what_the_planner_says(scene_file):
     result = call("plan", scene_file, "--device", "cpu", "--json", "-q")
     found = json.loads(result.stdout)
-    assert (found["spp"], found["max_scatterings"], found["reasons"]) == (8, None, ["a test"])
+    assert (found["spp"], found["max_scatterings"], found["reasons"]) == (8, None, ["spp 8: a test"])
     assert "a test" in call("plan", scene_file, "--device", "cpu", "-q").output
 
 

@@ -21,7 +21,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.image.outputs import OUTPUTS
 
 JOBS = [ImageJob(frame, "L0", "D") for frame in range(12)]
-PLAN = plan_render(make_scene(), None, []).to_dict()
+PLAN = plan_render(make_scene(), None, [])
 
 
 class Image:

@@ -12,7 +12,6 @@ from varos_warp.render.image.denoise import available_method, denoise_image
 from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_run, of_scene
 from varos_warp.render.planner import pilot
-from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import has_twin
@@ -62,7 +61,7 @@ def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: s
 
 def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, float]:
     """Samples per pixel of an average frame, as options."""
-    return {"spp": mean_spp(plan.to_dict(), camera.id, count), "spp_b": scene.render.spp_b}
+    return {"spp": plan.mean_spp(camera.id, count), "spp_b": scene.render.spp_b}
 
 
 def _on_gpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:

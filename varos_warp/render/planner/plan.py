@@ -89,7 +89,7 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
         progress("time", 0.0)
     cost = sequence_cost(scene, frames, plan) if measure_cost else None
     denoisers = {"A": available_method(scene.render.denoise), "B": available_method(scene.render.denoise_b)}
-    models = models_in_words(scene, plan.to_dict(), scene.render.outputs, denoisers)
+    models = models_in_words(scene, plan, scene.render.outputs, denoisers)
     return replace(plan, models=models, cost=cost)
 
 
@@ -321,7 +321,7 @@ class Planner:
                                         self.at_once)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
-        mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
+        mean = np.mean([by_frame.spp_between(given[name], frame) for name in cameras for frame in range(count)])
         least, most = by_frame.extent(given)
         self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
                     "views need, and those between about as much")
