@@ -7,6 +7,7 @@ import pytest
 from test_frame import LAMPS, POSE, camera, ground_and_ball, make_scene
 
 from varos_warp.render.kinds import kernels_needed
+from varos_warp.render.moments import NextFrame
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.device import DeviceScene, foretold_spec
 from varos_warp.scene.file.load import DATA, load_scene
@@ -30,11 +31,21 @@ def at_rest(offset_ns):
     return np.broadcast_to(POSE, (len(offset_ns), 4, 4))
 
 
-@pytest.mark.parametrize(("made", "integrator"), [(still, "path"), (still, "field"), (moving, "path")])
-def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator):
+def rolling():
+    """Rows of different instants."""
+    scene = make_scene([camera(shutter={"exposure_s": 0.1, "readout_s": 0.3})])
+    return FrameRenderer(scene, "cpu", parts=ground_and_ball()), {"motion": at_rest}
+
+
+@pytest.mark.parametrize(("made", "integrator", "letters"), [
+    (still, "path", "ABCDS"), (still, "field", "ABCDSF"), (still, "reference", "A"), (moving, "path", "ABCDSP"),
+    (rolling, "field", "CF")])
+def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator, letters):
     renderer, how = made()
-    announced = needed(renderer, "ABCDS", integrator)
-    renderer.render(POSE, outputs="ABCDS", spp=2, spp_b=2, integrator=integrator, denoise_b="oidn", **how)
+    announced = needed(renderer, letters, integrator)
+    if "F" in letters:
+        how["following"] = NextFrame(POSE, motion=how.get("motion"))
+    renderer.render(POSE, outputs=letters, spp=2, spp_b=2, integrator=integrator, denoise_b="oidn", **how)
     assert announced == {kernel.module for kernel in renderer.launcher._loaded}
 
 

@@ -1,9 +1,8 @@
-"""Which kernels make an image: the kinds of samples that it is the sum of, and all that is compiled for a scene."""
+"""Which kernels make an image, stated once: an image takes them from here, and threads compile them ahead."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import warp as wp
@@ -19,6 +18,7 @@ from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel, make_hidden_kernel
 from varos_warp.kernels.transport.path import make_subpath_kernel
+from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
 from varos_warp.render.field.open_water import along_camera, unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
@@ -61,24 +61,6 @@ ALL_ALIKE = SampleKind(None, 1, 1.0, False)
 """Samples of images that have one kind only."""
 
 
-def kinds_of_samples(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, with_field: bool,
-                     varies: bool) -> list[SampleKind]:
-    """What A is the sum of, by paths with or without the field; ``varies``: compiled for moments."""
-    spec = replace(spec, medium=spec.medium and options.max_scatterings != 0, field=with_field, varies=varies,
-                   camera_field=with_field and along_camera(scene, view), optics=optics_spec(view), **layers(options))
-    kinds = []
-    if camera := spec.camera():
-        kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
-    if subpaths := spec.subpaths():
-        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
-    return kinds
-
-
-def layers(options: RenderOptions) -> dict[str, bool]:
-    """Which layers of A are wanted, as fields of a spec."""
-    return {layer: layer in options.layers for layer in LAYERS}
-
-
 def sample_step(view: Camera, with_field: bool) -> int:
     """What samples per pixel of A are a multiple of; 0 if tiles take unlike numbers, whose mean may be any fraction."""
     if optics_spec(view).dispersion:
@@ -87,15 +69,85 @@ def sample_step(view: Camera, with_field: bool) -> int:
     return 0 if with_field and min(view.resolution) > 1 else 1
 
 
-def is_dark(scene: Scene, spec: SceneSpec) -> bool:
-    """Whether A is black: nothing could send light to a camera, or there is none."""
-    return not (spec.surfaces or spec.medium) or not scene.lights
-
-
 def twin_of(scene: Scene, view: Camera) -> Camera:
     """The camera of P; strobes light it as they do A."""
     strobes = any(light.strobe for light in scene.lights)
     return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
+
+
+class WaterKernels(NamedTuple):
+    """Kernels of A or P."""
+
+    kinds: list[SampleKind]
+    """What paths take samples with; none of the reference."""
+    reference: wp.Kernel | None = None
+    virtual_lights: wp.Kernel | None = None
+    guides: wp.Kernel | None = None
+
+
+def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, integrator: str, moves: bool
+                  ) -> WaterKernels | None:
+    """Kernels of A, or of P for its camera; None if it is black: nothing could send light there, or there is none.
+
+    Args:
+        scene: The scene.
+        spec: What is present in it.
+        view: The camera.
+        options: With everything that the scene has to say.
+        integrator: field, path or reference.
+        moves: Whether the camera moves while its shutter is open.
+    """
+    if not (spec.surfaces or spec.medium) or not scene.lights:
+        return None
+    layers = {layer: layer in options.layers for layer in LAYERS}
+    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights), **layers)
+    if integrator == "reference":
+        return WaterKernels([], make_reference_kernel(spec))
+    with_field, kinds = integrator == "field", []
+    of_paths = replace(spec, medium=spec.medium and options.max_scatterings != 0, field=with_field,
+                       camera_field=with_field and along_camera(scene, view))
+    if camera := of_paths.camera():
+        kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
+    if subpaths := of_paths.subpaths():
+        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
+    # without the field the base is too noisy to guide
+    guided = with_field and spec.surfaces and options.denoise in (None, "oidn")
+    return WaterKernels(kinds, guides=_guides_kernel(spec, view, moves) if guided else None,
+                        virtual_lights=make_virtual_lights_kernel(spec) if subpaths and spec.surfaces else None)
+
+
+class AmbientKernels(NamedTuple):
+    """Kernels of B."""
+
+    ambient: wp.Kernel
+    guides: wp.Kernel | None
+
+
+def ambient_kernels(spec: SceneSpec, view: Camera, denoiser: str, moves: bool) -> AmbientKernels | None:
+    """Kernels of B, which ``denoiser`` takes; None without surfaces: it is known. The rest as in `water_kernels`."""
+    if not spec.surfaces:
+        return None
+    return AmbientKernels(make_ambient_kernel(replace(spec, optics=optics_spec(view), varies=moves)),
+                          _guides_kernel(spec, view, moves) if denoiser == "oidn" else None)
+
+
+def _guides_kernel(spec: SceneSpec, view: Camera, moves: bool) -> wp.Kernel:
+    return make_guides_kernel(replace(spec, optics=optics_spec(view), varies=moves))
+
+
+class HitKernels(NamedTuple):
+    """Kernels of C, D and S, and of what F needs besides."""
+
+    first_hits: wp.Kernel
+    hidden: wp.Kernel
+
+
+def hit_kernels(spec: SceneSpec, view: Camera, rolls: bool) -> HitKernels | None:
+    """Kernels of C, D, S and F; None without surfaces. ``rolls``: rows are of different instants."""
+    if not spec.surfaces:
+        return None
+    spec = replace(spec, optics=optics_spec(view), rolling=rolls)
+    return HitKernels(make_first_hits_kernel(spec), make_hidden_kernel(spec))
 
 
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None,
@@ -109,25 +161,37 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
         integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
         device: On which they are denoised.
     """
-    options, letters = options_of(scene, {"integrator": integrator}), {*letters}
-    no_field = cache(lambda: unavailable(scene))  # it reads files
-    kernels: list[wp.Kernel] = []
-    for view in scene.vehicle.cameras:
-        for letter, seen in (("A", view), ("P", twin_of(scene, view))):
-            if letter in letters and not is_dark(scene, spec):
-                kernels += _of_water(scene, spec, seen, options, no_field)
-        if "B" in letters and spec.surfaces:
-            kernels += _of_ambient(scene, spec, view)
-        if letters & {*"CDSF"} and spec.surfaces:
-            seen_first = replace(spec, optics=optics_spec(view), rolling=is_rolling(view))
-            kernels.append(make_first_hits_kernel(seen_first))
-            if "F" in letters:
-                kernels.append(make_hidden_kernel(seen_first))
+    letters, views = {*letters}, [(view, view.shutter is not None) for view in scene.vehicle.cameras]
+    kernels = _of_water(scene, spec, [*(views if "A" in letters else ()), *(
+        (twin_of(scene, view), False) for view, _ in views if "P" in letters)], integrator)
+    for view, moves in views:
+        if "B" in letters:
+            kernels += ambient_kernels(spec, view, scene.render.denoise_b, moves) or ()
+        if letters & {*"CDSF"}:
+            first_hits, hidden = hit_kernels(spec, view, is_rolling(view)) or (None, None)
+            kernels += [first_hits, hidden] if "F" in letters else [first_hits]
     if letters & {*"APB"}:
         kernels.append(film.develop)
         if device != "cpu":
             kernels.append(denoise.clip_negative)
-    return list(dict.fromkeys(kernels))
+    return [kernel for kernel in dict.fromkeys(kernels) if kernel is not None]
+
+
+def _of_water(scene: Scene, spec: SceneSpec, views: list[tuple[Camera, bool]], integrator: str | None
+              ) -> list[wp.Kernel | None]:
+    """Kernels of A and P for cameras, and whether each moves: those that take samples first."""
+    if not views:
+        return []
+    options = options_of(scene, {"integrator": integrator})
+    names = [resolve_integrator(options.integrator, options.max_scatterings, lambda: unavailable(scene))]
+    if (options.integrator, names) == ("auto", ["field"]) and spec.surfaces:
+        names.append("path")  # a plan compares them
+    images = [image for view, moves in views for name in names
+              if (image := water_kernels(scene, spec, view, options, name, moves))]
+    sampling = [kernel for image in images
+                for kernel in (*(kind.kernel for kind in reversed(image.kinds)), image.reference)]
+    others = [kernel for image in images for kernel in (image.guides, image.virtual_lights)]
+    return [*sampling, *others, *((tabulate_in_scattering, average_tiles) if images and "field" in names else ())]
 
 
 @contextmanager
@@ -145,29 +209,3 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
         on_host.append(compare_rows)  # for a plan
     with compiling(on_host, "cpu"), compiling(kernels, device):
         yield
-
-
-def _of_water(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions,
-              no_field: Callable[[], str | None]) -> list[wp.Kernel]:
-    moves = view.shutter is not None
-    name = resolve_integrator(options.integrator, options.max_scatterings, no_field)
-    if name == "reference":
-        return []
-    varies = moves or lights_vary(scene.lights)
-    compared = ["path"] if (options.integrator, name) == ("auto", "field") and spec.surfaces else []
-    kinds = [kind for which in (name, *compared)
-             for kind in reversed(kinds_of_samples(scene, spec, view, options, which == "field", varies))]
-    kernels = [kind.kernel for kind in kinds]
-    if spec.surfaces and name == "field":
-        kernels.append(make_guides_kernel(replace(spec, optics=optics_spec(view), varies=moves)))
-    if spec.surfaces:
-        kernels.append(make_virtual_lights_kernel(replace(spec, varies=varies)))
-    return [*kernels, tabulate_in_scattering, average_tiles] if name == "field" else kernels
-
-
-def _of_ambient(scene: Scene, spec: SceneSpec, view: Camera) -> list[wp.Kernel]:
-    spec = replace(spec, optics=optics_spec(view), varies=view.shutter is not None)
-    kernels = [make_ambient_kernel(spec)]
-    if scene.render.denoise_b == "oidn":
-        kernels.append(make_guides_kernel(spec))
-    return kernels

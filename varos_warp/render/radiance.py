@@ -13,25 +13,21 @@ from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, develop, tile_variances, weigh_guides
-from varos_warp.kernels.spec import SceneSpec
-from varos_warp.kernels.transport.ambient import make_ambient_kernel
-from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.moments import Moments
-from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.segment import PathBounds
-from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
+from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
-from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, layers, sample_step
+from varos_warp.render.kinds import ALL_ALIKE, SampleKind, WaterKernels, ambient_kernels, sample_step, water_kernels
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, optics_spec
+from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import lit_of_rows
@@ -60,12 +56,17 @@ class Shot(NamedTuple):
     """With everything that the scene has to say."""
     key: int
     """Of its random numbers."""
-    guides: Callable[[], dict[str, wp.array]]
-    """Albedo and normals, traced once for all images of a frame."""
+    guides: Callable[[wp.Kernel], dict[str, wp.array]]
+    """Albedo and normals, traced by a kernel once for all images of a frame."""
     world: DeviceScene
     """The scene, with what moves where it is at the frame's time."""
     motion: Motion | None = None
     """Of the vehicle while the shutter is open; None: it stands still, and so does all else."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moves while its shutter is open."""
+        return self.motion is not None and self.view.shutter is not None
 
 
 class Seen(NamedTuple):
@@ -93,15 +94,16 @@ class RadianceRenderer:
         if step := sample_step(view, integrator == "field"):
             options = replace(options, spp=step * ceil(options.spp / step))
             shot = shot._replace(options=options)
-        if is_dark(self.scene, self.world.spec):
+        kernels = water_kernels(self.scene, self.world.spec, view, options, integrator, shot.moves)
+        if kernels is None:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
             return self._denoised(image, {}, options.denoise)
         bounds, most = PathBounds(), (options.max_scatterings if self.world.spec.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
-        if integrator == "reference":
-            return self._by_reference(shot, bounds)
-        return self._by_paths(shot, bounds, integrator == "field")
+        if kernels.reference:
+            return self._by_reference(shot, bounds, kernels.reference)
+        return self._by_paths(shot, bounds, integrator == "field", kernels)
 
     def _integrator(self, options: RenderOptions) -> str:
         """The integrator of A; that ``auto`` does without a field that cannot be solved for is told, once.
@@ -137,32 +139,26 @@ class RadianceRenderer:
             self._shares[view] = None if left is None else wp.array(left, dtype=wp.float64, device=self.device)
         return self._shares[view]
 
-    def _by_reference(self, shot: Shot, bounds: PathBounds) -> RadianceImage:
+    def _by_reference(self, shot: Shot, bounds: PathBounds, kernel: wp.Kernel) -> RadianceImage:
         options = shot.options
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kernel = make_reference_kernel(replace(self._spec(shot.world, shot.view, seen), **layers(options)))
         self.films.take(film, kernel, {
             "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
             "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
             share=self._share(shot.view))
         return self._fetched([film], self._developed([film]), shot, options.layers, options.denoise)
 
-    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> RadianceImage:
-        options, spec = shot.options, shot.world.spec
-        seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kinds = kinds_of_samples(self.scene, spec, shot.view, options, with_field, seen.varies)
-        films = self._path_films(shot, bounds, with_field, seen, kinds)
-        images, guides = self._developed(films), {}
-        # without the field the base is too noisy to guide
-        if with_field and spec.surfaces and options.denoise in (None, "oidn"):
-            guides = self._weighed(shot.guides(), images)
-        return self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds)
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: WaterKernels) -> RadianceImage:
+        films = self._path_films(shot, bounds, with_field, kernels)
+        images = self._developed(films)
+        guides = self._weighed(shot.guides(kernels.guides), images) if kernels.guides else {}
+        return self._fetched(films, images, shot, shot.options.layers, shot.options.denoise, guides, kernels.kinds)
 
-    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, seen: Seen, kinds: list[SampleKind]
-                    ) -> list[Film]:
+    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: WaterKernels) -> list[Film]:
         """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
-        view, options = shot.view, shot.options
+        view, options, kinds = shot.view, shot.options, kernels.kinds
+        seen = self._seen(shot.world, view, shot.T_w_v, shot.motion, key=shot.key)
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = shot.world.lit(shot.T_w_v)
         # single scattering in open water is a quadrature
@@ -170,7 +166,7 @@ class RadianceRenderer:
         known = {"scene": scene, "camera": seen.camera, "moments": seen.moments, "field": field, "bounds": bounds}
         of_segments, of_subpaths = ({**known, "key": wp.uint32(key)} for key in keys[:2])
         if any(kind.subpaths for kind in kinds):
-            of_subpaths["virtual_lights"] = self._virtual_lights(scene, view, seen, keys[2])
+            of_subpaths["virtual_lights"] = self._virtual_lights(scene, view, seen, keys[2], kernels.virtual_lights)
         shares = sample_step(view, with_field) == 0
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
@@ -194,17 +190,16 @@ class RadianceRenderer:
             take(samples)
         return films
 
-    def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
+    def _virtual_lights(self, scene, view, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
         groups = 1
         if seen.varies:  # parts of the instants that samples are of
             lit = seen.moments.lit_end - seen.moments.lit_begin
             groups = min(lit or seen.moments.cameras.shape[0], VIRTUAL_GROUPS)
-        if not self.world.spec.surfaces:
+        if kernel is None:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(replace(self.world.spec, varies=seen.varies))
         self.launcher.rows(kernel, (lights.size,), {
             "scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights}, tile_rows=1024)
         return lights
@@ -222,38 +217,32 @@ class RadianceRenderer:
         rng = np.random.default_rng([key, MOMENTS_SEED])
         return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole, lit), True)
 
-    @staticmethod
-    def _spec(world: DeviceScene, view: Camera, seen: Seen) -> SceneSpec:
-        """What kernels of an image are compiled for."""
-        return replace(world.spec, optics=optics_spec(view), varies=seen.varies)
-
     def ambient(self, shot: Shot) -> RadianceImage:
         """Render B."""
         resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
-        if not world.spec.surfaces:
+        kernels = ambient_kernels(world.spec, shot.view, method or self.scene.render.denoise_b, shot.moves)
+        if kernels is None:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
             return self._denoised(image, {}, method)
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
-        kernel = make_ambient_kernel(self._spec(world, shot.view, seen))
-        self.films.take(film, kernel, {
+        self.films.take(film, kernels.ambient, {
             "scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
             shot.options.spp_b)
         images = self._developed([film])
         guides = {}
-        if (method or self.scene.render.denoise_b) == "oidn":
-            guides = shot.guides()
+        if kernels.guides:
+            guides = shot.guides(kernels.guides)
             if not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
                 guides = guides | {"albedo": images["direct"]}
         return self._fetched([film], images, shot, (), method, guides)
 
-    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,
-                     lit: bool) -> dict[str, wp.array]:
+    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool,
+                     kernel: wp.Kernel) -> dict[str, wp.array]:
         """Albedo and normals at the centres of the pixels; means over an exposure, or what is ``lit`` of it."""
         seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(self._spec(world, view, seen))
         self.launcher.rows(kernel, shape, {
             "scene": world.data, "camera": seen.camera, "moments": seen.moments, **guides})
         return guides

@@ -4,7 +4,6 @@ import copy
 import functools
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,19 +14,19 @@ from varos_warp.device.compile import compiling
 from varos_warp.device.devices import resolve_device
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
-from varos_warp.kernels.transport.first_hits import Rows, make_first_hits_kernel, make_hidden_kernel
+from varos_warp.kernels.transport.first_hits import Rows
 from varos_warp.render.image.films import Films
 from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import DepthImage, FlowImage, Frame, NormalImage, RadianceImage, SegmentImage
 from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
-from varos_warp.render.kinds import kernels_needed, twin_of
+from varos_warp.render.kinds import hit_kernels, kernels_needed, twin_of
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, camera_records, optics_spec
+from varos_warp.scene.device import DeviceScene, camera_records
 from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
@@ -277,10 +276,9 @@ class FrameRenderer:
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
-        if self.world.spec.surfaces:
+        if kernels := hit_kernels(self.world.spec, view, here.rolls):
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
-            self.launcher.rows(kernel, shape, {
+            self.launcher.rows(kernels.first_hits, shape, {
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here), "normal": normal,
                 "depth": depth, "distance": distance, "instance": instance})
         arrays = {"C": [normal], "D": [depth, distance], "S": [instance]}
@@ -306,16 +304,15 @@ class FrameRenderer:
             moved = flow_of(*before, inverse(T_w_next) @ camera_pose(view, here.T_w_v))
             eye = (moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T).reshape(moved.eye.shape) + T_w_next[:3, 3]
         hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
-        if self.world.spec.surfaces:
+        if kernels := hit_kernels(self.world.spec, view, here.rolls):
             eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
             self.launcher.upload(eye - self.world.origin, eyes)
             next_row = wp.zeros(distance.shape, dtype=wp.int32, device=self.device)
             if following.rolls and self.world.moving:
                 row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
-            kernel = make_hidden_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            self.launcher.rows(kernel, distance.shape, {
+            self.launcher.rows(kernels.hidden, distance.shape, {
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here),
                 "next_scene": following.world.data, "next_moving": following.world.moving_at(following.row_times()),
                 "eyes": eyes, "next_row": next_row, "hidden": hidden})
