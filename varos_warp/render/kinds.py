@@ -150,8 +150,8 @@ def hit_kernels(spec: SceneSpec, view: Camera, rolls: bool) -> HitKernels | None
     return HitKernels(make_first_hits_kernel(spec), make_hidden_kernel(spec))
 
 
-def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None,
-                   device: str = "cpu") -> list[wp.Kernel]:
+def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
+                   ) -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
 
     Args:
@@ -159,7 +159,6 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
         spec: What is present in it.
         letters: Which images, of A, B, C, D, S, P, F.
         integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
-        device: On which they are denoised.
     """
     letters, views = {*letters}, [(view, view.shutter is not None) for view in scene.vehicle.cameras]
     kernels = _of_water(scene, spec, [*(views if "A" in letters else ()), *(
@@ -170,10 +169,12 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
         if letters & {*"CDSF"}:
             first_hits, hidden = hit_kernels(spec, view, is_rolling(view)) or (None, None)
             kernels += [first_hits, hidden] if "F" in letters else [first_hits]
-    if letters & {*"APB"}:
+    denoisers = {method for some, method in (("AP", scene.render.denoise), ("B", scene.render.denoise_b))
+                 if letters & {*some}}
+    if denoisers:
         kernels.append(film.develop)
-        if device != "cpu":
-            kernels.append(denoise.clip_negative)
+    if denoisers - {"none"}:
+        kernels.append(denoise.clip_negative)
     return [kernel for kernel in dict.fromkeys(kernels) if kernel is not None]
 
 
@@ -201,7 +202,7 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
 
     As far as the scene file tells; arguments as for `kernels_needed`.
     """
-    kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator, device)
+    kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator)
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)
     on_host = list(KERNELS) if getattr(scene.terrain, "preprocess", None) else []

@@ -19,7 +19,7 @@ from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
-from varos_warp.render.image.denoise import check_finite, denoise_image
+from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, SampleKind, WaterKernels, ambient_kernels, sample_step, water_kernels
@@ -316,10 +316,8 @@ class RadianceRenderer:
         """Open Image Denoise on the GPU; None where the host has to do."""
         if self.device == "cpu":
             return None
-        from varos_warp.render.image.device_denoise import DeviceDenoiser
-
         try:
-            return DeviceDenoiser(self.launcher)
+            return Denoiser(self.launcher)
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None

@@ -141,7 +141,7 @@ class FrameRenderer:
             outputs: Which images, of A, B, C, D, S, P, F.
             integrator: Of A and P; absent: the scene's.
         """
-        kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator, self.device)
+        kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator)
         return compiling(kernels, self.device)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
