@@ -6,7 +6,7 @@ For each scene, integrator and number of samples: relative RMSE of the worst cha
 worst one, in percent, over `SEEDS` images, when the denoiser is guided by
     none        nothing
     surfaces    albedo and normals of surfaces at full strength, whatever water is before them
-    light       those of surfaces as far as light comes from them, and the base itself (`correction_guides`)
+    light       those of surfaces as far as light comes from them, and the base itself (render/image/denoise.py)
 """
 
 import argparse

@@ -71,14 +71,15 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
 
 def foretold(scene, frames: int) -> float:
     """Seconds a frame that `plan` foretells for the same frames."""
-    from varos_warp.dataset.run.planning import kept_plan
+    from varos_warp.dataset.run.planning import kept_plan, plan_sequence
     from varos_warp.render.planner.cost import sequence_cost
     from varos_warp.render.planner.pilot import Frames
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.sim.trajectory import simulate
 
     simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
-    plan = kept_plan(scene, renderer, simulation.frames, simulation.motion, quiet=True)
+    plan = kept_plan(scene, renderer, simulation.frames, lambda: plan_sequence(
+        scene, renderer, simulation.frames, simulation.motion, quiet=True))
     costed = Frames(renderer, list(simulation.frames.poses()[:frames]), simulation.frames.time_ns, simulation.motion)
     return sequence_cost(scene, costed, plan)["seconds_per_frame"]
 

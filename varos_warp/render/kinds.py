@@ -75,18 +75,19 @@ def twin_of(scene: Scene, view: Camera) -> Camera:
     return twin(view).model_copy(update={"shutter": view.shutter}) if strobes else twin(view)
 
 
-class WaterKernels(NamedTuple):
-    """Kernels of A or P."""
+class LightKernels(NamedTuple):
+    """Kernels of A, P or B; None, or no kinds, of what it does without."""
 
-    kinds: list[SampleKind]
-    """What paths take samples with; none of the reference."""
-    reference: wp.Kernel | None = None
+    kinds: tuple[SampleKind, ...] = ()
+    """What paths take samples with."""
+    samples: wp.Kernel | None = None
+    """Takes those of the reference, or of B."""
     virtual_lights: wp.Kernel | None = None
     guides: wp.Kernel | None = None
 
 
 def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, integrator: str, moves: bool
-                  ) -> WaterKernels | None:
+                  ) -> LightKernels | None:
     """Kernels of A, or of P for its camera; None if it is black: nothing could send light there, or there is none.
 
     Args:
@@ -102,7 +103,7 @@ def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOp
     layers = {layer: layer in options.layers for layer in LAYERS}
     spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights), **layers)
     if integrator == "reference":
-        return WaterKernels([], make_reference_kernel(spec))
+        return LightKernels(samples=make_reference_kernel(spec))
     with_field, kinds = integrator == "field", []
     of_paths = replace(spec, medium=spec.medium and options.max_scatterings != 0, field=with_field,
                        camera_field=with_field and along_camera(scene, view))
@@ -112,31 +113,19 @@ def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOp
         kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
     # without the field the base is too noisy to guide
     guided = with_field and spec.surfaces and options.denoise in (None, "oidn")
-    return WaterKernels(kinds, guides=_guides_kernel(spec, view, moves) if guided else None,
+    return LightKernels(tuple(kinds), guides=make_guides_kernel(replace(spec, varies=moves)) if guided else None,
                         virtual_lights=make_virtual_lights_kernel(spec) if subpaths and spec.surfaces else None)
 
 
-class AmbientKernels(NamedTuple):
-    """Kernels of B."""
-
-    ambient: wp.Kernel
-    guides: wp.Kernel | None
-
-
-def ambient_kernels(spec: SceneSpec, view: Camera, denoiser: str, moves: bool) -> AmbientKernels | None:
+def ambient_kernels(spec: SceneSpec, view: Camera, denoiser: str, moves: bool) -> LightKernels | None:
     """Kernels of B, which ``denoiser`` takes; None without surfaces: it is known. The rest as in `water_kernels`."""
-    if not spec.surfaces:
-        return None
-    return AmbientKernels(make_ambient_kernel(replace(spec, optics=optics_spec(view), varies=moves)),
-                          _guides_kernel(spec, view, moves) if denoiser == "oidn" else None)
-
-
-def _guides_kernel(spec: SceneSpec, view: Camera, moves: bool) -> wp.Kernel:
-    return make_guides_kernel(replace(spec, optics=optics_spec(view), varies=moves))
+    spec = replace(spec, optics=optics_spec(view), varies=moves)
+    guides = make_guides_kernel(spec) if denoiser == "oidn" else None
+    return LightKernels(samples=make_ambient_kernel(spec), guides=guides) if spec.surfaces else None
 
 
 class HitKernels(NamedTuple):
-    """Kernels of C, D and S, and of what F needs besides."""
+    """Kernel of C, D and S, and what F needs besides."""
 
     first_hits: wp.Kernel
     hidden: wp.Kernel
@@ -144,10 +133,8 @@ class HitKernels(NamedTuple):
 
 def hit_kernels(spec: SceneSpec, view: Camera, rolls: bool) -> HitKernels | None:
     """Kernels of C, D, S and F; None without surfaces. ``rolls``: rows are of different instants."""
-    if not spec.surfaces:
-        return None
     spec = replace(spec, optics=optics_spec(view), rolling=rolls)
-    return HitKernels(make_first_hits_kernel(spec), make_hidden_kernel(spec))
+    return HitKernels(make_first_hits_kernel(spec), make_hidden_kernel(spec)) if spec.surfaces else None
 
 
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
@@ -160,39 +147,32 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
         letters: Which images, of A, B, C, D, S, P, F.
         integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
     """
-    letters, views = {*letters}, [(view, view.shutter is not None) for view in scene.vehicle.cameras]
-    kernels = _of_water(scene, spec, [*(views if "A" in letters else ()), *(
-        (twin_of(scene, view), False) for view, _ in views if "P" in letters)], integrator)
-    for view, moves in views:
-        if "B" in letters:
-            kernels += ambient_kernels(spec, view, scene.render.denoise_b, moves) or ()
-        if letters & {*"CDSF"}:
-            first_hits, hidden = hit_kernels(spec, view, is_rolling(view)) or (None, None)
-            kernels += [first_hits, hidden] if "F" in letters else [first_hits]
-    denoisers = {method for some, method in (("AP", scene.render.denoise), ("B", scene.render.denoise_b))
-                 if letters & {*some}}
-    if denoisers:
-        kernels.append(film.develop)
-    if denoisers - {"none"}:
-        kernels.append(denoise.clip_negative)
-    return [kernel for kernel in dict.fromkeys(kernels) if kernel is not None]
-
-
-def _of_water(scene: Scene, spec: SceneSpec, views: list[tuple[Camera, bool]], integrator: str | None
-              ) -> list[wp.Kernel | None]:
-    """Kernels of A and P for cameras, and whether each moves: those that take samples first."""
-    if not views:
-        return []
-    options = options_of(scene, {"integrator": integrator})
-    names = [resolve_integrator(options.integrator, options.max_scatterings, lambda: unavailable(scene))]
+    letters, images, hits = {*letters}, [], []
+    options, names = options_of(scene, {"integrator": integrator}), []
+    if letters & {*"AP"}:
+        names = [resolve_integrator(options.integrator, options.max_scatterings, lambda: unavailable(scene))]
     if (options.integrator, names) == ("auto", ["field"]) and spec.surfaces:
         names.append("path")  # a plan compares them
-    images = [image for view, moves in views for name in names
-              if (image := water_kernels(scene, spec, view, options, name, moves))]
-    sampling = [kernel for image in images
-                for kernel in (*(kind.kernel for kind in reversed(image.kinds)), image.reference)]
-    others = [kernel for image in images for kernel in (image.guides, image.virtual_lights)]
-    return [*sampling, *others, *((tabulate_in_scattering, average_tiles) if images and "field" in names else ())]
+    for view in scene.vehicle.cameras:
+        moves = view.shutter is not None
+        for letter, seen, moved in (("A", view, moves), ("P", twin_of(scene, view), False)):
+            if letter in letters:
+                images += [water_kernels(scene, spec, seen, options, name, moved) for name in names]
+        if "B" in letters:
+            images.append(ambient_kernels(spec, view, scene.render.denoise_b, moves))
+        if letters & {*"CDSF"}:
+            hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + ("F" in letters)]
+    made = [image for image in images if image]
+    kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
+    kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
+    if "field" in names:
+        kernels += [tabulate_in_scattering, average_tiles]
+    if letters & {*"APB"}:
+        kernels.append(film.develop)
+    if any(letters & {*some} and method != "none"
+           for some, method in (("AP", scene.render.denoise), ("B", scene.render.denoise_b))):
+        kernels.append(denoise.clip_negative)
+    return list(dict.fromkeys(kernels))
 
 
 @contextmanager

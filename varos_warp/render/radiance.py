@@ -22,7 +22,7 @@ from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import RadianceImage, block_error, without_noise
-from varos_warp.render.kinds import ALL_ALIKE, SampleKind, WaterKernels, ambient_kernels, sample_step, water_kernels
+from varos_warp.render.kinds import ALL_ALIKE, LightKernels, SampleKind, ambient_kernels, sample_step, water_kernels
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
@@ -101,8 +101,8 @@ class RadianceRenderer:
             return self._denoised(image, {}, options.denoise)
         bounds, most = PathBounds(), (options.max_scatterings if self.world.spec.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
-        if kernels.reference:
-            return self._by_reference(shot, bounds, kernels.reference)
+        if kernels.samples:
+            return self._by_reference(shot, bounds, kernels.samples)
         return self._by_paths(shot, bounds, integrator == "field", kernels)
 
     def _integrator(self, options: RenderOptions) -> str:
@@ -149,13 +149,13 @@ class RadianceRenderer:
             share=self._share(shot.view))
         return self._fetched([film], self._developed([film]), shot, options.layers, options.denoise)
 
-    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: WaterKernels) -> RadianceImage:
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> RadianceImage:
         films = self._path_films(shot, bounds, with_field, kernels)
         images = self._developed(films)
         guides = self._weighed(shot.guides(kernels.guides), images) if kernels.guides else {}
         return self._fetched(films, images, shot, shot.options.layers, shot.options.denoise, guides, kernels.kinds)
 
-    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: WaterKernels) -> list[Film]:
+    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> list[Film]:
         """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
         view, options, kinds = shot.view, shot.options, kernels.kinds
         seen = self._seen(shot.world, view, shot.T_w_v, shot.motion, key=shot.key)
@@ -226,7 +226,7 @@ class RadianceRenderer:
             return self._denoised(image, {}, method)
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
-        self.films.take(film, kernels.ambient, {
+        self.films.take(film, kernels.samples, {
             "scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
             shot.options.spp_b)
         images = self._developed([film])

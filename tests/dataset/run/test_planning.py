@@ -8,7 +8,7 @@ import pytest
 import standins
 from standins import FlatFloorRenderer, make_scene
 
-from varos_warp.dataset.run.planning import keep_plan, kept_plan, told_of, what_is_planned
+from varos_warp.dataset.run.planning import kept_plan, plan_sequence, told_of, what_is_planned
 from varos_warp.render.planner.decisions import Plan
 
 POSES, TIMES = [np.eye(4)] * 3, [0, 100, 200]
@@ -35,7 +35,8 @@ def frames_of(poses=POSES, times=TIMES):
 
 def kept(poses=POSES, times=TIMES, **render):
     scene = make_scene(render)
-    return kept_plan(scene, FlatFloorRenderer(scene), frames_of(poses, times), None, quiet=True)
+    renderer, frames = FlatFloorRenderer(scene), frames_of(poses, times)
+    return kept_plan(scene, renderer, frames, lambda: plan_sequence(scene, renderer, frames, None, quiet=True))
 
 
 def test_the_same_scene_is_planned_once(plans):
@@ -62,8 +63,8 @@ def test_what_a_plan_does_not_follow_from_keeps_it(plans, changed):
 
 def test_a_plan_that_was_made_anyway_is_kept_without_its_cost_and_the_outputs(plans):
     scene = make_scene({"spp": 4})
-    keep_plan(scene, FlatFloorRenderer(scene), frames_of(),
-              Plan(9, None, cost={"seconds_per_frame": 1.0}, models={"A": "paths"}))
+    kept_plan(scene, FlatFloorRenderer(scene), frames_of(),
+              lambda: Plan(9, None, cost={"seconds_per_frame": 1.0}, models={"A": "paths"}))
     assert kept(spp=4) == Plan(9, None)
     assert plans == []
 

@@ -2,9 +2,6 @@
 
 import json
 
-import pytest
-
-from varos_warp.errors import InputError
 from varos_warp.render.planner.decisions import Decision, Plan
 
 PLAN = Plan(12.5, None, 3, "field", {"M0": [[0, 4], [9, 12.5]]}, [
@@ -34,8 +31,3 @@ def test_a_plan_of_before_samples_differed_by_frame_is_read():
     plan = Plan.from_dict(old)
     assert plan.options == {"spp": 8, "max_scatterings": 4, "max_bounces": None, "integrator": "auto"}
     assert (plan.spp_of("M0", 7), plan.error, plan.says_how("CD"), plan.says_how("A")) == (8, None, True, False)
-
-
-def test_a_plan_without_samples_is_refused_by_name():
-    with pytest.raises(InputError, match=r"samples\.plan\.spp"):
-        Plan.from_dict({"decisions": []})

@@ -28,7 +28,7 @@ BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m", 
 
 
 def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **options):
-    """`plan_render` with a progress bar, of ``frames`` as in `kept_plan`; what a run needs is compiled meanwhile.
+    """`plan_render` with a progress bar, of ``frames``, rows of a `Trajectory`; what a run needs is compiled meanwhile.
 
     But not where the time is to be measured, nor where there is nothing to find out.
     """
@@ -52,26 +52,12 @@ def what_is_planned(scene) -> str | None:
     return None
 
 
-def kept_plan(scene, renderer, frames, motion, quiet: bool = False) -> Plan:
-    """The plan of a sequence, made where it was not made before, in this or another run.
+def kept_plan(scene, renderer, frames, make: Callable[[], Plan]) -> Plan:
+    """The plan of a sequence from disk, or made and kept there, for this or another run.
 
-    Args:
-        scene: The scene.
-        renderer: A `FrameRenderer` of it.
-        frames: Rows of a `Trajectory`.
-        motion: As in `plan_render`.
-        quiet: No progress on stderr.
+    Without its cost, which is of one machine, and without models, which say of what outputs it was asked for. Of
+    ``frames``, rows of a `Trajectory`; ``make`` is such as `plan_sequence`.
     """
-    return _kept(scene, renderer, frames, lambda: plan_sequence(scene, renderer, frames, motion, quiet))
-
-
-def keep_plan(scene, renderer, frames, plan: Plan) -> None:
-    """Keep a plan that was made anyway, for runs."""
-    _kept(scene, renderer, frames, lambda: plan)
-
-
-def _kept(scene, renderer, frames, make: Callable[[], Plan]) -> Plan:
-    """A plan from disk, or made and kept there; without its cost, which is of one machine, and without models."""
     def build() -> dict[str, np.ndarray]:
         return {"plan": np.array(json.dumps({"plan": replace(make(), cost=None, models={}).to_dict()}))}
 

@@ -375,13 +375,15 @@ class _Run:
 
     def make_plan(self) -> Plan:
         """What the planner chooses for the whole sequence."""
-        from varos_warp.dataset.run.planning import kept_plan, told_of, what_is_planned
+        from varos_warp.dataset.run.planning import kept_plan, plan_sequence, told_of, what_is_planned
 
         start = time.monotonic()
         if question := what_is_planned(self.scene):
             self.console.tell(f"planning {question} ...")
         # of the whole sequence, whichever part of it this run renders
-        plan = kept_plan(self.scene, self.renderer, self.simulation.frames, self.simulation.motion, self.console.quiet)
+        frames = self.simulation.frames
+        plan = kept_plan(self.scene, self.renderer, frames, lambda: plan_sequence(
+            self.scene, self.renderer, frames, self.simulation.motion, self.console.quiet))
         first, *others = told_of(plan, self.scene.render.outputs) or [""]
         if first:
             self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")

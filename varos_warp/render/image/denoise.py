@@ -7,8 +7,8 @@ some pixels around stays as it is. Values of the correction may be negative, and
 image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
 With the field the base is nearly free of noise, so it guides the correction, with albedo and normals of surfaces as far
-as light comes from them (`correction_guides`). B has no water: albedo and normals keep its textures and edges; its
-albedo is the mean over its samples, which has edges as smooth as the image, unless an exposure blurs it.
+as light comes from them. B has no water: albedo and normals keep its textures and edges; its albedo is the mean over
+its samples, which has edges as smooth as the image, unless an exposure blurs it.
 """
 
 import functools

@@ -1,12 +1,12 @@
 """What a planner decided: its choices with their reasons and errors, and what follows from them for a frame."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from varos_warp.errors import InputError, counted
+from varos_warp.errors import counted
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
 from varos_warp.render.planner import by_frame
@@ -43,26 +43,17 @@ class Decision:
     what: str
     choice: str
     reason: str
-    error: tuple[float, float, float] | None = None
+    error: Sequence[float] | None = None
     """Predicted relative RMSE of the choice, per channel; None where it is not known."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types."""
         return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": _rounded(self.error)}
 
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> "Decision":
-        """The decision that `to_dict` has made plain."""
-        return cls(content["what"], content["choice"], content["reason"], _tuple(content.get("error")))
-
 
 def _rounded(error: Iterable[float] | None) -> list[float] | None:
     """An error in three digits."""
     return None if error is None else [float(f"{e:.3g}") for e in error]
-
-
-def _tuple(error: Iterable[float] | None) -> tuple[float, float, float] | None:
-    return None if error is None else tuple(error)
 
 
 @dataclass(frozen=True)
@@ -84,7 +75,7 @@ class Plan:
     """How each output is made, by its letter."""
     cost: dict[str, Any] | None = None
     """Seconds on this device; only where they were asked for."""
-    stated_error: tuple[float, float, float] | None = None
+    stated_error: Sequence[float] | None = None
     """What a plan that was read says of its ``error``; absent: it follows from the decisions."""
 
     @property
@@ -151,16 +142,11 @@ class Plan:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Plan":
-        """The plan that `to_dict` has made plain, here or in an earlier version, which may have said less.
-
-        Raises:
-            InputError: If it does not say how many samples there are.
-        """
-        if "spp" not in content:
-            raise InputError("is missing", key="samples.plan.spp", remedy="Make the dataset anew in another folder.")
+        """The plan that `to_dict` has made plain, here or in an earlier version, which may have said less."""
         known = {key: content[key] for key in (*PLANNED, "spp_by_frame", "cost") if key in content}
-        return cls(**known, models=content.get("models") or {}, stated_error=_tuple(content.get("error")),
-                   decisions=[Decision.from_dict(one) for one in content.get("decisions") or ()])
+        decisions = [Decision(one["what"], one["choice"], one["reason"], one.get("error"))
+                     for one in content.get("decisions") or ()]
+        return cls(**known, decisions=decisions, models=content.get("models") or {}, stated_error=content.get("error"))
 
 
 def models_in_words(scene: Scene, plan: Plan, outputs: Iterable[str], denoisers: dict[str, str | None]
