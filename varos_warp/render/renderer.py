@@ -2,7 +2,7 @@
 
 import copy
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from varos_warp.render.image.outputs import OUTPUTS
 from varos_warp.render.image.segments import segment_table
 from varos_warp.render.kinds import hit_kernels, kernels_needed, twin_of
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
-from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
+from varos_warp.render.options import INTEGRATORS, LAYERS, RenderOptions, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -167,14 +167,6 @@ class FrameRenderer:
             InputError: If something unknown is asked for, or F without ``following``, or a pose is none.
             TypeError: If there is no such option.
         """
-        with self.launcher.turn:
-            return self._rendered(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns,
-                                  seed=seed, frame=frame, **options)
-
-    def _rendered(self, T_w_v: ArrayLike, camera: str | Camera | None, outputs: Iterable[str], *,
-                  following: NextFrame | None, motion: Motion | None, time_ns: int, seed: int | None, frame: int,
-                  **options: Any) -> Frame:
-        """Render as `render` does, by the thread whose turn it is."""
         check_names("outputs", outputs, OUTPUTS)
         if "F" in outputs and following is None:
             raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
@@ -186,7 +178,14 @@ class FrameRenderer:
             following = following._replace(T_w_v=checked_pose("following.T_w_v", following.T_w_v),
                                            motion=checked_motion("following.motion", following.motion))
         seed = self.scene.seed if seed is None else seed
-        here = self._exposed(view, T_w_v, motion, time_ns)
+        with self.launcher.turn:
+            return self._rendered(self._exposed(view, T_w_v, motion, time_ns), outputs, how, following, time_ns,
+                                  lambda letter: stream_key(seed, frame, view.id, OUTPUTS[letter].settings))
+
+    def _rendered(self, here: Exposed, outputs: Iterable[str], how: RenderOptions, following: NextFrame | None,
+                  time_ns: int, key_of: Callable[[str], int]) -> Frame:
+        """Render the ``outputs``, each with the random numbers of its key, by the thread whose turn it is."""
+        view, T_w_v, motion, _ = here
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
         # else all of an exposure is lit
         flashes = motion is not None and all(light.strobe for light in self.scene.lights)
@@ -198,9 +197,8 @@ class FrameRenderer:
             if letter == "P" and "P" in outputs and "A" in images and seen == view and sharp:
                 images["P"] = images["A"]
             elif letter in outputs:
-                key = stream_key(seed, frame, view.id, OUTPUTS[letter].settings)
                 shown = functools.partial(guides, seen, moved, flashes and letter == "A")
-                images[letter] = make(Shot(seen, T_w_v, how, key, shown, here.world, moved))
+                images[letter] = make(Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved))
         needed = {"D", "S"} if self.world.moving else {"D"}
         if geometry := set("CDSF") & set(outputs):
             images |= self._render_first_hits(here, geometry | (needed if "F" in geometry else set()))

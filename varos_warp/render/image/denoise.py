@@ -198,5 +198,6 @@ class Denoiser:
         if self.device == "cpu":  # where Warp would add up floats one by one
             total.assign(image.numpy().sum((0, 1), np.float64))
         else:
-            wp.utils.array_sum(image, out=total)
+            with wp.ScopedDevice(image.device):  # of several GPUs it adds up on the current one
+                wp.utils.array_sum(image, out=total)
         return total
