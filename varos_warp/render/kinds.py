@@ -164,9 +164,9 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + ("F" in letters)]
     made = [image for image in images if image]
     kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
-    kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if "field" in names:
         kernels += [tabulate_in_scattering, average_tiles]
+    kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if letters & {*"APB"}:
         kernels.append(film.develop)
     if any(letters & {*some} and method != "none"

@@ -106,7 +106,7 @@ def _on_cpu(method: str) -> "Denoiser":
 
 
 class Denoiser:
-    """Denoises arrays of one device where they lie, on a GPU without waiting for it. Several threads may do so.
+    """Denoises arrays of one device where they lie: on a GPU without waiting for it, on a CPU in any number of threads.
 
     Args:
         launcher: Of the device.
