@@ -15,8 +15,8 @@ from pathlib import Path
 from benchmarks import chart, methods, radiance, scenes, sensors
 from benchmarks.machine import machine
 from benchmarks.store import Store, reopen
+from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError
-from varos_warp.scene.device import resolve_device
 
 OUTPUTS = ("A", "sensors")
 SECONDS, QUICK_SECONDS = 150.0, 25.0

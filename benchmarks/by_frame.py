@@ -16,7 +16,6 @@ import numpy as np
 
 from benchmarks.machine import Stopwatch, machine
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner.by_frame import mean_spp, spp_of
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.errors import error
@@ -40,7 +39,7 @@ def check(frames: Frames, plan: Plan, frame: int) -> dict:
     def image(**how):
         return frames.render(frame, camera, "A", frame=frame, **(plan.options | how)).A
 
-    spp, method = spp_of(plan.to_dict(), camera.id, frame), available_method(scene.render.denoise)
+    spp, method = plan.spp_of(camera.id, frame), available_method(scene.render.denoise)
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, copied=["denoised"]))
     estimates = [image(spp=ESTIMATE_LEVEL * spp, seed=SEED + k).radiance for k in range(ESTIMATES)]
     found, upper = error([made.denoised], estimates, (0.0, 1.0)).max(1)
@@ -60,7 +59,7 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
     result = {
         "machine": machine(device), "scene": scene.name, "frames": len(poses), "tolerance": scene.render.tolerance,
         "resolution": scene.vehicle.cameras[0].resolution, "planning_s": round(planning, 1), "spp": plan.spp,
-        "mean_spp": round(mean_spp(plan.to_dict(), camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
+        "mean_spp": round(plan.mean_spp(camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
         "predicted": None if plan.error is None else plan.error.round(5).tolist(), "checked": []}
     for frame in chosen:
         result["checked"].append(check(Frames.of(scene, renderer, poses, motion=simulation.motion), plan, frame))

@@ -6,16 +6,18 @@ For each scene, integrator and number of samples: relative RMSE of the worst cha
 worst one, in percent, over `SEEDS` images, when the denoiser is guided by
     none        nothing
     surfaces    albedo and normals of surfaces at full strength, whatever water is before them
-    light       those of surfaces as far as light comes from them, and the base itself (`correction_guides`)
+    light       those of surfaces as far as light comes from them, and the base itself (render/image/denoise.py)
 """
 
 import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 
 from benchmarks.ambient import SCENES as FILES
 from benchmarks.light import scores
@@ -23,9 +25,10 @@ from benchmarks.light.scenes import SCENES as UNLIKE
 from benchmarks.light.scenes import Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import machine
-from varos_warp.render.image.denoise import denoise_image, part_denoised
+from varos_warp.device.devices import resolve_device, upload
+from varos_warp.device.launcher import Launcher
+from varos_warp.render.image.denoise import PART_QUALITY, Denoiser, denoise_image
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.device import resolve_device
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
@@ -50,9 +53,11 @@ def denoised(image, **guides: np.ndarray) -> np.ndarray:
     """`denoise_image` with the correction guided otherwise."""
     base, correction = image.radiance - image.correction, image.correction
     clean = denoise_image(replace(image, radiance=base, correction=np.zeros_like(base), albedo=None), "oidn")
-    for sign in (np.float32(1.0), np.float32(-1.0)):
-        clean += sign * part_denoised(sign * correction, image.stderr, "oidn", **guides)
-    return np.maximum(clean, np.float32(0.0))
+    there = partial(upload, dtype=wp.vec3, device="cpu")
+    result, part, denoiser = there(clean), there(correction), Denoiser(Launcher("cpu"))
+    for sign in (1.0, -1.0):
+        denoiser.add_denoised(result, part, sign, PART_QUALITY, {name: there(guide) for name, guide in guides.items()})
+    return np.maximum(result.numpy(), np.float32(0.0))
 
 
 def ways(frame) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import warp as wp
 
-from varos_warp.render.launch import usable_cores
+from varos_warp.device.devices import usable_cores
 
 
 def commit() -> str:

@@ -17,7 +17,7 @@ import yaml
 
 from benchmarks.machine import machine
 from varos_warp.dataset.preview import Viewpoint, preview
-from varos_warp.scene.device import resolve_device
+from varos_warp.device.devices import resolve_device
 from varos_warp.scene.file.templates import template_text
 
 JERLOV = ("IB", "II", "III", "1C", "3C")

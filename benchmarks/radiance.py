@@ -12,8 +12,8 @@ from benchmarks.machine import Budget
 from benchmarks.methods import REPEATS, Method, Render, Workshop
 from benchmarks.scenes import BenchScene, references
 from benchmarks.store import Store
+from varos_warp.device.devices import usable_cores
 from varos_warp.errors import InputError
-from varos_warp.render.launch import usable_cores
 
 Tell = Callable[[str], None]
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from benchmarks.machine import machine
 from varos_warp.dataset.run.produce import produce
-from varos_warp.scene.device import resolve_device
+from varos_warp.device.devices import resolve_device
 from varos_warp.scene.file.load import load_scene
 
 ROOT = Path(__file__).parents[1]

@@ -42,8 +42,8 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
     from varos_warp.dataset import timing
     from varos_warp.dataset.run import produce
     from varos_warp.dataset.write.images import Store
+    from varos_warp.device.devices import usable_cores
     from varos_warp.scene.file.load import load_scene
-    from varos_warp.scene.launch import usable_cores
 
     path, changes = SCENES[name]
     start, first, write = time.process_time(), [], Store.write
@@ -71,18 +71,17 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
 
 def foretold(scene, frames: int) -> float:
     """Seconds a frame that `plan` foretells for the same frames."""
-    from varos_warp.dataset.run.planning import kept_plan
+    from varos_warp.dataset.run.planning import kept_plan, plan_sequence
     from varos_warp.render.planner.cost import sequence_cost
     from varos_warp.render.planner.pilot import Frames
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.sim.trajectory import simulate
 
     simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
-    plan = kept_plan(scene, renderer, simulation.frames, simulation.motion, quiet=True)["plan"]
-    options = {key: plan[key] for key in ("spp", "integrator", "max_scatterings", "max_bounces")}
-    planned = SimpleNamespace(options=options, to_dict=lambda: plan)
+    plan = kept_plan(scene, renderer, simulation.frames, lambda: plan_sequence(
+        scene, renderer, simulation.frames, simulation.motion, quiet=True))
     costed = Frames(renderer, list(simulation.frames.poses()[:frames]), simulation.frames.time_ns, simulation.motion)
-    return sequence_cost(scene, costed, planned)["seconds_per_frame"]
+    return sequence_cost(scene, costed, plan)["seconds_per_frame"]
 
 
 def measure(name: str, frames: int, *options: str) -> dict:

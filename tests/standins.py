@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.sensors.registry import ASKED_FOR, mounted
 from varos_warp.render.image.flow import flow_of
+from varos_warp.render.planner.decisions import Decision, Plan
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose, inverse, pose_matrix
@@ -159,13 +160,8 @@ class FlatFloorRenderer:
 def plan_render(scene, renderer, poses, **options):
     """As the planner: where A is not among the outputs, it does not look for samples."""
     what, spp = ("spp", 8) if {"A", "P"} & set(scene.render.outputs) else ("A", 1)
-    plan = {"spp": scene.render.spp or spp, "max_scatterings": scene.render.max_scatterings,
-            "max_bounces": scene.render.max_bounces, "integrator": "auto", "reasons": ["a test"],
-            "models": dict.fromkeys(scene.render.outputs, "a test")}
-    decision = SimpleNamespace(what=what, choice=str(spp), reason="a test", error=None)
-    words = {"error": None, "shortfall": None, "ports": [], "cost": None}
-    return SimpleNamespace(**plan, **words, decisions=[decision],
-                           to_dict=lambda: plan | {"decisions": [vars(decision)]})
+    return Plan(scene.render.spp or spp, scene.render.max_scatterings, scene.render.max_bounces,
+                decisions=[Decision(what, str(spp), "a test")], models=dict.fromkeys(scene.render.outputs, "a test"))
 
 
 def install(monkeypatch):

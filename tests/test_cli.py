@@ -110,7 +110,7 @@ def test_simulate_writes_sensors_only_and_render_frames_only(scene_file, tmp_pat
 def test_plan_prints_what_the_planner_says(scene_file):
     result = call("plan", scene_file, "--device", "cpu", "--json", "-q")
     found = json.loads(result.stdout)
-    assert (found["spp"], found["max_scatterings"], found["reasons"]) == (8, None, ["a test"])
+    assert (found["spp"], found["max_scatterings"], found["reasons"]) == (8, None, ["spp 8: a test"])
     assert "a test" in call("plan", scene_file, "--device", "cpu", "-q").output
 
 
@@ -337,7 +337,7 @@ def test_what_is_made_once_is_told_but_not_when_quiet(scene_file, monkeypatch, q
 
 def test_a_machine_without_a_gpu_is_not_warned_of_by_the_driver():
     """Neither on stdout nor stderr, whoever loads Warp first."""
-    code = "import varos_warp.scene.device as d; print(d.resolve_device('cpu'))"
+    code = "import varos_warp.device.devices as d; print(d.resolve_device('cpu'))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("cpu\n", "")
 
@@ -580,7 +580,7 @@ def test_bad_input_ends_at_once_though_kernels_are_being_compiled(tmp_path):
         "import time\n"
         "from types import SimpleNamespace\n"
         "from varos_warp.cli import main\n"
-        "from varos_warp.scene.launch import compiling\n"
+        "from varos_warp.device.compile import compiling\n"
         "long = SimpleNamespace(load=lambda *_, **__: time.sleep(600.0))\n"
         "with compiling([SimpleNamespace(module=long)], 'cpu'):\n"
         "    main()\n")

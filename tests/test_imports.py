@@ -16,8 +16,8 @@ import varos_warp
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
-    "": ["kernels", "scene.block", "scene.frames", "sim.motion", "products.sensors", "scene", "sim", "products.images",
-         "render", "dataset", "cli"],
+    "": ["kernels", "device", "scene.block", "scene.frames", "sim.motion", "products.sensors", "scene", "sim",
+         "products.images", "render", "dataset", "cli"],
     "products": ["sensors", "images"],
     "kernels": ["world", "mesh", "film", "field", "transport"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],

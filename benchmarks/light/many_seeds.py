@@ -21,12 +21,12 @@ from benchmarks.light.measure import render_seeds
 from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
+from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError
 from varos_warp.render.planner.errors import BLOCKS_WITHIN
 from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import PATHS_PAY, Planner, plan_render
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.device import resolve_device
 
 TEN_TIMES = 10.0
 """The tolerance: beyond it only one block in 10 000 may be."""

@@ -29,8 +29,8 @@ from benchmarks.light.masked_scenes import NOW_S, SCENES, TWINS, build
 from benchmarks.light.scenes import Built
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
+from varos_warp.device.devices import resolve_device
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.device import resolve_device
 
 ALIKE = 1e-4
 ROUNDING = 1e-6

@@ -30,9 +30,9 @@ from benchmarks.light.pictures import side_by_side
 from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
+from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.device import resolve_device
 
 HIDDEN = 0.3
 """Share of the reference's own noise below which an error of pixels is not told."""

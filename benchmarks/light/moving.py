@@ -30,9 +30,9 @@ from benchmarks.light.pictures import row_of_images
 from benchmarks.light.scenes import RESOLUTION
 from benchmarks.light.scores import Estimate
 from benchmarks.machine import Stopwatch, machine
+from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.device import resolve_device
 from varos_warp.scene.optics.shutter import row_offsets_s
 
 SEED = 1_000_003

@@ -71,9 +71,10 @@ def _mitsuba_passes(mitsuba, scene, resolution, spp, seed):
 
 def _denoiser():
     """Open Image Denoise on colour alone, as this project uses it on whole images: Mitsuba's own needs OptiX."""
-    from varos_warp.render.image.denoise import denoise
+    from varos_warp.render.image.denoise import denoise_image
+    from varos_warp.render.image.frame import RadianceImage
 
-    return lambda image: denoise(image, np.ones_like(image), "oidn")
+    return lambda image: denoise_image(RadianceImage(image, np.ones_like(image)), "oidn")
 
 
 def usable_variant() -> str:

@@ -62,7 +62,7 @@ def commit() -> str:
 
 def machine() -> str:
     """Processor and how many of its threads the process may use."""
-    from varos_warp.render.launch import Launcher
+    from varos_warp.device.launcher import Launcher
 
     names = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
              if line.startswith("model name")] if Path("/proc/cpuinfo").exists() else []

@@ -1,22 +1,18 @@
 """Kernels that are compiled while something else goes on: those that images need, each of them once."""
 
-import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_frame import LAMPS, POSE, camera, ground_and_ball, make_scene
 
+from varos_warp.kernels.film.denoise import clip_negative
 from varos_warp.render.kinds import kernels_needed
+from varos_warp.render.moments import NextFrame
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene import launch
 from varos_warp.scene.device import DeviceScene, foretold_spec
 from varos_warp.scene.file.load import DATA, load_scene
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.launch import beside, compiling, load_kernel
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -36,12 +32,23 @@ def at_rest(offset_ns):
     return np.broadcast_to(POSE, (len(offset_ns), 4, 4))
 
 
-@pytest.mark.parametrize(("made", "integrator"), [(still, "path"), (still, "field"), (moving, "path")])
-def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator):
+def rolling():
+    """Rows of different instants."""
+    scene = make_scene([camera(shutter={"exposure_s": 0.1, "readout_s": 0.3})])
+    return FrameRenderer(scene, "cpu", parts=ground_and_ball()), {"motion": at_rest}
+
+
+@pytest.mark.parametrize(("made", "integrator", "letters"), [
+    (still, "path", "ABCDS"), (still, "field", "ABCDSF"), (still, "reference", "A"), (moving, "path", "ABCDSP"),
+    (rolling, "field", "CF")])
+def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator, letters):
     renderer, how = made()
-    announced = needed(renderer, "ABCDS", integrator)
-    renderer.render(POSE, outputs="ABCDS", spp=2, spp_b=2, integrator=integrator, denoise_b="oidn", **how)
-    assert announced == {kernel.module for kernel in renderer.launcher._loaded}
+    announced = needed(renderer, letters, integrator)
+    if "F" in letters:
+        how["following"] = NextFrame(POSE, motion=how.get("motion"))
+    renderer.render(POSE, outputs=letters, spp=2, spp_b=2, integrator=integrator, denoise_b="oidn", **how)
+    later = {clip_negative.module} if {*letters} & {*"AB"} else set()  # a CPU denoises beside the next frame
+    assert announced == {kernel.module for kernel in renderer.launcher._loaded} | later
 
 
 def needed(renderer, letters, integrator=None):
@@ -55,86 +62,6 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
     renderer, _ = still()
     both = needed(renderer, "A", "auto")
     assert all(both > needed(renderer, "A", integrator) for integrator in ("field", "path"))
-
-
-class Module:
-    """Stands in for Warp's: knows when it is loaded, but not when it is being compiled."""
-
-    def __init__(self, error=None):
-        self.error, self.compiled, self.is_loaded = error, 0, False
-        self.begun, self.go = threading.Event(), threading.Event()
-
-    def load(self, device, block_dim):
-        if self.is_loaded:
-            return
-        self.compiled += 1
-        self.begun.set()
-        assert self.go.wait(60.0)
-        if self.error:
-            raise self.error
-        self.is_loaded = True
-
-
-def waiting(count, **how):
-    """Kernels whose modules are not compiled before they may `go`."""
-    return [SimpleNamespace(module=Module(**how)) for _ in range(count)]
-
-
-def test_each_kernel_is_compiled_once_begun_or_not():
-    kernels = waiting(3)
-    with compiling(kernels, "cpu"), compiling(reversed(kernels), "cpu"), ThreadPoolExecutor() as pool:
-        assert kernels[0].module.begun.wait(60.0)
-        loading = [pool.submit(load_kernel, kernel, "cpu") for kernel in kernels]
-        for kernel in kernels:
-            kernel.module.go.set()
-        for job in loading:
-            job.result()
-    assert [kernel.module.compiled for kernel in kernels] == [1, 1, 1]
-
-
-def test_a_kernel_that_is_needed_does_not_wait_for_those_before_it(monkeypatch):
-    """With fewer threads than kernels, the one that is needed may not have begun."""
-    monkeypatch.setattr(launch, "usable_cores", lambda: 2)
-    *before, needed_now = waiting(3)
-    needed_now.module.go.set()
-    with compiling([*before, needed_now], "cpu"):
-        load_kernel(needed_now, "cpu")
-        assert needed_now.module.is_loaded
-        assert not any(kernel.module.is_loaded for kernel in before)
-    for kernel in before:
-        kernel.module.go.set()
-
-
-def test_nobody_waits_for_what_is_compiled_but_not_needed(monkeypatch):
-    """What has begun goes on after the end, and what has not is left to those who need it."""
-    monkeypatch.setattr(launch, "usable_cores", lambda: 2)
-    kernels = waiting(3)
-    with compiling(kernels, "cpu"):
-        assert all(kernel.module.begun.wait(60.0) for kernel in kernels[:2])
-    for kernel in kernels:
-        kernel.module.go.set()
-    for kernel in kernels:
-        load_kernel(kernel, "cpu")
-    assert [kernel.module.compiled for kernel in kernels] == [1, 1, 1]
-
-
-def test_an_error_does_not_wait_for_what_goes_on_beside():
-    go, begun = threading.Event(), time.monotonic()
-    with pytest.raises(ZeroDivisionError), beside(go.wait, 60.0):
-        raise ZeroDivisionError
-    assert time.monotonic() - begun < 30.0
-    go.set()
-    with beside(max, 3, 4) as larger:
-        assert larger.result() == 4
-
-
-def test_what_a_thread_failed_to_compile_is_tried_again_where_it_is_needed():
-    kernel, = waiting(1, error=RuntimeError("no compiler"))
-    kernel.module.go.set()
-    with compiling([kernel], "cpu"):
-        assert kernel.module.begun.wait(60.0)
-        with pytest.raises(RuntimeError, match="no compiler"):
-            load_kernel(kernel, "cpu")
 
 
 @pytest.mark.parametrize(("file", "changes"), [

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from physics.rig import VAROS_LAMPS, one_ray_scene
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.render.field import solver
 from varos_warp.render.field.open_water import OpenWater, unavailable
-from varos_warp.render.launch import Launcher
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer
 

@@ -1,6 +1,9 @@
 """A frame: the same bytes for the same seed, layers that sum, honest errors, and geometry that fits the intrinsics."""
 
-import itertools
+import threading
+import time
+from contextlib import contextmanager
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,15 +13,16 @@ from physics.rig import VAROS_LAMPS, floor, one_ray_scene
 from scipy import stats
 from spread import absolute, assert_honest, evenly, relative
 
+from varos_warp.device import launcher as launch_module
+from varos_warp.device.devices import kind_of
+from varos_warp.device.launcher import at_once
 from varos_warp.errors import InputError
-from varos_warp.render import launch as launch_module
 from varos_warp.render import radiance
 from varos_warp.render.image.denoise import available_method, denoise_image
 from varos_warp.render.image.films import MOST_PARTS
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
-from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
 from varos_warp.scene.geometry.parts import Part
 
@@ -358,25 +362,24 @@ def test_a_gpu_gives_the_same_bytes_twice(gpu):
 @pytest.mark.gpu
 @pytest.mark.parametrize("how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "copied": ["denoised"]},
                                  {"integrator": "path"}])
-def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself(gpu, how):
+def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself(gpu, how, monkeypatch):
     """They have films and lamps of their own, wherever one goes on while the other waits."""
     poses = [POSE, POSE @ np.array([[1.0, 0, 0, 0.3], [0, 1, 0, -0.2], [0, 0, 1, 0], [0, 0, 0, 1]])]
     alone = [gpu.render(pose, spp=40, frame=k, **how) for k, pose in enumerate(poses)]
-    frames = [gpu.steps(pose, spp=40, frame=k, **how) for k, pose in enumerate(poses)]
-    done, waits = {}, {}
-    for k in itertools.cycle([0, 1, 1, 0, 1, 0, 0]):
-        if k not in done:
-            if k in waits:
-                waits[k]()
-            try:
-                waits[k] = next(frames[k])
-            except StopIteration as end:
-                done[k] = end.value
-        if len(done) == 2:
-            break
-    assert len(waits) == 2
-    for k, expected in enumerate(alone):
-        assert_same_bytes(done[k], expected)
+    aside, waits = gpu.launcher.aside, []
+
+    @contextmanager
+    def long_aside():
+        with aside():
+            waits.append(threading.current_thread())
+            time.sleep(0.01)
+            yield
+
+    monkeypatch.setattr(gpu.launcher, "aside", long_aside)
+    frames = list(at_once("cuda:0", lambda pose, k: gpu.render(pose, spp=40, frame=k, **how), poses, range(2)))
+    assert sum(one != other for one, other in pairwise(waits)) > 1  # they took turns
+    for frame, expected in zip(frames, alone, strict=True):
+        assert_same_bytes(frame, expected)
 
 
 @pytest.mark.gpu

@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def _leave_threads(status: str | int | None) -> None:
-    """End without waiting for threads that compile or load (scene/launch.py), if any do: nobody needs it any more.
+    """End without waiting for threads that compile or load (device/compile.py), if any do: nobody needs it any more.
 
     Python would wait for them. What they write gets its name when it is whole.
     """

@@ -26,11 +26,11 @@ from varos_warp.errors import counted
 def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
     """Choose the integrator and the samples, and say why and how long a run will take."""
     from varos_warp.dataset.progress import Console
-    from varos_warp.dataset.run.planning import keep_plan, plan_sequence
+    from varos_warp.dataset.run.planning import kept_plan, plan_sequence
     from varos_warp.dataset.run.produce import simulated
+    from varos_warp.device.devices import resolve_device
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.checks import check_scene
-    from varos_warp.scene.device import resolve_device
     from varos_warp.scene.file.load import load_scene
     from varos_warp.scene.file.named_files import require_files
     from varos_warp.scene.file.source import located
@@ -48,7 +48,7 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
             Console(quiet).tell(f"note: {warning}")
         renderer = FrameRenderer(loaded, device, parts)
         planned = plan_sequence(loaded, renderer, wanted, simulation.motion, quiet, measure_cost=True)
-    keep_plan(loaded, renderer, wanted, planned)
+    kept_plan(loaded, renderer, wanted, lambda: planned)
     result = planned.to_dict()
     if json_:
         print_json(result)

@@ -148,7 +148,7 @@ def preprocess(
     """
     from varos_warp.dataset.files import write_json
     from varos_warp.dataset.progress import NamedSteps
-    from varos_warp.scene.device import resolve_device
+    from varos_warp.device.devices import resolve_device
     from varos_warp.scene.geometry.terrain import STEPS, preprocess_meshes, write_ply
 
     options, device = repair.parsed(), resolve_device(device)

@@ -1,13 +1,13 @@
-"""Which kernels make an image: the kinds of samples that it is the sum of, and all that is compiled for a scene."""
+"""Which kernels make an image, stated once: an image takes them from here, and threads compile them ahead."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import warp as wp
 
+from varos_warp.device.compile import compiling
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
@@ -18,6 +18,7 @@ from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel, make_hidden_kernel
 from varos_warp.kernels.transport.path import make_subpath_kernel
+from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
 from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
@@ -29,7 +30,6 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import foretold_spec, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
-from varos_warp.scene.launch import compiling
 from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.shutter import is_rolling
 
@@ -62,24 +62,6 @@ ALL_ALIKE = SampleKind(None, 1, 1.0, False)
 """Samples of images that have one kind only."""
 
 
-def kinds_of_samples(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, with_field: bool,
-                     varies: bool) -> list[SampleKind]:
-    """What A is the sum of, by paths with or without the field; ``varies``: compiled for moments."""
-    spec = replace(spec, medium=spec.medium and options.max_scatterings != 0, field=with_field, varies=varies,
-                   camera_field=with_field and along_camera(scene, view), optics=optics_spec(view), **layers(options))
-    kinds = []
-    if camera := spec.camera():
-        kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
-    if subpaths := spec.subpaths():
-        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
-    return kinds
-
-
-def layers(options: RenderOptions) -> dict[str, bool]:
-    """Which layers of A are wanted, as fields of a spec."""
-    return {layer: layer in options.layers for layer in LAYERS}
-
-
 def sample_step(view: Camera, with_field: bool) -> int:
     """What samples per pixel of A are a multiple of; 0 if tiles take unlike numbers, whose mean may be any fraction."""
     if optics_spec(view).dispersion:
@@ -88,13 +70,70 @@ def sample_step(view: Camera, with_field: bool) -> int:
     return 0 if with_field and min(view.resolution) > 1 else 1
 
 
-def is_dark(scene: Scene, spec: SceneSpec) -> bool:
-    """Whether A is black: nothing could send light to a camera, or there is none."""
-    return not (spec.surfaces or spec.medium) or not scene.lights
+class LightKernels(NamedTuple):
+    """Kernels of A, P or B; None, or no kinds, of what it does without."""
+
+    kinds: tuple[SampleKind, ...] = ()
+    """What paths take samples with."""
+    samples: wp.Kernel | None = None
+    """Takes those of the reference, or of B."""
+    virtual_lights: wp.Kernel | None = None
+    guides: wp.Kernel | None = None
 
 
-def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None,
-                   device: str = "cpu") -> list[wp.Kernel]:
+def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, integrator: str, moves: bool
+                  ) -> LightKernels | None:
+    """Kernels of A, or of P for its camera; None if it is black: nothing could send light there, or there is none.
+
+    Args:
+        scene: The scene.
+        spec: What is present in it.
+        view: The camera.
+        options: With everything that the scene has to say.
+        integrator: field, path or reference.
+        moves: Whether the camera moves while its shutter is open.
+    """
+    if not (spec.surfaces or spec.medium) or not scene.lights:
+        return None
+    layers = {layer: layer in options.layers for layer in LAYERS}
+    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights), **layers)
+    if integrator == "reference":
+        return LightKernels(samples=make_reference_kernel(spec))
+    with_field, kinds = integrator == "field", []
+    of_paths = replace(spec, medium=spec.medium and options.max_scatterings != 0, field=with_field,
+                       camera_field=with_field and along_camera(scene, view))
+    if camera := of_paths.camera():
+        kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
+    if subpaths := of_paths.subpaths():
+        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
+    # without the field the base is too noisy to guide
+    guided = with_field and spec.surfaces and options.denoise in (None, "oidn")
+    return LightKernels(tuple(kinds), guides=make_guides_kernel(replace(spec, varies=moves)) if guided else None,
+                        virtual_lights=make_virtual_lights_kernel(spec) if subpaths and spec.surfaces else None)
+
+
+def ambient_kernels(spec: SceneSpec, view: Camera, denoiser: str, moves: bool) -> LightKernels | None:
+    """Kernels of B, which ``denoiser`` takes; None without surfaces: it is known. The rest as in `water_kernels`."""
+    spec = replace(spec, optics=optics_spec(view), varies=moves)
+    guides = make_guides_kernel(spec) if denoiser == "oidn" else None
+    return LightKernels(samples=make_ambient_kernel(spec), guides=guides) if spec.surfaces else None
+
+
+class HitKernels(NamedTuple):
+    """Kernel of C, D and S, and what F needs besides."""
+
+    first_hits: wp.Kernel
+    hidden: wp.Kernel
+
+
+def hit_kernels(spec: SceneSpec, view: Camera, rolls: bool) -> HitKernels | None:
+    """Kernels of C, D, S and F; None without surfaces. ``rolls``: rows are of different instants."""
+    spec = replace(spec, optics=optics_spec(view), rolling=rolls)
+    return HitKernels(make_first_hits_kernel(spec), make_hidden_kernel(spec)) if spec.surfaces else None
+
+
+def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
+                   ) -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
 
     Args:
@@ -102,27 +141,32 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
         spec: What is present in it.
         letters: Which images.
         integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
-        device: On which they are denoised.
     """
-    options, wanted = options_of(scene, {"integrator": integrator}), [OUTPUTS[letter] for letter in letters]
+    wanted = [image for letter, image in OUTPUTS.items() if letter in {*letters}]
     sources = {image.source for image in wanted}
-    no_field = cache(lambda: unavailable(scene))  # it reads files
-    kernels: list[wp.Kernel] = []
+    options, names, images, hits = options_of(scene, {"integrator": integrator}), [], [], []
+    if Source.WATER in sources:
+        names = [resolve_integrator(options.integrator, options.max_scatterings, lambda: unavailable(scene))]
+    if (options.integrator, names) == ("auto", ["field"]) and spec.surfaces:
+        names.append("path")  # a plan compares them
     for view in scene.vehicle.cameras:
-        for image in (image for image in wanted if image.source is Source.WATER):
-            if not is_dark(scene, spec):
-                kernels += _of_water(scene, spec, image.seen_by(scene, view), options, no_field)
-        if Source.AMBIENT in sources and spec.surfaces:
-            kernels += _of_ambient(scene, spec, view)
-        if sources & {Source.FIRST_HITS, Source.NEXT_FRAME} and spec.surfaces:
-            seen_first = replace(spec, optics=optics_spec(view), rolling=is_rolling(view))
-            kernels.append(make_first_hits_kernel(seen_first))
-            if Source.NEXT_FRAME in sources:
-                kernels.append(make_hidden_kernel(seen_first))
+        for image in wanted:
+            seen, moves = image.seen_by(scene, view), image.blurs and view.shutter is not None
+            if image.source is Source.WATER:
+                images += [water_kernels(scene, spec, seen, options, name, moves) for name in names]
+            if image.source is Source.AMBIENT:
+                images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
+        if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
+            hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
+    made = [image for image in images if image]
+    kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
+    if "field" in names:
+        kernels += [tabulate_in_scattering, average_tiles]
+    kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if any(image.is_color for image in wanted):
         kernels.append(film.develop)
-        if device != "cpu":
-            kernels.append(denoise.clip_negative)
+    if any(image.is_color and getattr(scene.render, image.denoise_key) != "none" for image in wanted):
+        kernels.append(denoise.clip_negative)
     return list(dict.fromkeys(kernels))
 
 
@@ -133,7 +177,7 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
 
     As far as the scene file tells; arguments as for `kernels_needed`.
     """
-    kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator, device)
+    kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator)
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)
     on_host = list(KERNELS) if getattr(scene.terrain, "preprocess", None) else []
@@ -141,29 +185,3 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
         on_host.append(compare_rows)  # for a plan
     with compiling(on_host, "cpu"), compiling(kernels, device):
         yield
-
-
-def _of_water(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions,
-              no_field: Callable[[], str | None]) -> list[wp.Kernel]:
-    moves = view.shutter is not None
-    name = resolve_integrator(options.integrator, options.max_scatterings, no_field)
-    if name == "reference":
-        return []
-    varies = moves or lights_vary(scene.lights)
-    compared = ["path"] if (options.integrator, name) == ("auto", "field") and spec.surfaces else []
-    kinds = [kind for which in (name, *compared)
-             for kind in reversed(kinds_of_samples(scene, spec, view, options, which == "field", varies))]
-    kernels = [kind.kernel for kind in kinds]
-    if spec.surfaces and name == "field":
-        kernels.append(make_guides_kernel(replace(spec, optics=optics_spec(view), varies=moves)))
-    if spec.surfaces:
-        kernels.append(make_virtual_lights_kernel(replace(spec, varies=varies)))
-    return [*kernels, tabulate_in_scattering, average_tiles] if name == "field" else kernels
-
-
-def _of_ambient(scene: Scene, spec: SceneSpec, view: Camera) -> list[wp.Kernel]:
-    spec = replace(spec, optics=optics_spec(view), varies=view.shutter is not None)
-    kernels = [make_ambient_kernel(spec)]
-    if scene.render.denoise_b == "oidn":
-        kernels.append(make_guides_kernel(spec))
-    return kernels

@@ -13,27 +13,22 @@ from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, develop, tile_variances, weigh_guides
-from varos_warp.kernels.spec import SceneSpec
-from varos_warp.kernels.transport.ambient import make_ambient_kernel
-from varos_warp.kernels.transport.first_hits import make_guides_kernel
 from varos_warp.kernels.transport.moments import Moments
-from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.segment import PathBounds
-from varos_warp.kernels.transport.virtual_lights import VirtualLight, make_virtual_lights_kernel
+from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.products.images.radiance import RadianceImage
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
-from varos_warp.render.image.denoise import check_finite, denoise_image
+from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import block_error, without_noise
-from varos_warp.render.kinds import ALL_ALIKE, SampleKind, is_dark, kinds_of_samples, layers, sample_step
-from varos_warp.render.launch import Steps, aside
+from varos_warp.render.kinds import ALL_ALIKE, LightKernels, SampleKind, ambient_kernels, sample_step, water_kernels
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, optics_spec
+from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import lit_of_rows
@@ -62,12 +57,17 @@ class Shot(NamedTuple):
     """With everything that the scene has to say."""
     key: int
     """Of its random numbers."""
-    guides: Callable[[], dict[str, wp.array]]
-    """Albedo and normals, traced once for all images of a frame."""
+    guides: Callable[[wp.Kernel], dict[str, wp.array]]
+    """Albedo and normals, traced by a kernel once for all images of a frame."""
     world: DeviceScene
     """The scene, with what moves where it is at the frame's time."""
     motion: Motion | None = None
     """Of the vehicle while the shutter is open; None: it stands still, and so does all else."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moves while its shutter is open."""
+        return self.motion is not None and self.view.shutter is not None
 
 
 class Seen(NamedTuple):
@@ -88,22 +88,23 @@ class RadianceRenderer:
         self._told = False
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
-    def water(self, shot: Shot) -> Steps[RadianceImage]:
+    def water(self, shot: Shot) -> RadianceImage:
         """Render A."""
         view, options = shot.view, shot.options
         integrator = self._integrator(options)
         if step := sample_step(view, integrator == "field"):
             options = replace(options, spp=step * ceil(options.spp / step))
             shot = shot._replace(options=options)
-        if is_dark(self.scene, self.world.spec):
+        kernels = water_kernels(self.scene, self.world.spec, view, options, integrator, shot.moves)
+        if kernels is None:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
-            return (yield from self._denoised(image, {}, options.denoise))
+            return self._denoised(image, {}, options.denoise)
         bounds, most = PathBounds(), (options.max_scatterings if self.world.spec.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
-        if integrator == "reference":
-            return (yield from self._by_reference(shot, bounds))
-        return (yield from self._by_paths(shot, bounds, integrator == "field"))
+        if kernels.samples:
+            return self._by_reference(shot, bounds, kernels.samples)
+        return self._by_paths(shot, bounds, integrator == "field", kernels)
 
     def _integrator(self, options: RenderOptions) -> str:
         """The integrator of A; that ``auto`` does without a field that cannot be solved for is told, once.
@@ -139,32 +140,26 @@ class RadianceRenderer:
             self._shares[view] = None if left is None else wp.array(left, dtype=wp.float64, device=self.device)
         return self._shares[view]
 
-    def _by_reference(self, shot: Shot, bounds: PathBounds) -> Steps[RadianceImage]:
+    def _by_reference(self, shot: Shot, bounds: PathBounds, kernel: wp.Kernel) -> RadianceImage:
         options = shot.options
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kernel = make_reference_kernel(replace(self._spec(shot.world, shot.view, seen), **layers(options)))
         self.films.take(film, kernel, {
             "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
             "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
             share=self._share(shot.view))
-        return (yield from self._fetched([film], self._developed([film]), shot, options.layers, options.denoise))
+        return self._fetched([film], self._developed([film]), shot, options.layers, options.denoise)
 
-    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool) -> Steps[RadianceImage]:
-        options, spec = shot.options, shot.world.spec
-        seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
-        kinds = kinds_of_samples(self.scene, spec, shot.view, options, with_field, seen.varies)
-        films = yield from self._path_films(shot, bounds, with_field, seen, kinds)
-        images, guides = self._developed(films), {}
-        # without the field the base is too noisy to guide
-        if with_field and spec.surfaces and options.denoise in (None, "oidn"):
-            guides = self._weighed(shot.guides(), images)
-        return (yield from self._fetched(films, images, shot, options.layers, options.denoise, guides, kinds))
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> RadianceImage:
+        films = self._path_films(shot, bounds, with_field, kernels)
+        images = self._developed(films)
+        guides = self._weighed(shot.guides(kernels.guides), images) if kernels.guides else {}
+        return self._fetched(films, images, shot, shot.options.layers, shot.options.denoise, guides, kernels.kinds)
 
-    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, seen: Seen, kinds: list[SampleKind]
-                    ) -> Steps[list[Film]]:
+    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> list[Film]:
         """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
-        view, options = shot.view, shot.options
+        view, options, kinds = shot.view, shot.options, kernels.kinds
+        seen = self._seen(shot.world, view, shot.T_w_v, shot.motion, key=shot.key)
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = shot.world.lit(shot.T_w_v)
         # single scattering in open water is a quadrature
@@ -172,7 +167,7 @@ class RadianceRenderer:
         known = {"scene": scene, "camera": seen.camera, "moments": seen.moments, "field": field, "bounds": bounds}
         of_segments, of_subpaths = ({**known, "key": wp.uint32(key)} for key in keys[:2])
         if any(kind.subpaths for kind in kinds):
-            of_subpaths["virtual_lights"] = self._virtual_lights(scene, view, seen, keys[2])
+            of_subpaths["virtual_lights"] = self._virtual_lights(scene, view, seen, keys[2], kernels.virtual_lights)
         shares = sample_step(view, with_field) == 0
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
@@ -189,22 +184,23 @@ class RadianceRenderer:
             # by the noise of the first, of which a denoiser takes most
             denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
-            statistics = yield from self.films.tile_statistics(films, taken_away if denoised else 1.0)
+            statistics = self.films.tile_statistics(films, taken_away if denoised else 1.0)
             cost = [kind.cost for kind in kinds]
-            take((yield from aside(lambda: share_out(other_noise(*statistics), first, spp, cost))))
+            with self.launcher.aside():
+                samples = share_out(other_noise(*statistics), first, spp, cost)
+            take(samples)
         return films
 
-    def _virtual_lights(self, scene, view, seen: Seen, key: int) -> wp.array:
+    def _virtual_lights(self, scene, view, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
         groups = 1
         if seen.varies:  # parts of the instants that samples are of
             lit = seen.moments.lit_end - seen.moments.lit_begin
             groups = min(lit or seen.moments.cameras.shape[0], VIRTUAL_GROUPS)
-        if not self.world.spec.surfaces:
+        if kernel is None:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
         count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
-        kernel = make_virtual_lights_kernel(replace(self.world.spec, varies=seen.varies))
         self.launcher.rows(kernel, (lights.size,), {
             "scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights}, tile_rows=1024)
         return lights
@@ -222,38 +218,32 @@ class RadianceRenderer:
         rng = np.random.default_rng([key, MOMENTS_SEED])
         return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole, lit), True)
 
-    @staticmethod
-    def _spec(world: DeviceScene, view: Camera, seen: Seen) -> SceneSpec:
-        """What kernels of an image are compiled for."""
-        return replace(world.spec, optics=optics_spec(view), varies=seen.varies)
-
-    def ambient(self, shot: Shot) -> Steps[RadianceImage]:
+    def ambient(self, shot: Shot) -> RadianceImage:
         """Render B."""
         resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
-        if not world.spec.surfaces:
+        kernels = ambient_kernels(world.spec, shot.view, method or self.scene.render.denoise_b, shot.moves)
+        if kernels is None:
             image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
-            return (yield from self._denoised(image, {}, method))
+            return self._denoised(image, {}, method)
         film = self.films.black(resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
-        kernel = make_ambient_kernel(self._spec(world, shot.view, seen))
-        self.films.take(film, kernel, {
+        self.films.take(film, kernels.samples, {
             "scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
             shot.options.spp_b)
         images = self._developed([film])
         guides = {}
-        if (method or self.scene.render.denoise_b) == "oidn":
-            guides = shot.guides()
+        if kernels.guides:
+            guides = shot.guides(kernels.guides)
             if not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
                 guides = guides | {"albedo": images["direct"]}
-        return (yield from self._fetched([film], images, shot, (), method, guides))
+        return self._fetched([film], images, shot, (), method, guides)
 
-    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None,
-                     lit: bool) -> dict[str, wp.array]:
+    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool,
+                     kernel: wp.Kernel) -> dict[str, wp.array]:
         """Albedo and normals at the centres of the pixels; means over an exposure, or what is ``lit`` of it."""
         seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        kernel = make_guides_kernel(self._spec(world, view, seen))
         self.launcher.rows(kernel, shape, {
             "scene": world.data, "camera": seen.camera, "moments": seen.moments, **guides})
         return guides
@@ -278,7 +268,7 @@ class RadianceRenderer:
         return images | {"block_error": blocks}
 
     def _fetched(self, films: list[Film], images: dict[str, wp.array], shot: Shot, wanted_layers, method: str | None,
-                 guides=None, kinds: Sequence[SampleKind] = ()) -> Steps[RadianceImage]:
+                 guides=None, kinds: Sequence[SampleKind] = ()) -> RadianceImage:
         """The `RadianceImage` of what was `_developed`; of paths, if there are kinds of samples."""
         shape = images["radiance"].shape
         # what a denoiser works on, still on the device
@@ -291,7 +281,7 @@ class RadianceRenderer:
             told = () if shot.options.copied else ("block_error", *wanted_layers)
             wanted = work | {name: images[name] for name in ("stderr", *told)}
         kept = [array for film in films for array in (film.lost, film.count)]
-        fetched = yield from self.launcher.fetch(*kept, *wanted.values())
+        fetched = self.launcher.fetch(*kept, *wanted.values())
         on_host = dict(zip(wanted, fetched[len(kept):], strict=True))
         lost = sum(int(count[0]) for count in fetched[:len(kept):2])
         if lost:
@@ -305,17 +295,17 @@ class RadianceRenderer:
         if "block_error" in on_host:
             on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in on_host}
-        return (yield from self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method))
+        return self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method)
 
     def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None
-                  ) -> Steps[RadianceImage]:
+                  ) -> RadianceImage:
         """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
         if method is None:
             return image
         if not on_device or not self._denoises(method):
             return replace(image, denoised=denoise_image(image, method))
         check_finite(image.radiance)
-        denoised, = yield from self.launcher.fetch(self._device_denoiser.denoise(**on_device))
+        denoised, = self.launcher.fetch(self._device_denoiser.denoise(**on_device))
         return replace(image, denoised=denoised)
 
     def _denoises(self, method: str | None) -> bool:
@@ -327,10 +317,8 @@ class RadianceRenderer:
         """Open Image Denoise on the GPU; None where the host has to do."""
         if self.device == "cpu":
             return None
-        from varos_warp.render.image.device_denoise import DeviceDenoiser
-
         try:
-            return DeviceDenoiser(self.launcher)
+            return Denoiser(self.launcher)
         except (ImportError, OSError, RuntimeError) as error:
             warn(f"images are denoised on the CPU: {error}")
             return None

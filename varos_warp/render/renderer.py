@@ -2,17 +2,19 @@
 
 import copy
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
+from varos_warp.device.compile import compiling
+from varos_warp.device.devices import resolve_device
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
-from varos_warp.kernels.transport.first_hits import Rows, make_first_hits_kernel, make_hidden_kernel
+from varos_warp.kernels.transport.first_hits import Rows
 from varos_warp.products.images.depth import DepthImage
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.normals import NormalImage
@@ -23,19 +25,17 @@ from varos_warp.products.images.segments import SegmentImage, segment_table
 from varos_warp.render.image.films import Films
 from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import Frame
-from varos_warp.render.kinds import kernels_needed
-from varos_warp.render.launch import Launcher, Steps, finish
+from varos_warp.render.kinds import hit_kernels, kernels_needed
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
-from varos_warp.render.options import INTEGRATORS, LAYERS, check_names, options_of, resolve_integrator
+from varos_warp.render.options import INTEGRATORS, LAYERS, RenderOptions, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import FLOW, WATER
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import DeviceScene, camera_records, optics_spec, resolve_device
+from varos_warp.scene.device import DeviceScene, camera_records
 from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.launch import compiling
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.companions import companions
@@ -147,7 +147,7 @@ class FrameRenderer:
             outputs: Letters of the images.
             integrator: Of A and P; absent: the scene's.
         """
-        kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator, self.device)
+        kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator)
         return compiling(kernels, self.device)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
@@ -155,7 +155,7 @@ class FrameRenderer:
                seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
-        Several threads may render: one goes on while others wait for a GPU.
+        Several threads may render: one uses the device while others wait for what it computes.
 
         Args:
             T_w_v: Pose of the vehicle in the world.
@@ -173,16 +173,6 @@ class FrameRenderer:
             InputError: If something unknown is asked for, or F without ``following``, or a pose is none.
             TypeError: If there is no such option.
         """
-        return finish(self.steps(T_w_v, camera, outputs, following=following, motion=motion, time_ns=time_ns, seed=seed,
-                                 frame=frame, **options), self.launcher.turn)
-
-    def steps(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-              following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
-              seed: int | None = None, frame: int = 0, **options: Any) -> Steps[Frame]:
-        """Render as `render` does, step by step, so that another frame can go on while this one waits for a GPU.
-
-        Only one thread at a time may do a step.
-        """
         check_names("outputs", outputs, OUTPUTS)
         if FLOW in outputs and following is None:
             raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
@@ -194,32 +184,40 @@ class FrameRenderer:
             following = following._replace(T_w_v=checked_pose("following.T_w_v", following.T_w_v),
                                            motion=checked_motion("following.motion", following.motion))
         seed = self.scene.seed if seed is None else seed
-        here = self._exposed(view, T_w_v, motion, time_ns)
+        with self.launcher.turn:
+            return self._rendered(self._exposed(view, T_w_v, motion, time_ns), outputs, how, following, time_ns,
+                                  lambda letter: stream_key(seed, frame, view.id, OUTPUTS[letter].settings))
+
+    def _rendered(self, here: Exposed, outputs: Iterable[str], how: RenderOptions, following: NextFrame | None,
+                  time_ns: int, key_of: Callable[[str], int]) -> Frame:
+        """Render the ``outputs``, each with the random numbers of its key, by the thread whose turn it is."""
+        view, T_w_v, motion, _ = here
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
         # else all of an exposure is lit
         flashes = motion is not None and all(light.strobe for light in self.scene.lights)
         make = {Source.WATER: self.radiance.water, Source.AMBIENT: self.radiance.ambient}
         asked = {letter: image for letter, image in OUTPUTS.items() if letter in outputs}
         images: dict[str, Any] = {}
+        asked = {letter: image for letter, image in OUTPUTS.items() if letter in outputs}
         for letter, product in ((letter, image) for letter, image in asked.items() if image.source in make):
             seen, moved = product.seen_by(self.scene, view), motion if product.blurs else None
             if product.like in images and seen == view and (motion is None or view.shutter is None):
                 images[letter] = images[product.like]
             else:
-                key = stream_key(seed, frame, view.id, product.settings)
                 shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
-                images[letter] = yield from make[product.source](Shot(seen, T_w_v, how, key, shown, here.world, moved))
+                images[letter] = make[product.source](
+                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved))
         planes = {plane for image in asked.values() for plane in image.planes}
         planes |= {"instance"} if FLOW in asked and self.world.moving else set()
         if planes:
-            hits = yield from self._render_first_hits(here, planes)
+            hits = self._render_first_hits(here, planes)
             images |= {letter: image.of_hits(hits) for letter, image in asked.items()
                        if image.source is Source.FIRST_HITS}
         if FLOW in asked and following is not None:
             there = self._exposed(self._camera(following.camera) if following.camera else view,
                                   np.asarray(following.T_w_v), following.motion,
                                   time_ns if following.time_ns is None else following.time_ns)
-            images[FLOW] = yield from self._render_flow(here, there, hits)
+            images[FLOW] = self._render_flow(here, there, hits)
         return Frame(**images)
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
@@ -280,25 +278,24 @@ class FrameRenderer:
             rows.moving = here.world.moving_at(here.row_times())
         return rows
 
-    def _render_first_hits(self, here: Exposed, planes: Iterable[str]) -> Steps[FirstHits]:
+    def _render_first_hits(self, here: Exposed, planes: Iterable[str]) -> FirstHits:
         """Those planes of `FirstHits`."""
         view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         depth, distance = (wp.full(shape, wp.inf, dtype=float, device=self.device) for _ in range(2))
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
-        if self.world.spec.surfaces:
+        if kernels := hit_kernels(self.world.spec, view, here.rolls):
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            kernel = make_first_hits_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
-            self.launcher.rows(kernel, shape, {
+            self.launcher.rows(kernels.first_hits, shape, {
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here), "normal": normal,
                 "depth": depth, "distance": distance, "instance": instance})
         arrays = {"normal": normal, "depth": depth, "distance": distance, "instance": instance}
         wanted = {name: array for name, array in arrays.items() if name in planes}
-        on_host = yield from self.launcher.fetch(*wanted.values())
+        on_host = self.launcher.fetch(*wanted.values())
         return FirstHits(dict(zip(wanted, on_host, strict=True)), self.world.water, self._material_ids)
 
-    def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> Steps[FlowImage]:
+    def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> FlowImage:
         """F from distances and objects: in float64 on the host, and what hides on the device."""
         view, distance = here.view, hits.planes["distance"]
         before = camera_model(following.view), pixel_centres(*view.resolution), _centre_rays(view), distance
@@ -311,20 +308,19 @@ class FrameRenderer:
             moved = flow_of(*before, inverse(T_w_next) @ camera_pose(view, here.T_w_v))
             eye = (moved.eye.reshape(-1, 3) @ T_w_next[:3, :3].T).reshape(moved.eye.shape) + T_w_next[:3, 3]
         hidden = wp.zeros(distance.shape, dtype=wp.uint8, device=self.device)
-        if self.world.spec.surfaces:
+        if kernels := hit_kernels(self.world.spec, view, here.rolls):
             eyes = wp.empty(distance.shape, dtype=wp.vec3, device=self.device)
             self.launcher.upload(eye - self.world.origin, eyes)
             next_row = wp.zeros(distance.shape, dtype=wp.int32, device=self.device)
             if following.rolls and self.world.moving:
                 row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
-            kernel = make_hidden_kernel(replace(self.world.spec, optics=optics_spec(view), rolling=here.rolls))
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            self.launcher.rows(kernel, distance.shape, {
+            self.launcher.rows(kernels.hidden, distance.shape, {
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here),
                 "next_scene": following.world.data, "next_moving": following.world.moving_at(following.row_times()),
                 "eyes": eyes, "next_row": next_row, "hidden": hidden})
-        on_host, = yield from self.launcher.fetch(hidden)
+        on_host, = self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
 
     def _moving_parts(self, here: Exposed, following: Exposed, hits: FirstHits) -> list[MovingPart]:

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
-from varos_warp.errors import InputError
+from varos_warp.device.devices import kind_of
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
@@ -38,24 +38,6 @@ from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.ports import DomePort, FlatPort
 from varos_warp.scene.water import medium_record, optical_properties
-
-
-def resolve_device(name: str = "auto") -> str:
-    """``auto`` is the first CUDA device, else the CPU; an unknown name is an InputError."""
-    known = [str(device) for device in wp.get_devices()]
-    if name == "auto":
-        return next((device for device in known if device.startswith("cuda")), "cpu")
-    found = "cuda:0" if name == "cuda" else name
-    if found not in known:
-        raise InputError("no such device here", key="--device", value=name,
-                         remedy=f"Use auto or one of: {', '.join(known)}.")
-    return found
-
-
-def kind_of(device: str) -> str:
-    """``cpu`` or ``cuda``."""
-    return device.split(":", maxsplit=1)[0]
-
 
 LEAF_SIZE = {"cpu": 8, "cuda": 2}
 """Triangles per BVH leaf, by kind of device: 10 % faster than 4 on a CPU; 6 % faster than 8 on a GPU."""

@@ -5,7 +5,6 @@ import sys
 import threading
 import time
 import weakref
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,13 +15,13 @@ from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.run.pipeline import GIVE_UP, SWITCH_S, Pipeline, Rendered, room
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
+from varos_warp.device.devices import usable_cores
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.products.images.radiance import encode_color
-from varos_warp.render import launch
-from varos_warp.render.launch import usable_cores
 
 JOBS = [ImageJob(frame, "L0", "D") for frame in range(12)]
-PLAN = plan_render(make_scene(), None, []).to_dict()
+PLAN = plan_render(make_scene(), None, [])
 
 
 class Image:
@@ -136,28 +135,24 @@ def test_images_that_can_never_be_written_are_given_up(at_once):
 
 def test_two_images_are_under_way_and_only_one_of_them_uses_the_device():
     """While one waits for what it asked of the device, the other goes on; results are those of one by one."""
-    using, waiting, most, turn = set(), set(), [], threading.Lock()
+    using, waiting, most, launcher = set(), set(), [], Launcher("cpu")
 
-    class Stepping(Renderer):
-        def steps(self, T_w_v, camera, outputs, *, frame, **options):
-            for _ in range(3):
-                using.add(frame)
-                most.append((len(using), len(waiting)))
-                time.sleep(0.002)
-                using.remove(frame)
-                yield partial(wait, frame)
-            return super().render(T_w_v, camera, outputs, frame=frame, **options)
-
-        def render(self, *args, **options):
-            return launch.finish(self.steps(*args, **options), turn)
-
-    def wait(frame):
-        waiting.add(frame)
-        time.sleep(0.01)
-        waiting.remove(frame)
+    class Waiting(Renderer):
+        def render(self, T_w_v, camera, outputs, *, frame, **options):
+            with launcher.turn:
+                for _ in range(3):
+                    using.add(frame)
+                    most.append((len(using), len(waiting)))
+                    time.sleep(0.002)
+                    using.remove(frame)
+                    with launcher.aside():
+                        waiting.add(frame)
+                        time.sleep(0.01)
+                        waiting.remove(frame)
+                return super().render(T_w_v, camera, outputs, frame=frame, **options)
 
     writer = Writer()
-    made = go(Stepping(), writer, at_once=2)
+    made = go(Waiting(), writer, at_once=2)
     assert sorted(writer.written) == list(range(12))
     assert sorted(entry["frame"] for entry in made.timings) == list(range(12))
     assert max(users for users, _ in most) == 1

@@ -8,7 +8,8 @@ import pytest
 import standins
 from standins import FlatFloorRenderer, make_scene
 
-from varos_warp.dataset.run.planning import keep_plan, kept_plan, what_is_planned
+from varos_warp.dataset.run.planning import kept_plan, plan_sequence, told_of, what_is_planned
+from varos_warp.render.planner.decisions import Plan
 
 POSES, TIMES = [np.eye(4)] * 3, [0, 100, 200]
 
@@ -34,13 +35,14 @@ def frames_of(poses=POSES, times=TIMES):
 
 def kept(poses=POSES, times=TIMES, **render):
     scene = make_scene(render)
-    return kept_plan(scene, FlatFloorRenderer(scene), frames_of(poses, times), None, quiet=True)
+    renderer, frames = FlatFloorRenderer(scene), frames_of(poses, times)
+    return kept_plan(scene, renderer, frames, lambda: plan_sequence(scene, renderer, frames, None, quiet=True))
 
 
 def test_the_same_scene_is_planned_once(plans):
     assert kept(spp=4) == kept(spp=4)
-    assert kept(spp=4)["plan"]["spp"] == 4
-    assert "4 samples per pixel" in kept(spp=4)["told"][0]
+    assert kept(spp=4).spp == 4
+    assert "4 samples per pixel" in told_of(kept(spp=4), "A")[0]
     assert plans == [4]
 
 
@@ -61,10 +63,9 @@ def test_what_a_plan_does_not_follow_from_keeps_it(plans, changed):
 
 def test_a_plan_that_was_made_anyway_is_kept_without_its_cost_and_the_outputs(plans):
     scene = make_scene({"spp": 4})
-    plan = standins.plan_render(scene, None, POSES)
-    plan.to_dict = lambda: {"spp": 9, "cost": {"seconds_per_frame": 1.0}, "models": {"A": "paths"}}
-    keep_plan(scene, FlatFloorRenderer(scene), frames_of(), plan)
-    assert kept(spp=4)["plan"] == {"spp": 9}
+    kept_plan(scene, FlatFloorRenderer(scene), frames_of(),
+              lambda: Plan(9, None, cost={"seconds_per_frame": 1.0}, models={"A": "paths"}))
+    assert kept(spp=4) == Plan(9, None)
     assert plans == []
 
 
@@ -76,4 +77,4 @@ def test_a_plan_that_was_made_anyway_is_kept_without_its_cost_and_the_outputs(pl
 def test_what_is_planned_is_said_with_the_option_that_does_without(plans, render, words):
     assert what_is_planned(make_scene(render)) == words
     if render.get("outputs"):
-        assert kept(**render)["told"] == []  # nothing of samples of A
+        assert told_of(kept(**render), render["outputs"]) == []  # nothing of samples of A

@@ -18,6 +18,7 @@ from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.write import texts as writers
+from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
 
@@ -242,11 +243,10 @@ def test_a_sensor_that_samples_between_ticks_has_the_poses_of_its_times(tmp_path
 def test_a_plan_says_how_outputs_are_made_and_keeps_what_it_says_already():
     """By what denoised them, which need not be what there is now; the scene is not looked at where all is said."""
     scene = make_scene({"denoise": "oidn", "denoise_b": "oidn"})
-    plan = {"spp": 4, "max_scatterings": None, "max_bounces": 3, "integrator": "path", "spp_by_frame": None}
+    plan = Plan(4, None, 3, "path")
     told = writers.with_models(plan, scene, ["A", "B"], {"A": "nlm", "B": "oidn"})
-    assert told["models"] == {"A": "path tracer, at most 3 reflections on surfaces, 4 samples per pixel, denoise nlm",
+    assert told.models == {"A": "path tracer, at most 3 reflections on surfaces, 4 samples per pixel, denoise nlm",
                               "B": "no water, uniform ambient light, 8 samples per pixel, denoise oidn"}
     more = writers.with_models(told, scene, ["A", "B", "D"], {"A": "none", "B": "none"})
-    assert more["models"] == told["models"] | {"D": "first hits of pixel centres"}
+    assert more.models == told.models | {"D": "first hits of pixel centres"}
     assert writers.with_models(more, None, ["A", "B", "D"], {}) is more
-    assert writers.with_models(None, None, ["A"], {}) is None

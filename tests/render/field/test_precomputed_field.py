@@ -9,12 +9,12 @@ from fields import look_up
 from physics.rig import ISOTROPIC, TURBID, VAROS_LAMPS, VAROS_WATER, one_ray_scene, point, spot, water
 from threadpoolctl import threadpool_limits
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.render.field import open_water as precomputed
 from varos_warp.render.field import solver
 from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.field.scattering import scattering_matrix
-from varos_warp.render.launch import Launcher
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse

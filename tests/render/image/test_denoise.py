@@ -5,6 +5,7 @@ import subprocess
 import sys
 import textwrap
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,19 +14,13 @@ import trimesh
 import warp as wp
 from scipy.ndimage import uniform_filter
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
+from varos_warp.kernels.film.denoise import add_mixed
 from varos_warp.kernels.film.film import weigh_guides
 from varos_warp.render.image import denoise as module
-from varos_warp.render.image.denoise import (
-    PART_QUALITY,
-    QUALITY,
-    correction_guides,
-    denoise,
-    denoise_image,
-    mix,
-    part_denoised,
-)
-from varos_warp.render.launch import Launcher
+from varos_warp.render.image import oidn
+from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, Denoiser, denoise_image
 from varos_warp.render.options import LAYERS
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
@@ -42,6 +37,19 @@ def scene(spp=16, seed=0, shape=(96, 128)):
     return truth, noisy, (truth / np.sqrt(spp)).astype(np.float32)
 
 
+def denoise(radiance, stderr, method):
+    """A whole image, denoised."""
+    return denoise_image(SimpleNamespace(radiance=radiance, stderr=stderr, correction=None, base_variance=None,
+                                         albedo=None, normal=None), method)
+
+
+def part_denoised(part, quality=PART_QUALITY, **guides):
+    """What is positive of a part of an image, by Open Image Denoise on the CPU."""
+    arrays, result = on("cpu", part=part, **guides), wp.zeros(part.shape[:2], dtype=wp.vec3, device="cpu")
+    Denoiser(Launcher("cpu")).add_denoised(result, arrays.pop("part"), 1.0, quality, arrays)
+    return result.numpy()
+
+
 def rmse(image, truth):
     return np.sqrt(np.mean(np.square((image - truth) / truth)))
 
@@ -54,8 +62,8 @@ def test_tiles_of_open_image_denoise_and_its_guides_give_the_bytes_of_the_whole(
     guides = {"albedo": rng.random(noisy.shape, np.float32), "normal": np.full(noisy.shape, 0.5, np.float32)}
     guides = guides if guided else {}
     whole = pyoidn.denoise(noisy, hdr=True, quality=PART_QUALITY, clean_aux=guided, **guides)
-    monkeypatch.setattr(module, "MOST_MB", 1)
-    tiled = module._oidn(noisy, PART_QUALITY, **guides)
+    monkeypatch.setattr(oidn, "MOST_MB", 1)
+    tiled = part_denoised(noisy, **guides)
     assert whole.tobytes() == tiled.tobytes()
 
 
@@ -187,9 +195,10 @@ def test_torch_is_not_imported_to_denoise_and_may_be_by_others(tmp_path):
     (tmp_path / "torch.py").write_text("raise SystemExit('torch was imported')\n")
     code = """
         import numpy as np, sys
-        from varos_warp.render.image.denoise import denoise
+        from varos_warp.render.image.denoise import denoise_image
+        from varos_warp.render.image.frame import RadianceImage
         image = np.ones((8, 8, 3), np.float32)
-        denoise(image, 0.1 * image, "oidn")
+        denoise_image(RadianceImage(image, 0.1 * image), "oidn")
         assert "torch" not in sys.modules
         from pyoidn.utils import require_torch
         require_torch()
@@ -275,7 +284,7 @@ def test_a_texture_that_water_hides_draws_nothing_into_the_correction():
     flat, albedo = np.ones((*shape, 3), np.float32), squares(shape, 0.8, 0.16)
     image = guided(0.5 * flat, 0.3 * flat, albedo, direct=0.0 * flat)
     hidden = denoise_image(image, "oidn") - 0.5
-    drawn = part_denoised(image.correction, image.stderr, "oidn", albedo=albedo, normal=0.0 * flat)
+    drawn = part_denoised(image.correction, albedo=albedo, normal=0.0 * flat)
     bright = albedo > 0.5
     contrast = [(c[bright].mean() - c[~bright].mean()) / 0.3 for c in (hidden, drawn)]
     assert abs(contrast[0]) < 4.0 * np.sqrt(2.0 / 0.5 * 2.0 / albedo.size)
@@ -296,10 +305,11 @@ def test_a_guide_is_half_albedo_and_half_the_base_over_itself_plus_its_mean():
     base = np.float32([[[0.0, 1.0, -1.0], [4.0, 3.0, 1.0]]])  # means of what is positive: 2, 2 and 0.5
     albedo, normal = np.full_like(base, 0.6), np.zeros_like(base)
     for scale in (1.0, 1e-30):
-        guides = correction_guides(albedo, normal, np.float32(scale) * base)
+        arrays = on("cpu", base=np.float32(scale) * base, albedo=albedo, normal=normal)
+        guides = Denoiser(Launcher("cpu"))._correction_guides(**arrays)
         expected = 0.3 + 0.5 * np.float32([[[0.0, 1 / 3, 0.0], [2 / 3, 0.6, 2 / 3]]])
-        np.testing.assert_allclose(guides["albedo"], expected, rtol=1e-6)
-        assert guides["normal"] is normal
+        np.testing.assert_allclose(guides["albedo"].numpy(), expected, rtol=1e-6)
+        assert guides["normal"] is arrays["normal"]
 
 
 @pytest.mark.parametrize("method", ["oidn", "nlm"])
@@ -404,30 +414,82 @@ def kinds_of_images():
 @pytest.fixture(scope="module")
 def cpu_denoiser():
     pytest.importorskip("pyoidn")
-    from varos_warp.render.image.device_denoise import DeviceDenoiser
-
-    return DeviceDenoiser(Launcher("cpu"))
+    return Denoiser(Launcher("cpu"))
 
 
-def test_arrays_on_a_device_are_denoised_as_on_the_host(cpu_denoiser):
-    """To the last digits: the same network, and the same powers of two before and after it.
+def by_package(image, quality, albedo=None, normal=None):
+    """What the package ``pyoidn`` makes of what is positive of an image, at a mean near 1."""
+    import pyoidn
 
-    Twice, for the filters are used again.
-    """
+    image = np.maximum(image, np.float32(0.0))
+    if not image.any():
+        return image
+    scale = np.float32(2.0 ** -np.round(np.log2(image.mean(dtype=np.float64))))
+    guides = {} if albedo is None else {"albedo": albedo, "normal": normal}
+    return pyoidn.denoise(scale * image, hdr=True, quality=quality, clean_aux=bool(guides), **guides) / scale
+
+
+def around(image, side):
+    """Means over squares, cut by the edges of the image."""
+    def mean(values):
+        return uniform_filter(values, (side, side, 1), mode="constant")
+
+    return mean(image.astype(np.float64)) / mean(np.ones(image.shape))
+
+
+def in_numpy(image):
+    """What the kernels do, in numpy and float64 where they are."""
+    if image.correction is None:
+        return by_package(image.radiance, QUALITY, image.albedo, image.normal)
+    base = image.radiance - image.correction
+    clean = by_package(base, PART_QUALITY)
+    apart = around((base - clean).astype(np.float64) ** 2, NEAR)
+    with np.errstate(invalid="ignore"):  # infinite variance
+        noise = np.maximum(around(image.base_variance, NEAR), around(image.base_variance, FAR))
+        share = np.divide(apart - noise, apart, out=np.zeros_like(apart), where=apart > noise)
+    result, guides = clean + share.astype(np.float32) * (base - clean), {}
+    if image.albedo is not None:
+        light = np.maximum(result, 0.0)
+        shown = light / (light + light.mean((0, 1), np.float64).astype(np.float32))
+        guides = {"albedo": np.float32(0.5) * (image.albedo + shown), "normal": image.normal}
+    for sign in (1.0, -1.0):
+        result += np.float32(sign) * by_package(np.float32(sign) * image.correction, PART_QUALITY, **guides)
+    return np.maximum(result, 0.0)
+
+
+def test_kernels_denoise_as_numpy_and_the_package_do(cpu_denoiser):
+    """To the last digits: the same network, and the same powers of two before and after it."""
+    for image in kinds_of_images():
+        if not np.isinf(image.base_variance if image.correction is not None else 0.0).any():
+            expected = in_numpy(image)
+            for found in (device_denoised(cpu_denoiser, image), denoise_image(image, "oidn")):
+                np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_a_base_of_which_nothing_is_known_is_what_the_denoiser_left(cpu_denoiser):
+    *_, image = kinds_of_images()
+    image.correction = 0.0 * image.correction
+    np.testing.assert_allclose(device_denoised(cpu_denoiser, image), by_package(image.radiance, PART_QUALITY),
+                               rtol=1e-6)
+
+
+def test_images_that_threads_denoise_side_by_side_have_the_bytes_of_each_by_itself():
+    """As those that write do on a CPU."""
+    pytest.importorskip("pyoidn")
+    images = [*kinds_of_images()] * 2
+    with ThreadPoolExecutor(4) as pool:
+        for image, found in zip(images, pool.map(lambda image: denoise_image(image, "oidn"), images), strict=True):
+            assert found.tobytes() == denoise_image(image, "oidn").tobytes()
+
+
+@pytest.mark.parametrize(("device", "kept"), [("cpu", 0), pytest.param("cuda:0", 4, marks=pytest.mark.gpu)])
+def test_a_gpu_keeps_one_filter_for_each_size_and_kind_and_a_cpu_none(device, kept):
+    pytest.importorskip("pyoidn")
+    denoiser = Denoiser(Launcher(device))
     for _ in range(2):
         for image in kinds_of_images():
-            expected = denoise_image(image, "oidn")
-            np.testing.assert_allclose(device_denoised(cpu_denoiser, image), expected, rtol=1e-6, atol=1e-7)
-
-
-def test_a_device_denoiser_keeps_one_filter_for_each_size_and_kind(cpu_denoiser):
-    for image in kinds_of_images():
-        device_denoised(cpu_denoiser, image)
-    before = dict(cpu_denoiser._networks)
-    for image in kinds_of_images():
-        device_denoised(cpu_denoiser, image)
-    assert cpu_denoiser._networks == before
-    assert len(before) == 4
+            device_denoised(denoiser, image)
+        assert len(denoiser.filters._kept) == kept
 
 
 def test_the_unit_of_light_does_not_matter_on_a_device(cpu_denoiser):
@@ -584,23 +646,19 @@ def test_a_renderer_on_a_gpu_denoises_as_the_host_does():
 def test_a_gpu_denoises_as_the_package_does_through_the_host():
     """The same network on the same device, so within the rounding of half floats in which it works, 2^-11."""
     pytest.importorskip("pyoidn")
-    from varos_warp.render.image.device_denoise import DeviceDenoiser
-
     _, noisy, stderr = scene(shape=(180, 320))
     scale = 2.0 ** -np.round(np.log2(noisy.mean(dtype=np.float64)))
     expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
     image = SimpleNamespace(radiance=noisy, stderr=stderr, correction=None, base_variance=None,
                             albedo=None, normal=None)
-    np.testing.assert_allclose(device_denoised(DeviceDenoiser(Launcher("cuda:0")), image), expected, rtol=2**-11)
+    np.testing.assert_allclose(device_denoised(Denoiser(Launcher("cuda:0")), image), expected, rtol=2**-11)
 
 
 @pytest.mark.gpu
 def test_a_gpu_denoises_as_the_cpu_does():
     """Half floats there, floats here: what they differ by is less than a tenth of the error that is left."""
     pytest.importorskip("pyoidn")
-    from varos_warp.render.image.device_denoise import DeviceDenoiser
-
-    denoiser = DeviceDenoiser(Launcher("cuda:0"))
+    denoiser = Denoiser(Launcher("cuda:0"))
     for guides in (False, True):
         for seed in range(3):  # the filters are used again
             truth, image = layered(seed=seed, guides=guides, shape=(180, 320))
@@ -627,6 +685,14 @@ def test_what_stays_on_a_gpu_changes_nothing_in_the_denoised_image(integrator):
 
 
 # ------------------------------------------------------------------------------------------------- what is sharp stays
+
+
+def mix(smooth, noisy, variance):
+    """As a base is mixed."""
+    launcher, arrays = Launcher("cpu"), on("cpu", smooth=smooth, noisy=noisy, variance=variance)
+    mixed = wp.zeros_like(arrays["smooth"])
+    launcher.rows(add_mixed, mixed.shape, {**arrays, "near": NEAR, "far": FAR, "image": mixed})
+    return mixed.numpy()
 
 
 def mirrored(sigma=0.2, spp=16, seed=2):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import warp as wp
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.film import film as kernel
 from varos_warp.render.image import films
 from varos_warp.render.image.films import Films
-from varos_warp.render.launch import Launcher
 
 
 @wp.kernel(enable_backward=False)

@@ -11,10 +11,10 @@ from varos_warp.render.planner.by_frame import (
     need,
     samples_along,
     samples_needed,
-    spp_of,
     trial,
     tried_frames,
 )
+from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.errors import SAMPLES, Made, error, of_others, squared_error
 from varos_warp.render.planner.plan import plan_render
 
@@ -40,18 +40,17 @@ def test_tried_frames_are_spread_evenly_and_cost_little(count, pixels, poses):
 def test_samples_change_in_proportion_between_poses_that_are_alike():
     given = knots({("M0", 0): 5, ("M0", 10): 7, ("M0", 30): 5, ("M1", 0): 5, ("M0", 40): 5})
     assert given == {"M0": [[0, 5], [10, 7], [30, 5], [40, 5]], "M1": [[0, 5]]}
-    plan = {"spp": 9, "spp_by_frame": given}
+    plan = Plan(9, None, spp_by_frame=given)
     for frame in range(41):
         between = np.interp(frame, *zip(*given["M0"], strict=True))
-        assert spp_of(plan, "M0", frame) == pytest.approx(between), frame
-    assert spp_of(plan, "M1", 33) == 5
-    for plan in ({"spp": 9, "spp_by_frame": None}, {"spp": 9}):  # the second as in datasets of before
-        assert spp_of(plan, "M0", 7) == 9
+        assert plan.spp_of("M0", frame) == pytest.approx(between), frame
+    assert plan.spp_of("M1", 33) == 5
+    assert Plan(9, None).spp_of("M0", 7) == 9
 
 
 def test_between_unlike_poses_frames_take_what_the_more_demanding_one_needs():
-    plan = {"spp_by_frame": knots({("M0", 0): 2, ("M0", 10): 8, ("M0", 20): 9, ("M0", 21): 4, ("M0", 30): 2})}
-    given = [spp_of(plan, "M0", frame) for frame in range(31)]
+    plan = Plan(9, None, spp_by_frame=knots({("M0", 0): 2, ("M0", 10): 8, ("M0", 20): 9, ("M0", 21): 4, ("M0", 30): 2}))
+    given = [plan.spp_of("M0", frame) for frame in range(31)]
     assert given == [2, *[8] * 10, *(8 + k / 10 for k in range(1, 11)), *[4] * 9, 2]
 
 
@@ -74,12 +73,12 @@ def test_a_peak_between_even_poses_is_found_and_followed():
 
     frames = list(range(0, 1001, 100))
     needed = samples_along(image, [("M0", frame) for frame in frames], (("M0", 500), 9), 0.1, FIELD)
-    plan = {"spp_by_frame": knots(needed)}
+    plan = Plan(9, None, spp_by_frame=knots(needed))
     assert 500 not in asked
     assert {350, 450} <= set(asked) - set(frames)
     assert all(300 <= frame <= 600 for frame in set(asked) - set(frames))
     for frame in range(380, 461):  # chance and a straight line through a bump make a tenth; and steps of four above 16
-        assert truth(frame) * 0.9 <= spp_of(plan, "M0", frame) <= by_frame.UNLIKE * 1.1 * truth(frame) + 4
+        assert truth(frame) * 0.9 <= plan.spp_of("M0", frame) <= by_frame.UNLIKE * 1.1 * truth(frame) + 4
 
 
 def noisy_images(sigma: float, seed: int = 1):
@@ -211,7 +210,7 @@ def test_frames_of_a_sequence_take_what_their_views_need(monkeypatch):
     renderer = make_renderer(scene)
     poses = [POSE] * 300 + [UP] * 300
     plan = plan_render(scene, renderer, poses)
-    given = [spp_of(plan.to_dict(), "M0", frame) for frame in range(600)]
+    given = [plan.spp_of("M0", frame) for frame in range(600)]
     assert min(given[:300]) > max(given[301:])
     assert max(given) == plan.spp
     assert "spp by frame" in plan.reasons[-1]

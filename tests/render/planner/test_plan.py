@@ -273,7 +273,7 @@ def test_without_a_nothing_is_rendered_for_the_plan():
 
 
 def test_the_plan_does_not_depend_on_threads_or_time(planned):
-    """Images of four tiles of rows (scene/launch.py)."""
+    """Images of four tiles of rows (device/launch.py)."""
     scene, _, plan = planned
     again = plan_render(scene, make_renderer(scene, threads=1), [POSE], measure_cost=True)
     assert again.cost["seconds_per_frame"] > 0.0

@@ -77,7 +77,9 @@ def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
 def _metadata() -> type[BaseModel]:
     """The whole file."""
     decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
-    plan = _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str]})  # type: ignore[valid-type]
+    plan = _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str],  # type: ignore[valid-type]
+                   "max_scatterings": Whole, "max_bounces": Whole, "integrator": str,
+                   "spp_by_frame": dict[str, list[tuple[float, float]]]}, spp=float)
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
                      "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,

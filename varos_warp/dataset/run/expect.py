@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from varos_warp.device.devices import resolve_device, usable_cores
 from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.planner.decisions import open_questions
@@ -14,9 +15,7 @@ from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixe
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import resolve_device
 from varos_warp.scene.frames import camera_pose
-from varos_warp.scene.launch import usable_cores
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.shutter import in_ns
 

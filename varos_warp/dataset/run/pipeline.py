@@ -22,16 +22,15 @@ import numpy as np
 
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
+from varos_warp.device.devices import kind_of, usable_cores
+from varos_warp.device.launcher import AT_ONCE
 from varos_warp.errors import InputError
 from varos_warp.render.image import exposure
-from varos_warp.render.launch import AT_ONCE
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.options import of_run
-from varos_warp.render.planner.by_frame import frame_options
 from varos_warp.render.planner.cost import timed
+from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.description.image_types import FLOW, TWIN, WATER
-from varos_warp.scene.device import kind_of
-from varos_warp.scene.launch import usable_cores
 from varos_warp.sim.clock import frame_time_ns
 
 GIVE_UP = 3
@@ -129,8 +128,8 @@ class Pipeline:
     """The scene's `FrameRenderer`."""
     store: Store
     """Writes the images."""
-    plan: dict
-    """Of the sequence, as `Plan.to_dict` has it."""
+    plan: Plan
+    """Of the sequence."""
     T_w_v: Callable[[int], np.ndarray]
     """Pose [4, 4] of the vehicle at a frame, and for F at the one after the last."""
     motion: Callable[[int], Motion]
@@ -199,7 +198,7 @@ class Pipeline:
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
             following=self.following(job.frame) if FLOW in job.letters else None,
             motion=self.motion(job.frame), time_ns=self.time_ns(job.frame),
-            **frame_options(self.plan, job.camera, job.frame), **self.options))
+            **self.plan.options_of(job.camera, job.frame), **self.options))
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()
         return image, max(seconds - overlap, 0.0)

@@ -1,6 +1,8 @@
 """The plan of a sequence, kept in the user's cache: the same scene is planned once for each kind of device."""
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,25 +12,23 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
+from varos_warp.device.devices import kind_of
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner.decisions import STEPS, open_questions, spp_in_words
+from varos_warp.render.planner.decisions import STEPS, Plan, open_questions
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.device import kind_of
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.geometry.files.named import mesh_textures
 
-CODE = ("varos_warp.kernels", "varos_warp.render", "varos_warp.scene", "varos_warp.sim")
+CODE = ("varos_warp.kernels", "varos_warp.device", "varos_warp.render", "varos_warp.scene", "varos_warp.sim")
 """What a plan follows from, besides the scene,"""
 ROOTS = ("varos_warp.render.renderer", "varos_warp.render.planner.plan", "varos_warp.sim.trajectory")
 """beginning with these."""
 BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m", "spp_b", "denoise_b", "outputs")
 """Keys of the block ``render`` that no plan follows from; of the outputs only whether they see water."""
-APART = ("cost", "models")
-"""Of a plan: what one machine takes, and what each of the outputs is made by."""
 
 
 def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **options):
-    """`plan_render` with a progress bar, of ``frames`` as in `kept_plan`; what a run needs is compiled meanwhile.
+    """`plan_render` with a progress bar, of ``frames``, rows of a `Trajectory`; what a run needs is compiled meanwhile.
 
     But not where the time is to be measured, nor where there is nothing to find out.
     """
@@ -52,31 +52,24 @@ def what_is_planned(scene) -> str | None:
     return None
 
 
-def kept_plan(scene, renderer, frames, motion, quiet: bool = False) -> dict[str, Any]:
-    """The plan of a sequence, as `Plan.to_dict` has it, in ``plan``, and what to tell the user of it, in ``told``.
+def kept_plan(scene, renderer, frames, make: Callable[[], Plan]) -> Plan:
+    """The plan of a sequence from disk, or made and kept there, for this or another run.
 
-    Made where it was not made before, in this or another run. Of ``frames``, rows of a `Trajectory`; ``motion`` as in
-    `plan_render`.
+    Without its cost, which is of one machine, and without models, which say of what outputs it was asked for. Of
+    ``frames``, rows of a `Trajectory`; ``make`` is such as `plan_sequence`.
     """
-    def build():
-        return _payload(scene, plan_sequence(scene, renderer, frames, motion, quiet))
+    def build() -> dict[str, np.ndarray]:
+        return {"plan": np.array(json.dumps({"plan": replace(make(), cost=None, models={}).to_dict()}))}
 
     arrays = cached("plan", depends_on(scene, renderer, frames), build)
-    return json.loads(str(arrays["plan"]))
+    return Plan.from_dict(json.loads(str(arrays["plan"]))["plan"])
 
 
-def keep_plan(scene, renderer, frames, plan) -> None:
-    """Keep a `Plan` that was made anyway, for runs."""
-    cached("plan", depends_on(scene, renderer, frames), lambda: _payload(scene, plan))
-
-
-def _payload(scene, plan) -> dict[str, np.ndarray]:
-    """A plan as an array of text, without what is `APART`."""
+def told_of(plan: Plan, outputs) -> list[str]:
+    """What a user is told of a plan for some outputs."""
     error = "" if plan.error is None else f", predicted error {plan.error.max():.1%}"
-    content = {key: value for key, value in plan.to_dict().items() if key not in APART}
-    samples = [f"{spp_in_words(content)} of A{error}"] * sees_water(scene.render.outputs)
-    told = [*samples, *filter(None, [plan.shortfall]), *plan.ports]
-    return {"plan": np.array(json.dumps({"plan": content, "told": told}))}
+    samples = [f"{plan.spp_in_words} of A{error}"] * sees_water(outputs)
+    return [*samples, *filter(None, [plan.shortfall]), *plan.ports]
 
 
 def depends_on(scene, renderer, frames) -> dict[str, Any]:

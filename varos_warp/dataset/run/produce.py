@@ -27,19 +27,19 @@ from varos_warp.dataset.write.expose import expose
 from varos_warp.dataset.write.images import ImageJob, Store
 from varos_warp.dataset.write.moving import describe_moving, write_moving
 from varos_warp.dataset.write.rays import write_rays
+from varos_warp.device.compile import beside
+from varos_warp.device.devices import kind_of, resolve_device
 from varos_warp.errors import InputError, RunFailed, counted
 from varos_warp.products.images.registry import DENOISE_KEYS, OUTPUTS, colors
 from varos_warp.products.images.segments import SEGMENT_LEVELS
 from varos_warp.products.sensors.registry import needs_solids
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.moments import Motion
-from varos_warp.render.planner.decisions import says_how
+from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.description.optics import has_lens
-from varos_warp.scene.device import kind_of, resolve_device
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
-from varos_warp.scene.launch import beside
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.clock import frame_time_ns, select
 
@@ -179,7 +179,8 @@ class _Run:
         """What earlier runs, or other shards, decided holds for this one, too."""
         self.previous = previous
         before = previous["samples"] if previous else {}
-        self.plan, self.recorded_device = before.get("plan"), previous and previous["device"]
+        self.plan = Plan.from_dict(before["plan"]) if before.get("plan") else None
+        self.recorded_device = previous and previous["device"]
         self.denoisers = {letter: before.get(key) for letter, key in DENOISE_KEYS.items()}
         self.store = Store(self.layout, self.scene.render, self.denoisers, self.record.has)
 
@@ -308,7 +309,7 @@ class _Run:
             return contextlib.nullcontext()
         from varos_warp.render.kinds import compiling_foretold
 
-        return compiling_foretold(self.scene, self.device, self.letters(), self.plan and self.plan["integrator"])
+        return compiling_foretold(self.scene, self.device, self.letters(), self.plan and self.plan.integrator)
 
     def letters(self) -> set[str]:
         """Of the images that are to be rendered."""
@@ -371,23 +372,26 @@ class _Run:
             self.say(f"this dataset was begun on another kind of CPU ({first_simd}; here {simd}): the last digits of "
                      "tables may differ, of images they do not; dataset.json keeps the first")
         with self.clock("plan"):
-            self.plan = self.plan if says_how(self.plan, self.letters()) else self.make_plan()
+            if self.plan is None or not self.plan.says_how(self.letters()):
+                self.plan = self.make_plan()
 
-    def make_plan(self) -> dict:
+    def make_plan(self) -> Plan:
         """What the planner chooses for the whole sequence."""
-        from varos_warp.dataset.run.planning import kept_plan, what_is_planned
+        from varos_warp.dataset.run.planning import kept_plan, plan_sequence, told_of, what_is_planned
 
         start = time.monotonic()
         if question := what_is_planned(self.scene):
             self.console.tell(f"planning {question} ...")
         # of the whole sequence, whichever part of it this run renders
-        found = kept_plan(self.scene, self.renderer, self.simulation.frames, self.simulation.motion, self.console.quiet)
-        first, *others = found["told"] or [""]
+        frames = self.simulation.frames
+        plan = kept_plan(self.scene, self.renderer, frames, lambda: plan_sequence(
+            self.scene, self.renderer, frames, self.simulation.motion, self.console.quiet))
+        first, *others = told_of(plan, self.scene.render.outputs) or [""]
         if first:
             self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
         for sentence in others:
             self.say(sentence)
-        return found["plan"]
+        return plan
 
     # ------------------------------------------------------------------------------------------------------ texts
 
@@ -401,9 +405,9 @@ class _Run:
 
     def write_metadata(self) -> None:
         """What says whose folder this is, before anything else is written, and what it holds."""
+        plan = self.plan and writers.with_models(self.plan, self.scene, self.outputs, self.denoisers)
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, device=self.recorded_device,
-                                   plan=writers.with_models(self.plan, self.scene, self.outputs, self.denoisers),
+                                   outputs=self.outputs, device=self.recorded_device, plan=plan and plan.to_dict(),
                                    denoisers=self.denoisers, moving=describe_moving(self.scene, self.parts))
         if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
             content["versions"] = self.previous["versions"]
@@ -438,7 +442,7 @@ class _Run:
         """
         if not self.work:
             return
-        with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan["integrator"]):
+        with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan.integrator):
             Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
                      progress.advance, self.say).run(self.work)
             self.summary.rate = round(progress.rate, 4)

@@ -17,8 +17,8 @@ from multiprocessing import connection, resource_tracker
 from typing import Any
 
 from varos_warp.dataset.progress import Console, Progress
+from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError, RunFailed
-from varos_warp.scene.device import resolve_device
 
 RESTARTS = 3
 """A worker that dies is started again so often."""

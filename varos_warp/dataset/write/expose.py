@@ -37,7 +37,7 @@ def expose(layout: Layout, setting: str | float, camera: str, letter: str, frame
         has: Whether an image file is there already, and good.
         axis_weight: Of the camera (`CameraModel`), for P.
     """
-    from varos_warp.scene.launch import usable_cores
+    from varos_warp.device.devices import usable_cores
 
     table = layout.exposures(camera, letter)
     old: dict[int, tuple[float, exposure.Statistics]] = {}

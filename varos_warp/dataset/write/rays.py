@@ -23,7 +23,7 @@ def ray_channels(model: CameraModel, width: int, height: int) -> dict[str, np.nd
 
     Of red and blue alike, where they have rays of their own. NaN and weight 0 where no water is seen.
     """
-    from varos_warp.scene.launch import usable_cores
+    from varos_warp.device.devices import usable_cores
 
     alike = model.port is None or len(set(model.n_water)) == 1
     numbers = (GREEN,) if alike else range(len(CHANNELS))

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import platform
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -22,7 +23,7 @@ from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Samples, SensorProduct, xyz
 from varos_warp.products.sensors.registry import BY_ID, SENSORS, mounted
-from varos_warp.render.planner.decisions import models_in_words
+from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.optics import has_lens
@@ -265,13 +266,12 @@ def sources(scene) -> dict[str, str | None]:
     return found
 
 
-def with_models(plan: dict | None, scene, outputs: list[str], denoisers: dict[str, str | None]) -> dict | None:
+def with_models(plan: Plan, scene, outputs: list[str], denoisers: dict[str, str | None]) -> Plan:
     """A plan that says how each of the outputs is made; of those of which it does already, it says the same."""
-    told = (plan or {}).get("models") or {}
-    if plan is None or told.keys() >= {*outputs}:
+    if plan.models.keys() >= {*outputs}:
         return plan
-    words = models_in_words(scene, plan, outputs, denoisers) | told
-    return plan | {"models": {letter: words[letter] for letter in outputs}}
+    words = models_in_words(scene, plan, outputs, denoisers) | plan.models
+    return replace(plan, models={letter: words[letter] for letter in outputs})
 
 
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
@@ -284,7 +284,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         frames: Numbers of the frames that the dataset has or is to have.
         frame_count: Frames of the whole sequence.
         outputs: Image types that it has or is to have.
-        plan: What the planner chose; None: nothing is rendered yet.
+        plan: What the planner chose, as `Plan.to_dict` has it; None: nothing is rendered yet.
         device: Where it was rendered first; None: nowhere yet.
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
         moving: Entries of objects that move (moving.py).

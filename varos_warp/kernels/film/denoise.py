@@ -95,6 +95,7 @@ def square_around(
 
 @wp.kernel(enable_backward=False)
 def add_mixed(
+    first_row: int,
     smooth: wp.array2d(dtype=wp.vec3),
     noisy: wp.array2d(dtype=wp.vec3),
     variance: wp.array2d(dtype=wp.vec3),
@@ -103,8 +104,16 @@ def add_mixed(
     # in and out
     image: wp.array2d(dtype=wp.vec3),
 ):
-    """Add the mix of two images as in render/image/denoise.py, over squares with sides ``near`` and ``far``."""
+    """Add a denoised image and the noisy one, mixed for the least error where the ``variance`` of the noise is known.
+
+    The mean square of what is between the two is noise, which is known, and what the denoiser has taken away: B in all
+    that noise does not explain. The share of the noisy image is B / (B + variance). So what a denoiser takes for noise
+    and is not comes back, the more the better it is known (a shrinkage estimate, as of James and Stein 1961).
+
+    Means are over squares with sides ``near`` and ``far`` [pixels]. The variance may be infinite.
+    """
     row, col = wp.tid()
+    row += first_row
     apart = square_around(smooth, noisy, near, row, col)
     noise = wp.max(mean_around(variance, near, row, col), mean_around(variance, far, row, col))
     mixed = smooth[row, col]
@@ -122,7 +131,7 @@ def mix_guide(
     # in and out
     albedo: wp.array2d(dtype=wp.vec3),
 ):
-    """The guide of a correction as in render/image/denoise.py; ``total`` is the sum of what is positive of the base."""
+    """Mix the albedo that guides a correction with what its base shows; ``total`` sums what is positive of the base."""
     row, col = wp.tid()
     mean = total[0] / float(base.shape[0] * base.shape[1])
     for c in range(3):

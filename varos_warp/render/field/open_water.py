@@ -11,12 +11,12 @@ import warp as wp
 from threadpoolctl import threadpool_limits
 
 from varos_warp.cache import cached, code_hash
+from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.field.open_water import Field, LightField
 from varos_warp.kernels.field.tabulate import tabulate_in_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.render.field import solver
 from varos_warp.render.field.solver import LightFieldSolver, NotSolved, farthest_m
-from varos_warp.render.launch import Launcher
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.vehicle import Camera

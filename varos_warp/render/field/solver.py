@@ -13,13 +13,13 @@ import warp as wp
 from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.field.open_water import LightField, NodeGrid
 from varos_warp.kernels.field.tabulate import tabulate_next_order, tabulate_single_scattering
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.lights.record import Light as LightData
 from varos_warp.render.field.directions import Directions, irradiance_matrix
 from varos_warp.render.field.scattering import scattering_matrix, shape_of_twice
-from varos_warp.render.launch import Launcher
 from varos_warp.scene.lights.distribution import Distribution
 from varos_warp.scene.lights.records import light_record
 from varos_warp.scene.water import OpticalProperties, medium_record

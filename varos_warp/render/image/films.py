@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from varos_warp.device.devices import kind_of
+from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.conventions import RESIDENT_THREADS
 from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.film.film import (
@@ -25,8 +27,6 @@ from varos_warp.kernels.film.film import (
     note_samples,
     weigh_batches,
 )
-from varos_warp.render.launch import Launcher, Steps
-from varos_warp.scene.device import kind_of
 
 MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 """Most samples of a batch, by kind of device: threads side by side of a GPU then take about equally many."""
@@ -128,7 +128,7 @@ class Films:
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)
 
-    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> Steps[np.ndarray]:
+    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> np.ndarray:
         """Mean and variance of one sample, [2, film, side, tile row, tile column, 3].
 
         Args:
@@ -144,7 +144,7 @@ class Films:
             for image, means in zip(pixels, tiles[-1], strict=True):
                 self.launcher.run(average_tiles, means.shape, {"pixels": image, "tiles": means})
         means, variances = zip(*tiles, strict=True)
-        fetched = yield from self.launcher.fetch(*means, *variances)
+        fetched = self.launcher.fetch(*means, *variances)
         return np.reshape(fetched, (2, len(films), *fetched[0].shape))
 
 

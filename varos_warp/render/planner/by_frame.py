@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from heapq import nlargest
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,6 @@ BEYOND, MOST_IMAGES = 1.5, 6
 """Images are added one by one while a pose needs more than 1.5 times the most samples that it was tried with, or while
 its images do not tell, up to six."""
 
-PLANNED = ("max_scatterings", "max_bounces", "integrator")
-"""Options that a plan says for all frames alike."""
 Place = tuple[str, int]
 """Camera and frame."""
 
@@ -163,21 +161,8 @@ def extent(given: dict[str, list[list[float]]]) -> tuple[float, float]:
     return min(counts), max(counts)
 
 
-def spp_of(plan: dict[str, Any], camera: str, frame: int) -> float:
-    """Samples per pixel of A of one frame by a plan, as `Plan.to_dict` has it."""
-    given = (plan.get("spp_by_frame") or {}).get(camera)
-    if not given:
-        return plan["spp"]
-    after = bisect_right(given, frame, key=lambda pair: pair[0])
-    (start, spp), (end, next_spp) = given[after - 1], given[min(after, len(given) - 1)]
+def spp_between(pairs: list[list[float]], frame: int) -> float:
+    """Samples per pixel of a camera's frame by its `knots`."""
+    after = bisect_right(pairs, frame, key=lambda pair: pair[0])
+    (start, spp), (end, next_spp) = pairs[after - 1], pairs[min(after, len(pairs) - 1)]
     return spp + (next_spp - spp) * (frame - start) / max(end - start, 1)
-
-
-def frame_options(plan: dict[str, Any], camera: str, frame: int) -> dict[str, Any]:
-    """Options of `FrameRenderer.render` for A of one frame by a plan, as `Plan.to_dict` has it."""
-    return {key: plan[key] for key in PLANNED} | {"spp": spp_of(plan, camera, frame)}
-
-
-def mean_spp(plan: dict[str, Any], camera: str, count: int) -> float:
-    """Samples per pixel, on average over the frames of a sequence."""
-    return float(np.mean([spp_of(plan, camera, frame) for frame in range(count)]))

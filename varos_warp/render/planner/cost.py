@@ -6,20 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.device.devices import usable_cores
+from varos_warp.device.launcher import at_once
 from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image.denoise import denoise_image, denoisers_of
-from varos_warp.render.launch import at_once
 from varos_warp.render.moments import NextFrame
 from varos_warp.render.options import of_run, of_scene
 from varos_warp.render.planner import pilot
-from varos_warp.render.planner.by_frame import mean_spp
 from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import FLOW, TWIN, WATER
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.launch import usable_cores
 
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""
@@ -73,7 +72,7 @@ def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: s
 
 def _samples(scene: Scene, camera: Camera, count: int, plan) -> dict[str, float]:
     """Samples per pixel of an average frame, as options."""
-    return {"spp": mean_spp(plan.to_dict(), camera.id, count), "spp_b": scene.render.spp_b}
+    return {"spp": plan.mean_spp(camera.id, count), "spp_b": scene.render.spp_b}
 
 
 def _on_gpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) -> float:

@@ -1,7 +1,7 @@
 """What a planner decided: its choices with their reasons and errors, and what follows from them for a frame."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from varos_warp.scene.description.render import sees_water
 INTEGRATORS = {"reference": "reference path tracer", "path": "path tracer",
                "field": "path tracer with the field of open water"}
 """In words."""
+PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
+"""Options of `FrameRenderer.render` that a plan says, and its first fields."""
 STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
 """Of planning, for those who wait; the fourth where the first test images had far too few samples."""
 
@@ -32,13 +34,6 @@ def open_questions(scene: Scene) -> tuple[str, ...]:
     return ("integrator",) * compared + ("samples",) * (render.spp is None)
 
 
-def says_how(plan: dict[str, Any] | None, letters: Iterable[str]) -> bool:
-    """Whether a plan, as `Plan.to_dict` has it, says how images are rendered; of A not if it was made for others."""
-    if plan is None:
-        return False
-    return not sees_water(letters) or all(decision["what"] != WATER for decision in plan["decisions"])
-
-
 def silently(step: str, share: float) -> None:
     """Tells nobody how far planning is."""
 
@@ -50,13 +45,17 @@ class Decision:
     what: str
     choice: str
     reason: str
-    error: tuple[float, float, float] | None = None
+    error: Sequence[float] | None = None
     """Predicted relative RMSE of the choice, per channel; None where it is not known."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types."""
-        error = None if self.error is None else [float(f"{e:.3g}") for e in self.error]
-        return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": error}
+        return {"what": self.what, "choice": self.choice, "reason": self.reason, "error": _rounded(self.error)}
+
+
+def _rounded(error: Iterable[float] | None) -> list[float] | None:
+    """An error in three digits."""
+    return None if error is None else [float(f"{e:.3g}") for e in error]
 
 
 @dataclass(frozen=True)
@@ -78,6 +77,8 @@ class Plan:
     """How each output is made, by its letter."""
     cost: dict[str, Any] | None = None
     """Seconds on this device; only where they were asked for."""
+    stated_error: Sequence[float] | None = None
+    """What a plan that was read says of its ``error``; absent: it follows from the decisions."""
 
     @property
     def reasons(self) -> list[str]:
@@ -97,6 +98,8 @@ class Plan:
     @property
     def error(self) -> np.ndarray | None:
         """Predicted relative RMSE [3] of an image: noise, and the error of the field; None: not predicted."""
+        if self.stated_error is not None:
+            return np.array(self.stated_error)
         samples = [d.error for d in self.decisions if d.what == "spp"]
         if samples in ([], [None]):
             return None
@@ -105,35 +108,58 @@ class Plan:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of `FrameRenderer.render` for A as planned."""
-        return {key: getattr(self, key) for key in ("spp", *by_frame.PLANNED)}
+        """Options of `FrameRenderer.render` for A as planned, of the frames that need most."""
+        return {key: getattr(self, key) for key in PLANNED}
+
+    def options_of(self, camera: str, frame: int) -> dict[str, Any]:
+        """Options of `FrameRenderer.render` for A of one frame."""
+        return self.options | {"spp": self.spp_of(camera, frame)}
+
+    def spp_of(self, camera: str, frame: int) -> float:
+        """Samples per pixel of A of one frame."""
+        pairs = (self.spp_by_frame or {}).get(camera)
+        return by_frame.spp_between(pairs, frame) if pairs else self.spp
+
+    def mean_spp(self, camera: str, count: int) -> float:
+        """Samples per pixel of A, on average over the frames of a sequence."""
+        return float(np.mean([self.spp_of(camera, frame) for frame in range(count)]))
+
+    @property
+    def spp_in_words(self) -> str:
+        """How many samples per pixel of A the frames have."""
+        least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
+        return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
+
+    def says_how(self, letters: Iterable[str]) -> bool:
+        """Whether it says how images are rendered; of A it does not if it was made for others."""
+        return not sees_water(letters) or all(decision.what != "A" for decision in self.decisions)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""
-        apart = ("decisions", "cost")
-        content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
-        error = self.error
-        content |= {"error": None if error is None else [float(f"{e:.3g}") for e in error]}
-        content |= {} if self.cost is None else {"cost": self.cost}
-        return content | {"decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons}
+        cost = {} if self.cost is None else {"cost": self.cost}
+        return self.options | {
+            "spp_by_frame": self.spp_by_frame, "error": _rounded(self.error), **cost,
+            "decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons,
+            "models": self.models}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> "Plan":
+        """The plan that `to_dict` has made plain, here or in an earlier version, which may have said less."""
+        known = {key: content[key] for key in (*PLANNED, "spp_by_frame", "cost") if key in content}
+        decisions = [Decision(one["what"], one["choice"], one["reason"], one.get("error"))
+                     for one in content.get("decisions") or ()]
+        return cls(**known, decisions=decisions, models=content.get("models") or {}, stated_error=content.get("error"))
 
 
-def spp_in_words(plan: dict[str, Any]) -> str:
-    """How many samples per pixel of A the frames have by a plan, as `Plan.to_dict` has it."""
-    given = plan.get("spp_by_frame")
-    least, most = by_frame.extent(given) if given else (plan["spp"], plan["spp"])
-    return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
-
-
-def models_in_words(scene: Scene, plan: dict[str, Any], outputs: Iterable[str],
-                    denoisers: dict[str, str | None]) -> dict[str, str]:
-    """What makes each of the outputs by a plan, as `Plan.to_dict` has it, in words; ``denoisers`` are of A and B."""
-    render, scatterings, bounces = scene.render, plan["max_scatterings"], plan["max_bounces"]
+def models_in_words(scene: Scene, plan: Plan, outputs: Iterable[str], denoisers: dict[str, str | None]
+                    ) -> dict[str, str]:
+    """What makes each of the outputs by a plan, in words; ``denoisers`` are of A and B."""
+    render, scatterings, bounces = scene.render, plan.max_scatterings, plan.max_bounces
     bounds = ((scatterings, "scattering", "in the water"), (bounces, "reflection", "on surfaces"))
     limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
                      if bound is not None)
-    integrator = INTEGRATORS[resolve_integrator(plan["integrator"], scatterings, lambda: unavailable(scene))]
-    water = f"{integrator}{limits}, {spp_in_words(plan)}, denoise {denoisers[WATER]}"
+    integrator = INTEGRATORS[resolve_integrator(plan.integrator, scatterings, lambda: unavailable(scene))]
+    water = f"{integrator}{limits}, {plan.spp_in_words}, denoise {denoisers[WATER]}"
     ambient = (f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
                f"denoise {denoisers[AMBIENT]}")
     return {letter: OUTPUTS[letter].method.format(water=water, ambient=ambient)

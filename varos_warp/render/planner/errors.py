@@ -14,10 +14,11 @@ import numpy as np
 import warp as wp
 from scipy.ndimage import uniform_filter
 
+from varos_warp.device.devices import upload
+from varos_warp.device.launch import launch_rows
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.render.image.adapt import DARK, brightness
 from varos_warp.scene.block import plain_number
-from varos_warp.scene.launch import launch_rows, upload
 
 FIREFLY = 3.0
 """A pixel of an estimate is cut to this many times the image there and around it: otherwise one rare bright path would

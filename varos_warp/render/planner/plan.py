@@ -12,12 +12,13 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from varos_warp.device.devices import kind_of
+from varos_warp.device.launcher import at_once
 from varos_warp.errors import InputError
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method, denoisers_of
 from varos_warp.render.kinds import sample_step
-from varos_warp.render.launch import at_once
 from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
@@ -28,7 +29,6 @@ from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.render import sees_water
-from varos_warp.scene.device import kind_of
 from varos_warp.scene.frames import checked_poses
 from varos_warp.scene.optics.pinhole import port_worth
 
@@ -90,7 +90,7 @@ def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns:
         progress("time", 0.0)
     cost = sequence_cost(scene, frames, plan) if measure_cost else None
     denoisers = denoisers_of(scene.render)
-    models = models_in_words(scene, plan.to_dict(), scene.render.outputs, denoisers)
+    models = models_in_words(scene, plan, scene.render.outputs, denoisers)
     return replace(plan, models=models, cost=cost)
 
 
@@ -322,7 +322,7 @@ class Planner:
                                         self.at_once)
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
-        mean = np.mean([by_frame.mean_spp({"spp_by_frame": given}, name, count) for name in cameras])
+        mean = np.mean([by_frame.spp_between(given[name], frame) for name in cameras for frame in range(count)])
         least, most = by_frame.extent(given)
         self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
                     "views need, and those between about as much")

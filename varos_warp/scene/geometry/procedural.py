@@ -4,8 +4,8 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import map_coordinates
 
+from varos_warp.device.devices import usable_cores
 from varos_warp.scene.geometry.topology import compact
-from varos_warp.scene.launch import usable_cores
 
 ROUGHNESS = 2.2
 """Spectral slope: the amplitude of a feature of wavenumber k falls as k to the power of minus this."""

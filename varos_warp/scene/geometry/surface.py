@@ -4,10 +4,11 @@ import numpy as np
 import trimesh
 import warp as wp
 
+from varos_warp.device.devices import upload
+from varos_warp.device.launch import launch
 from varos_warp.kernels.conventions import FAR
 from varos_warp.kernels.mesh import project
 from varos_warp.scene.geometry.topology import chunks
-from varos_warp.scene.launch import launch, upload
 
 KERNELS = (project.find_first_hits, project.find_nearest)
 """What repairing nearly every terrain needs."""

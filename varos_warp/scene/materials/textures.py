@@ -11,6 +11,7 @@ import warp as wp
 from scipy.special import ndtr, ndtri
 
 from varos_warp.cache import cached, code_hash, digest
+from varos_warp.device.launch import launch_rows
 from varos_warp.files import require_file
 from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
@@ -18,7 +19,6 @@ from varos_warp.kernels.world.tiling import REACH, VALUES, Image
 from varos_warp.scene.description import Scene
 from varos_warp.scene.geometry.parts import Page, Skin
 from varos_warp.scene.images import linear, read_picture
-from varos_warp.scene.launch import launch_rows
 from varos_warp.scene.optics.camera import camera_model
 
 GROUND = {"sand": int(bake.SAND), "rock": int(bake.ROCK)}

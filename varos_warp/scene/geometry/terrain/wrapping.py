@@ -14,6 +14,8 @@ import warp as wp
 from scipy.ndimage import binary_dilation
 from skimage.measure import marching_cubes
 
+from varos_warp.device.devices import upload
+from varos_warp.device.launch import launch
 from varos_warp.errors import InputError
 from varos_warp.kernels.mesh import project
 from varos_warp.scene.geometry.joining import median_edge, merge_equal
@@ -21,7 +23,6 @@ from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain.draping import drape
 from varos_warp.scene.geometry.terrain.repair import clean
 from varos_warp.scene.geometry.topology import area_normals, chunks, compact, groups, incidence, pieces, subdivide
-from varos_warp.scene.launch import launch, upload
 
 BASE = 512
 """Most vertices along the longer side of the first surface."""

@@ -4,107 +4,20 @@ A CPU launch is serial and lets go of Python's lock, so that threads share the w
 """
 
 import contextlib
-import ctypes
-import os
-import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
 import warp as wp
 
-from varos_warp.kernels.conventions import BLOCK_DIM
-
-wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
-
-
-def _has_cuda_driver() -> bool:
-    """Whether Warp will find a CUDA driver, by the names that it looks for."""
-    for name in ("nvcuda.dll",) if sys.platform == "win32" else ("libcuda.so", "libcuda.so.1"):
-        with contextlib.suppress(OSError):
-            ctypes.CDLL(name)
-            return True
-    return False
-
-
-@contextlib.contextmanager
-def _without_stderr() -> Iterator[None]:
-    """Drops what native code writes to stderr."""
-    if sys.stderr is not None:
-        sys.stderr.flush()
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
-
-
-if not _has_cuda_driver():  # Warp warns of that in native code, though a machine without a GPU is no mistake
-    with contextlib.suppress(OSError), _without_stderr():  # closed by whoever started this: nothing to keep clean
-        wp.init()
+from varos_warp.device.compile import block_dim, load_kernel
+from varos_warp.device.devices import usable_cores
 
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 CHUNK = 1 << 15
 """Threads of a CPU launch over one dimension, likewise; the cost of a launch is negligible beside them."""
-
-
-def usable_cores() -> int:
-    """Cores that this process may run on."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def block_dim(kernel: wp.Kernel) -> int:
-    """Threads per block of a kernel on a GPU."""
-    bounds = kernel.options.get("launch_bounds")
-    return bounds[0] if bounds else BLOCK_DIM
-
-
-CORES_TO_COMPILE = 2
-"""Cores to a thread that compiles: code is generated in Python, under locks that what goes on meanwhile needs, too."""
-_loading: dict[tuple[wp.Module, str], threading.Lock] = {}
-"""Held by whoever loads a module on a device: Warp would compile it in each of several threads."""
-
-
-def load_kernel(kernel: wp.Kernel, device: str) -> None:
-    """Compile a kernel before threads need it, or wait for the thread that is at it."""
-    with _loading.setdefault((kernel.module, device), threading.Lock()):
-        # the block size is part of a binary's identity
-        kernel.module.load(device, block_dim=1 if device == "cpu" else block_dim(kernel))
-
-
-@contextlib.contextmanager
-def compiling(kernels: Iterable[wp.Kernel], device: str) -> Iterator[None]:
-    """A ``with`` statement during which threads compile kernels, each module once.
-
-    What has not begun at its end is compiled when it is needed; what has begun goes on.
-    """
-    with _threads(max(2, usable_cores() // CORES_TO_COMPILE)) as pool:
-        for kernel in kernels:
-            pool.submit(load_kernel, kernel, device)
-        yield
-
-
-@contextlib.contextmanager
-def beside(function: Callable[..., Any], *arguments) -> Iterator[Future]:
-    """A ``with`` statement during which a thread calls a function; an error or interruption does not wait for it."""
-    with _threads(1) as pool:
-        yield pool.submit(function, *arguments)
-
-
-@contextlib.contextmanager
-def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads that nobody waits for at the end; what they have not begun they do not begin."""
-    pool = ThreadPoolExecutor(count, "unawaited")  # by this name the command line knows that it need not wait
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 FIRST_ROW = "first_row"
@@ -191,8 +104,3 @@ def launch(kernel: wp.Kernel, count: int, arguments: Mapping[str, Any], device: 
     """Run ``count`` threads of a kernel that takes the number of its first as `FIRST_ROW`."""
     if count:
         launch_rows(kernel, (count,), arguments, device, rows=CHUNK)
-
-
-def upload(array: np.ndarray, dtype, device: str) -> wp.array:
-    """An array on the device; on a CPU the array itself, where it is laid out alike."""
-    return wp.array(np.ascontiguousarray(array), dtype=dtype, device=device, copy=False)

@@ -1,23 +1,23 @@
 """Launching kernels for frames: compiled once, results fetched while the host goes on.
 
-What a host decides while it renders follows from what a GPU has computed. Functions that need such numbers are `Steps`:
-they give up control until the numbers are there, on the host, and while it works on them; another frame's can go on
-meanwhile.
+What a host decides while it renders follows from what a GPU has computed. Threads that render take turns: one that
+waits for such numbers, or works on them without the device, lets another use the device (`Launcher.aside`).
 """
 
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
 
-from varos_warp.scene.device import kind_of
-from varos_warp.scene.launch import TILE_ROWS, block_dim, in_order, launch_rows, load_kernel, usable_cores
+from varos_warp.device.compile import block_dim, load_kernel
+from varos_warp.device.devices import kind_of, usable_cores
+from varos_warp.device.launch import TILE_ROWS, in_order, launch_rows
 
 AT_ONCE = {"cpu": 1, "cuda": 3}
 """Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
@@ -25,35 +25,9 @@ KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
 
 T = TypeVar("T")
-U = TypeVar("U")
-Steps = Generator[Callable[[], None], None, T]
-"""Work whose result is a T. It yields functions that wait for the device, or do without it: others may use it then."""
 
 
-def finish(steps: Steps[T], turn: AbstractContextManager = nullcontext()) -> T:
-    """Do all steps.
-
-    Args:
-        steps: The work.
-        turn: Held during every step, and not while the functions that it yields are called.
-    """
-    while True:
-        with turn:
-            try:
-                apart = next(steps)
-            except StopIteration as end:
-                return end.value
-        apart()
-
-
-def aside(function: Callable[[], T]) -> Steps[T]:
-    """What a function returns that waits for the device, or does without it."""
-    found: list[T] = []
-    yield lambda: found.append(function())
-    return found[0]
-
-
-def at_once(device: str, function: Callable[..., U], *items: Iterable) -> Iterator[U]:
+def at_once(device: str, function: Callable[..., T], *items: Iterable) -> Iterator[T]:
     """``map`` for functions that render, with as many threads as images may be under way."""
     count = AT_ONCE[kind_of(device)]
     if count == 1:
@@ -76,7 +50,7 @@ class Launcher:
         self.threads = threads or usable_cores()
         self.compile_seconds = 0.0
         self.turn = threading.Lock()
-        """Of the threads that render: Warp's functions are not for several at once."""
+        """Held by the thread that uses the device: Warp's functions are not for several at once."""
         self._loaded: set = set()
         self._unused: dict[tuple, list[tuple[wp.array, wp.Event | None]]] = defaultdict(list)
         """Pinned memory by shape and type, with the event after which it may be used."""
@@ -91,8 +65,17 @@ class Launcher:
             self.compile_seconds += time.perf_counter() - start
             self._loaded.add(kernel)
 
-    def fetch(self, *arrays: wp.array) -> Steps[list[np.ndarray]]:
-        """Arrays on the host, once the device has filled them."""
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """A ``with`` statement, within ``turn``, that waits for the device or does without it: others may use it."""
+        self.turn.release()
+        try:
+            yield
+        finally:
+            self.turn.acquire()
+
+    def fetch(self, *arrays: wp.array) -> list[np.ndarray]:
+        """Arrays on the host, once the device has filled them; others may use a GPU until then (`aside`)."""
         if self.device == "cpu":
             return [array.numpy() for array in arrays]
         # through pinned memory, or the host would wait here for all that was launched
@@ -100,12 +83,9 @@ class Launcher:
         for array, copy in zip(arrays, staged, strict=True):
             wp.copy(copy, array)
         done, views = wp.get_stream(self.device).record_event(), [copy.numpy() for copy in staged]
-
-        def awaited() -> list[np.ndarray]:
+        with self.aside():
             wp.synchronize_event(done)
-            return [view.copy() for view in views]  # many megabytes
-
-        on_host = yield from aside(awaited)
+            on_host = [view.copy() for view in views]  # many megabytes
         for copy in staged:
             self._unused[copy.shape, copy.dtype].append((copy, None))
         return on_host

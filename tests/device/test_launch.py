@@ -6,7 +6,7 @@ import time
 import pytest
 import warp as wp
 
-from varos_warp.scene import launch
+from varos_warp.device import launch
 
 
 @wp.kernel(enable_backward=False)

@@ -1,0 +1,1 @@
+"""How kernels run: on which device, compiled when, launched how."""
