@@ -1,6 +1,7 @@
 """PNG files: as OpenCV and Pillow have them."""
 
 import struct
+import threading
 import zlib
 
 import cv2
@@ -29,6 +30,31 @@ def test_all_readers_find_the_pixels_that_were_written(tmp_path, shape, dtype):
     for read in found:
         assert np.array_equal(read, pixels)
         assert read.dtype == dtype
+
+
+def test_a_file_does_not_depend_on_the_thread_that_packs_it():
+    """Threads that live at once have stacks of their own, whose addresses ISA-L by itself mixes into what it finds."""
+    rng, count, found = np.random.default_rng(1), 600, []
+    images = [(rng.integers(0, 9, (9, 1, 3)) + np.arange(16)[:, None] // rng.integers(1, 9)).astype(np.uint8)
+              for _ in range(30)]
+    together = threading.Barrier(count)
+
+    def pack():
+        together.wait()
+        found.append(tuple(png.encode(image) for image in images))
+        together.wait()
+
+    before = threading.stack_size(256 * 1024)
+    try:
+        threads = [threading.Thread(target=pack) for _ in range(count)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        threading.stack_size(before)
+    assert len(found) == count
+    assert len(set(found)) == 1
 
 
 def test_how_pixels_lie_in_memory_does_not_matter():

@@ -29,10 +29,7 @@ from varos_warp.products.sensors.protocol import Samples
 from varos_warp.products.sensors.registry import BY_ID, SENSORS
 from varos_warp.scene.block import Block
 from varos_warp.scene.description.image_types import WATER
-from varos_warp.scene.description.noise_profile import (
-    CameraNoise,
-    NoiseProfile,
-)
+from varos_warp.scene.description.noise_profile import CameraNoise, NoiseProfile
 from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
 

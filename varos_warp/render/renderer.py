@@ -198,7 +198,6 @@ class FrameRenderer:
         make = {Source.WATER: self.radiance.water, Source.AMBIENT: self.radiance.ambient}
         asked = {letter: image for letter, image in OUTPUTS.items() if letter in outputs}
         images: dict[str, Any] = {}
-        asked = {letter: image for letter, image in OUTPUTS.items() if letter in outputs}
         for letter, product in ((letter, image) for letter, image in asked.items() if image.source in make):
             seen, moved = product.seen_by(self.scene, view), motion if product.blurs else None
             if product.like in images and seen == view and (motion is None or view.shutter is None):

@@ -86,6 +86,11 @@ def _smooth_normals(shape: Part | Instances) -> np.ndarray:
     return kept_corner_normals(shape.vertices, shape.faces, shape.smooth_angle)
 
 
+def _without_holes(parts: list[Part]) -> int:
+    """Number of the faces that no mask cuts, which come first."""
+    return sum(len(part.faces) for part in parts if not part.has_holes)
+
+
 class DeviceScene:
     """Owns everything that kernels read of a scene; ``data`` holds all but the lights (`lit`), and keeps it alive.
 
@@ -194,7 +199,7 @@ class DeviceScene:
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
         self.data.face_page = self._array(face_pages(with_faces), wp.int32)
         if self.spec.masks:
-            self._upload_masks(sum(len(part.faces) for part in in_mesh if not part.has_holes))
+            self._upload_masks(_without_holes(in_mesh))
 
     def _upload_masks(self, first_cut_face: int):
         """What functions of masks read, once all arrays are there."""
@@ -211,8 +216,7 @@ class DeviceScene:
         starts = np.cumsum([0] + [len(part.vertices) for part in parts])
         vertices = np.concatenate([part.vertices for part in parts]) - self.origin
         faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-        whole = sum(len(part.faces) for part in parts if not part.has_holes)
-        self.mesh, self.whole = self._meshes(vertices, faces, whole)
+        self.mesh, self.whole = self._meshes(vertices, faces, _without_holes(parts))
         self.data.mesh, self.data.whole = _id(self.mesh), _id(self.whole)
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):

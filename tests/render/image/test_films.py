@@ -47,7 +47,7 @@ def count_parts_in_turn(first_row: int, film: kernel.Film):
 @pytest.mark.parametrize("sides", [1, 2])
 def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
     monkeypatch.setitem(films.MOST_SAMPLES, "cpu", most)
-    monkeypatch.setitem(films.MOST_PARTS, "cpu", lot)
+    monkeypatch.setitem(films.MOST_BATCHES, "cpu", lot)
     monkeypatch.setattr(films, "PIXEL_TILE", 100)
     made = Films(Launcher("cpu", threads=2))
     film = made.black(shape[::-1], adapts=sides == 2)
@@ -69,7 +69,7 @@ def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
 @pytest.mark.parametrize("resident", [1, 5, 1 << 22])
 def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
     monkeypatch.setitem(films.MOST_SAMPLES, "cpu", 2)
-    monkeypatch.setitem(films.MOST_PARTS, "cpu", lot)
+    monkeypatch.setitem(films.MOST_BATCHES, "cpu", lot)
     made = Films(Launcher("cpu", threads=1))  # on a CPU the queue is not for several threads
     made._resident = resident
     film = made.black((9, 17))
@@ -108,9 +108,9 @@ def test_a_cpu_lets_go_of_sums():
 def test_parts_are_fewer_where_their_numbers_would_not_fit():
     gpu = Films(Launcher("cpu"))
     gpu.device = "cuda:0"
-    assert gpu._part_size(1000) == 1
-    assert gpu._part_size(8 * films.GPU_THREADS) == 4
-    assert -(-12_000_000_000 // gpu._part_size(12_000_000_000)) < 2**30
+    assert gpu._batch_size(1000) == 1
+    assert gpu._batch_size(8 * films.GPU_THREADS) == 4
+    assert -(-12_000_000_000 // gpu._batch_size(12_000_000_000)) < 2**30
 
 
 def test_sums_serve_images_of_either_kind_of_tiles():

@@ -19,7 +19,8 @@ from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.geometry.files.named import mesh_textures
 
-CODE = ("varos_warp.kernels", "varos_warp.device", "varos_warp.render", "varos_warp.scene", "varos_warp.sim")
+CODE = ("varos_warp.kernels", "varos_warp.device", "varos_warp.render", "varos_warp.products.images",
+        "varos_warp.scene", "varos_warp.sim")
 """What a plan follows from, besides the scene,"""
 ROOTS = ("varos_warp.render.renderer", "varos_warp.render.planner.plan", "varos_warp.sim.trajectory")
 """beginning with these."""

@@ -42,6 +42,6 @@ def check_noise(found: Evidence, quantity: str, slack: float, unit: str) -> None
     about = found.about
     read, truth, bias = (samples[quantity] for samples in (found.read, found.truth, found.bias))
     most = 8 * about["noise"]["noise_density"] * np.sqrt(about["rate_hz"])
-    found.measure("reading off truth and bias, at most", np.abs(read - truth - bias).max(),
+    found.measure("reading off truth and bias, at most", np.abs(read - truth - bias).max(initial=0.0),
                   most + about["noise"].get("resolution", 0.0) / 2 + slack, unit)
     found.repeated(slack, unit)

@@ -32,13 +32,13 @@ MOST_SAMPLES = {"cpu": 256, "cuda": 4}
 """Most samples of a batch, by kind of device: threads side by side of a GPU then take about equally many."""
 GPU_THREADS = 1 << 19
 """Threads that fill a large GPU: batches are smaller where there would be fewer of them."""
-MOST_PARTS = {"cpu": 1 << 16, "cuda": 1 << 22}
-"""Parts at a time; each takes up to 160 bytes. At the end of each lot a GPU is less than full, and all pixels are
+MOST_BATCHES = {"cpu": 1 << 16, "cuda": 1 << 22}
+"""Batches at a time; each takes up to 160 bytes. At the end of each lot a GPU is less than full, and all pixels are
 visited."""
 PIXEL_TILE = 1 << 16
 """Pixels that a CPU's thread visits at a time."""
 MOST_LISTED = 1 << 28
-"""Parts are larger where there would be more of them in all: their numbers have 32 bits."""
+"""Batches are larger where there would be more of them in all: their numbers have 32 bits."""
 
 
 class Films:
@@ -98,12 +98,12 @@ class Films:
         samples = np.broadcast_to(samples, film.count.shape)
         area = tile_pixels(*film.sums.shape[1:])
         pixels = area[None] if len(samples) == 1 else np.stack([(area + 1) // 2, area // 2])  # of each side
-        most = self._part_size(int((samples * pixels).sum()))
+        most = self._batch_size(int((samples * pixels).sum()))
         places = int(np.prod(film.count.shape[1:])) * TILE**2
         counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of batches, tile by tile
         self.launcher.run(count_batches, counts.shape, {"film": film, "most": most, "counts": counts})
         wp.utils.array_scan(counts, ends, inclusive=True)
-        total, lot = int((-(-samples // most) * pixels).sum()), MOST_PARTS[kind_of(self.device)]
+        total, lot = int((-(-samples // most) * pixels).sum()), MOST_BATCHES[kind_of(self.device)]
         for begin in range(0, total, lot):
             batches = min(lot, total - begin)
             film.batches = wp.empty(batches, dtype=Batch, device=self.device)
@@ -121,7 +121,7 @@ class Films:
         film.batches = film.batch_sums = film.next = None
         self.launcher.run(note_samples, film.count.shape, {"film": film})
 
-    def _part_size(self, samples: int) -> int:
+    def _batch_size(self, samples: int) -> int:
         """Most samples of a batch, where there are so many in all."""
         most = MOST_SAMPLES[kind_of(self.device)]
         if self.device != "cpu":

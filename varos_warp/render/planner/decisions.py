@@ -64,7 +64,7 @@ class Plan:
 
     spp: float
     """Samples per pixel of A, of the frames that need most."""
-    max_scatterings: int | None
+    max_scatterings: int | None = None
     """Most scatterings in the water on a path; None: no bound."""
     max_bounces: int | None = None
     """Most reflections on surfaces; None: no bound."""
@@ -132,7 +132,7 @@ class Plan:
 
     def says_how(self, letters: Iterable[str]) -> bool:
         """Whether it says how images are rendered; of A it does not if it was made for others."""
-        return not sees_water(letters) or all(decision.what != "A" for decision in self.decisions)
+        return not sees_water(letters) or all(decision.what != WATER for decision in self.decisions)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; the same on every machine as long as there is no ``cost``."""

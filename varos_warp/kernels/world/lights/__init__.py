@@ -1,1 +1,1 @@
-"""Lights: what they send where. Other kernels know them by light.py and choice.py only, which know the kinds."""
+"""Lights: what they send where. Other kernels ask light.py and choice.py, which know the kinds."""
