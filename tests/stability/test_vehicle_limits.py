@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.stability import dynamics_body
 from varos_warp.errors import InputError
+from varos_warp.products.sensors.imu import ImuNoise
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_angles
@@ -167,7 +168,7 @@ def test_noise_so_large_that_readings_would_be_infinite_is_refused(name):
     assert np.isfinite(simulation.imu.acceleration).all()
     assert np.isfinite(simulation.imu.angular_velocity).all()
     with pytest.raises(ValidationError):
-        description.ImuNoise(**{name: 1.1e6})
+        ImuNoise(**{name: 1.1e6})
 
 
 def test_a_vanishing_noise_changes_no_digit_and_none_at_all_no_bit():
