@@ -19,7 +19,7 @@ from varos_warp.device.launcher import at_once
 from varos_warp.errors import InputError
 from varos_warp.render import radiance
 from varos_warp.render.image.denoise import available_method, denoise_image
-from varos_warp.render.image.films import MOST_PARTS
+from varos_warp.render.image.films import MOST_BATCHES
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -335,7 +335,7 @@ def test_threads_that_take_part_after_part_give_the_same_bytes(monkeypatch, devi
     renderer = FrameRenderer(make_scene(), device, parts=ground_and_ball(), threads=1)
     expected = renderer.render(POSE, outputs="A", spp=12)
     monkeypatch.setattr(renderer.films, "_resident", 50)
-    monkeypatch.setitem(MOST_PARTS, kind_of(device), 500)
+    monkeypatch.setitem(MOST_BATCHES, kind_of(device), 500)
     assert_same_bytes(renderer.render(POSE, outputs="A", spp=12), expected)
 
 
