@@ -183,7 +183,22 @@ def unknown(pixels):
     pixels[20, 5, 0] = np.nan
 
 
-@pytest.mark.parametrize(("change", "said"), [(halved, "no distance in this water makes"),
+def black(pixels):
+    pixels[:] = 0.0
+
+
+def one_surface_less(pixels):
+    pixels[np.unravel_index(pixels[..., 1].argmax(), pixels.shape[:2])] = 0.0
+
+
+def one_surface_more(pixels):
+    pixels[tuple(np.argwhere(pixels[..., 1] == 0.0)[0])] = np.exp(-SIGMA_T * 2.0)
+
+
+@pytest.mark.parametrize(("change", "said"), [(black, "pixels where D has a surface"),
+                                              (one_surface_less, "is 0 in 1 pixels where D has a surface"),
+                                              (one_surface_more, "has a surface in 1 pixels where D has none"),
+                                              (halved, "no distance in this water makes"),
                                               (brighter, "not between 0 and 1"), (unknown, "not between 0 and 1")])
 def test_damage_within_it_is_named(damaged, change, said):
     rewritten(damaged, change)

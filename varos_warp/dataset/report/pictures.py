@@ -66,7 +66,7 @@ def depth_ends(data: Dataset, frames: list[int], cameras: tuple[str, ...]) -> tu
     found = np.concatenate([*samples, np.zeros(0, np.uint16)])
     found = found[found < DEPTH_LEVELS]
     if not found.size:
-        return start, end
+        return max(start, 1e-3), end
     near, far = np.percentile(found, (0.5, 99.5)) * ((end - start) / DEPTH_LEVELS) + start
     return max(float(near), 1e-3), max(float(far), float(near) + 1e-2)
 

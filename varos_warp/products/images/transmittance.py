@@ -73,6 +73,8 @@ class Transmittance(ImageProduct):
         if not sigma_t.any():
             if not np.isin(found, (0.0, 1.0)).all():
                 yield name, "is not 1, though the water lets all light through"
+            elif DEPTH in files.data.outputs:
+                yield from self._against_surfaces(files, found[..., 0] > 0.0, 0.0)
             return
         distance = np.where(known, -np.log(np.where(known, found[..., strongest], 1.0)) / sigma_t[strongest], np.inf)
         made = np.exp(-sigma_t * np.where(known, distance, 0.0)[..., None])
@@ -80,15 +82,29 @@ class Transmittance(ImageProduct):
             yield name, f"has channels in {count} pixels that no distance in this water makes"
         if DEPTH in files.data.outputs:
             yield from self._against_depth(files, distance, known, ROUNDING / sigma_t[strongest])
+            yield from self._against_surfaces(files, known, sigma_t[strongest])
 
     def _against_depth(self, files: FrameFiles, distance: np.ndarray, known: np.ndarray, slack_m: float
                        ) -> Iterator[tuple[str, str]]:
         """What is wrong with the distances [m] of T where they are ``known``, beside those of D."""
         planar, seen = files.planar, files.along_axis(distance)
-        both = known & np.isfinite(planar)
-        limit = HALF_STEP * files.data.meta["depth"]["scale_m"] + slack_m + 1e-5 * np.abs(seen[both])
-        if count := np.count_nonzero(np.abs(seen[both] - planar[both]) > limit):
+        both, depth = known & np.isfinite(planar), files.data.meta["depth"]
+        limit = HALF_STEP * depth["scale_m"] + slack_m + 1e-5 * np.abs(np.where(known, seen, 0.0))
+        if count := np.count_nonzero(np.abs(seen[both] - planar[both]) > limit[both]):
             yield files.file(self.letter).name, f"has another distance than D in {count} pixels"
+        within = (seen if depth["kind"] == "z" else distance) < depth["range_m"][1] - limit
+        if count := np.count_nonzero(known & ~np.isfinite(planar) & within):
+            yield files.file(self.letter).name, f"has a surface in {count} pixels where D has none"
+
+    def _against_surfaces(self, files: FrameFiles, known: np.ndarray, sigma_t: float) -> Iterator[tuple[str, str]]:
+        """What is 0, not ``known``, though the surface of D there is near enough for light to get through."""
+        nowhere = np.zeros(files.shape)
+        at_port = files.along_axis(nowhere)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            distance = (files.planar - at_port) / (files.along_axis(nowhere + 1.0) - at_port)
+            lost = ~known & np.isfinite(distance) & (np.exp(-sigma_t * distance) > 2.0 * LEAST)
+        if count := np.count_nonzero(lost):
+            yield files.file(self.letter).name, f"is 0 in {count} pixels where D has a surface"
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
         """1 is white, by the sRGB curve."""
