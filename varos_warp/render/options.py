@@ -8,7 +8,7 @@ from varos_warp.errors import InputError
 from varos_warp.products.images.registry import DENOISE_KEYS
 from varos_warp.render.image.denoise import METHODS
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.render import field_by_old_name
+from varos_warp.scene.description.render import MOST_SPP, field_by_old_name
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "field", "path", "reference")
@@ -53,6 +53,8 @@ class RenderOptions:
             number = getattr(self, key)
             if number is not None and number < least:
                 raise InputError(f"must be at least {least}", key=key, value=number)
+            if key in ("spp", "spp_b") and number is not None and number > MOST_SPP:
+                raise InputError(f"must be at most {MOST_SPP}", key=key, value=number)
 
 
 OF_SCENE = ("spp", "spp_b", "max_scatterings", "max_bounces", "layers", "integrator")

@@ -8,6 +8,9 @@ from pydantic import BeforeValidator, Field, field_validator
 from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 
+MOST_SPP = 1 << 24
+"""Most samples per pixel: their numbers have 32 bits, and more would take days."""
+
 
 class Exposure(Block):
     """Exposure correction before 8-bit output (paper 3.2.1)."""
@@ -42,10 +45,10 @@ class Render(Block):
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
     """The planner chooses no more samples of A than take about this long, whatever the tolerance [s]; absent: 60 on a
     CPU, 5 on a GPU."""
-    spp: AtLeastOne | None = Field(default=None, examples=[16])
+    spp: Annotated[AtLeastOne, Field(le=MOST_SPP)] | None = Field(default=None, examples=[16])
     """Samples per pixel of A; absent: the planner's choice. With the field this is a mean over the image, and fractions
     count; else they are rounded up."""
-    spp_b: Annotated[int, Field(ge=1)] = 8
+    spp_b: Annotated[int, Field(ge=1, le=MOST_SPP)] = 8
     """Samples per pixel of B (docs/models.md); in the paper (3.2.1) 20, with ``denoise_b: nlm``."""
     max_scatterings: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[2])
     """Most scatterings in the water on a path of light. Absent: no bound."""
