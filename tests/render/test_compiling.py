@@ -11,7 +11,7 @@ from varos_warp.render.kinds import kernels_needed
 from varos_warp.render.moments import NextFrame
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.device import DeviceScene, foretold_spec
-from varos_warp.scene.file.load import DATA, load_scene
+from varos_warp.scene.file.load import DATA, demo_scene_path, load_scene
 from varos_warp.scene.geometry.build import build_parts
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -73,3 +73,9 @@ def test_what_a_scene_holds_is_foretold_by_its_file(file, changes):
     scene = load_scene(file, changes)
     world = DeviceScene(scene, build_parts(scene), "cpu")
     assert foretold_spec(scene, "cpu") == world.spec
+
+
+def test_letters_may_be_given_one_after_the_other():
+    scene = load_scene(demo_scene_path())
+    spec = foretold_spec(scene, "cpu")
+    assert kernels_needed(scene, spec, iter("CAB"), "path") == kernels_needed(scene, spec, "ABC", "path")

@@ -142,7 +142,8 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
         letters: Which images.
         integrator: Of A and P; absent: the scene's, and where that is open, all that a plan may compare.
     """
-    wanted = [image for letter, image in OUTPUTS.items() if letter in {*letters}]
+    asked = {*letters}
+    wanted = [image for letter, image in OUTPUTS.items() if letter in asked]
     sources = {image.source for image in wanted}
     options, names, images, hits = options_of(scene, {"integrator": integrator}), [], [], []
     if Source.WATER in sources:

@@ -1,5 +1,6 @@
 """What can be asked of the images of a frame, and the integrator that serves."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -49,12 +50,13 @@ class RenderOptions:
             names = getattr(self, key)
             if names is not None:
                 check_names(key, names if key in ("layers", "copied") else [field_by_old_name(names)], known)
-        for key, least in (("spp", 1), ("spp_b", 1), ("max_scatterings", 0), ("max_bounces", 0)):
+        for key, least, most in (("spp", 1, MOST_SPP), ("spp_b", 1, MOST_SPP), ("max_scatterings", 0, math.inf),
+                                 ("max_bounces", 0, math.inf)):
             number = getattr(self, key)
             if number is not None and number < least:
                 raise InputError(f"must be at least {least}", key=key, value=number)
-            if key in ("spp", "spp_b") and number is not None and number > MOST_SPP:
-                raise InputError(f"must be at most {MOST_SPP}", key=key, value=number)
+            if number is not None and number > most:
+                raise InputError(f"must be at most {most}", key=key, value=number)
 
 
 OF_SCENE = ("spp", "spp_b", "max_scatterings", "max_bounces", "layers", "integrator")

@@ -21,7 +21,7 @@ from varos_warp.render.image.denoise import denoise_image
 _EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
 """By its bits; 0 for what is not a number, which no image has."""
 _oidn_turn = threading.Lock()
-"""Open Image Denoise uses all cores and much memory: one image at a time."""
+"""Images wait here for each other, outside of the clock; the filter itself takes one at a time (oidn.py)."""
 
 
 class ImageJob(NamedTuple):

@@ -41,14 +41,7 @@ class Around:
 
     def met_by_beams(self, time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float]
                      ) -> tuple[np.ndarray, np.ndarray]:
-        """Distance [M, k] along beams to what is there at the time, NaN without any, and its velocity along them.
-
-        Args:
-            time_ns: int64 [M].
-            T_w_s: Poses of the sensor [M, 4, 4].
-            beams: Unit vectors [k, 3], sensor axes.
-            range_m: Least and most [m].
-        """
+        """Distance [M, k] along beams to what is there, and its velocity along them, as `Surroundings` says."""
         start, when = np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), np.repeat(time_ns, len(beams))
         directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)
         least, most = range_m
