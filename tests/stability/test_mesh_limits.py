@@ -8,7 +8,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry import terrain
-from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.geometry.procedural import generate_terrain

@@ -13,7 +13,7 @@ from varos_warp.cli import app
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
-from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh, write_ply
 from varos_warp.scene.geometry.procedural import grid_mesh
 

@@ -334,7 +334,7 @@ class _Run:
 
     def build(self) -> list:
         """Everything solid in the scene."""
-        from varos_warp.scene.geometry.build import build_parts
+        from varos_warp.scene.geometry.world import build_parts
 
         return build_parts(self.scene)
 

@@ -19,6 +19,7 @@ from varos_warp.scene.description.image_types import TWIN
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import AnyTerrain
 from varos_warp.scene.description.vehicle import Current, Pose, Trajectory, Vehicle
 from varos_warp.scene.description.water import Water
@@ -120,6 +121,14 @@ class Scene(Block):
                 near = did_you_mean(placed.material, self.materials)
                 raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})"
                                  + (f". {near}" if near else ""))
+        return self
+
+    @model_validator(mode="after")
+    def _drifts_have_relief(self):
+        around = self.terrain is not None and self.terrain.around_objects
+        if around and not isinstance(self.materials.get(self.terrain.material or ""), Layered):
+            raise ValueError("terrain.around_objects: drifts and moats are form, which the terrain's material "
+                             f"{self.terrain.material or 'of none'} does not have; give it a material of kind layered")
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive
+from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unwritten_if_absent
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 
 MOST_SPP = 1 << 24
@@ -73,8 +73,13 @@ class Render(Block):
     """Also write A (and P) before denoising and exposure as float32 EXR, with its standard error."""
     depth_exr: bool = False
     """Also write planar depth and range as float32 EXR (channels Z and range)."""
+    max_triangles: Annotated[int, Field(ge=1000)] | None = Field(default=None, examples=[8_000_000])
+    """Most triangles of surfaces with relief (docs/surfaces.md); where they would take more, their edges are longer by
+    one factor, which is told. Absent: 3 million."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
+
+    _written = unwritten_if_absent("max_triangles")
 
     @field_validator("depth_range_m")
     @classmethod

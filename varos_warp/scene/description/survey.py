@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from varos_warp.scene.block import Coordinate, Position, Positive, Rectangle, unwritten_if_absent
-from varos_warp.scene.description.world import Detail, Placed, Preprocess, ProceduralTerrain, Terrain
+from varos_warp.scene.description.world import Detail, Ground, Preprocess, ProceduralTerrain, Terrain
 
 GEOTIFFS = (".tif", ".tiff")
 ARRAYS = (".png", ".npy")
@@ -27,7 +27,7 @@ FOR = {"pixel_m": (*GEOTIFFS, *ARRAYS), "first_row": (*GEOTIFFS, *ARRAYS), "heig
 """Endings of the files that a key is for, where it is not for all."""
 
 
-class Heights(Placed):
+class Heights(Ground):
     """The sea floor from survey files: heights on a grid (GeoTIFF, ESRI ASCII, PNG, NPY), or points (XYZ, CSV, LAS)."""
 
     kind: Literal["heights"]
@@ -82,7 +82,7 @@ class Heights(Placed):
 
     _written = unwritten_if_absent(
         "positive", "unit", "height_unit", "height_scale", "height_range_m", "nodata", "region", "resolution_m",
-        "longest_edge_m", "columns", "classes", "pixel_m", "first_row", "origin")
+        "longest_edge_m", "columns", "classes", "pixel_m", "first_row", "origin", "around_objects")
 
     @property
     def files(self) -> list[str]:

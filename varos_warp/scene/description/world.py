@@ -19,6 +19,7 @@ from varos_warp.scene.block import (
     kind_by_default,
     unwritten_if_absent,
 )
+from varos_warp.scene.description.surfaces import Layered
 
 # ---------------------------------------------------------------------------------------------------------- geometry
 
@@ -149,7 +150,15 @@ class Movable(Placed):
         return [first, *rest]
 
 
-class Terrain(Placed):
+class Ground(Placed):
+    """What every sea floor may have."""
+
+    around_objects: bool | None = Field(default=None, examples=[True])
+    """Whether drifts and moats lie where objects and copies stand in it; its material must be ``layered``. Absent:
+    no."""
+
+
+class Terrain(Ground):
     """The sea floor: one mesh file, or several to join."""
 
     model_config = ConfigDict(json_schema_extra=_up_in_schema)
@@ -169,12 +178,12 @@ class Terrain(Placed):
     """Place in the axes of the file that becomes 0, 0, 0, before scale, rotation and position [m]. Absent: coordinates
     stay as they are."""
 
-    _written = unwritten_if_absent("origin")
+    _written = unwritten_if_absent("origin", "around_objects")
 
     _up = model_validator(mode="before")(_up_for_short)
 
 
-class ProceduralTerrain(Placed):
+class ProceduralTerrain(Ground):
     """A sea floor made from a seed: sand flats with rocky outcrops, centred at its origin."""
 
     kind: Literal["procedural"]
@@ -192,6 +201,8 @@ class ProceduralTerrain(Placed):
     """The shape follows from it."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
+
+    _written = unwritten_if_absent("around_objects")
 
 
 class MeshObject(Movable):
@@ -467,5 +478,5 @@ class Dirt(Block):
     """Reflectance of the silt, linear, for red, green and blue."""
 
 
-Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt, Field(discriminator="kind"),
+Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt | Layered, Field(discriminator="kind"),
                      kind_by_default("diffuse")]

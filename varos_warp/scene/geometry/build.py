@@ -24,8 +24,8 @@ SMALLEST_M, LARGEST_M = 1e-9, 1e9
 """Sizes of parts: the products of smaller lengths leave single precision, longer rays hit nothing."""
 
 
-def build_parts(scene: Scene) -> list[Part | Instances]:
-    """Everything solid in the scene (float64): terrain, objects in file order, bodies of companions, blocks of scatter.
+def build_base_parts(scene: Scene) -> list[Part | Instances]:
+    """Everything solid in the scene before its relief: terrain, objects in file order, bodies of companions, scatter.
 
     Copies are strewn without regard to bodies: they stand alike whichever vehicle sees them.
     """

@@ -113,9 +113,10 @@ class Shape:
     """What became of the mesh files that it is made from."""
     survey: dict | None = None
     """Facts of the survey that it was made from (geometry/survey/read.py); None: of none."""
+    relief: dict | None = None
+    """What its relief took, as plain types (geometry/relief/apply.py); None: it has none."""
     doubts: tuple[str, ...] = ()
     """What looked wrong when it was made, a sentence each."""
-
 
     @property
     def has_holes(self) -> bool:

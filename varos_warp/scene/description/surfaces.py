@@ -1,0 +1,32 @@
+"""Surfaces of the sea: form as geometry, and layers that it masks."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from varos_warp.scene.block import Block, Unit, UnitRgb, unwritten_if_absent
+
+Relief = Literal["rock", "sand", "steel", "concrete", "none"]
+
+
+class Layered(Block):
+    """A surface with form and layers (docs/surfaces.md): displaced triangles about two pixels wide, on which film, silt
+    and wear lie where the form lets them."""
+
+    kind: Literal["layered"]
+    relief: Relief = "none"
+    """The form that is added, and the layers that come with it; ``none`` adds no form, only film and silt."""
+    steep: Relief | None = Field(default=None, examples=["rock"])
+    """The relief where the surface is steeper than about 35 degrees, as of outcrops in sand. Absent: the same."""
+    paint: UnitRgb | None = Field(default=None, examples=[[0.45, 0.33, 0.03]])
+    """Linear reflectance of the paint, or of the bare surface where there is none. Absent: as the relief has it."""
+    wear: Unit = 0.3
+    """How much of the paint is lost, how much rock and concrete are broken."""
+    silt: Unit = 0.5
+    """How much silt lies where the surface looks up and in hollows."""
+    film: Unit = 0.4
+    """How much of the surface is under a film of algae and bacteria."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """The patterns follow from it and from the object."""
+
+    _written = unwritten_if_absent("steep", "paint")

@@ -1,0 +1,101 @@
+"""Which parts of a scene have relief, how fine each becomes, and the parts as they are afterwards."""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from varos_warp.cache import cached, code_hash, digest
+from varos_warp.errors import warn
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.surfaces import Layered
+from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
+from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, factor_for, rough
+from varos_warp.scene.geometry.relief.density import NEAREST_M, Footprint, footprint, longest_edge
+from varos_warp.scene.geometry.relief.drifts import drift, flow_direction, neighbours
+from varos_warp.scene.geometry.relief.form import Base, Ground, base_of, formed
+from varos_warp.scene.geometry.topology import edge_uses
+
+TOLD_FACTOR = 2.0
+"""Edges longer than asked by more than this are warned of."""
+
+
+def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:
+    """The parts of a scene, those of layered materials with form and colours; the others as they are.
+
+    Args:
+        scene: Its course says how near cameras come, its ``render.max_triangles`` how much form there may be.
+        parts: What is solid in it.
+    """
+    chosen = [i for i, part in enumerate(parts) if isinstance(part.material, Layered)]
+    if not chosen:
+        return parts
+    seen = footprint(scene, parts)
+    bases = {i: base_of(parts[i]) for i in chosen}
+    edges = {i: edges_of(parts[i], bases[i], seen) for i in chosen}
+    most = scene.render.max_triangles or MOST_TRIANGLES
+    factor = factor_for([rough(bases[i].vertices, bases[i].faces, edges[i]) for i in chosen], most)
+    done = {i: _formed(scene, parts[i], parts, bases[i], edges[i], seen, factor) for i in chosen}
+    if factor > TOLD_FACTOR:
+        warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
+             "times as long as asked, so the finest forms are missing; raise it")
+    return [done.get(i, part) for i, part in enumerate(parts)]
+
+
+def edges_of(part: Part | Instances, base: Base, seen: Footprint) -> Callable[[np.ndarray, float], np.ndarray]:
+    """The longest edges [N] that are wanted at points [N, 3] about a base's middle, for a factor.
+
+    Copies share one mesh, which the copy decides that is nearest for its size; so does what moves.
+    """
+    if isinstance(part, Instances):
+        reach = np.linalg.norm(part.vertices, axis=1).max()
+        nearest = np.maximum(seen.distance(part.T_w_o[:, :3, 3]) - reach * part.scale, NEAREST_M)
+        alike = float((seen.angle * nearest / part.scale).min())
+    elif isinstance(part, Moving):
+        stops = np.array([stop.position for stop in part.path] or [part.origin])
+        reach = np.linalg.norm(base.vertices, axis=1).max()
+        alike = float(seen.angle * np.maximum(seen.distance(stops) - reach, NEAREST_M).min())
+    else:
+        return lambda points, factor: seen.edges(points + base.middle, factor)
+    return lambda points, factor: np.full(len(points), longest_edge(alike, factor))
+
+
+def _formed(scene, part, parts, base, edges, seen, factor):
+    """A part with its relief; from the user's cache where it was made before."""
+    look = part.material.model_copy(update={"seed": _seed(scene, part)})
+    others = [other for other in parts if other is not part and not isinstance(other, Moving)]
+    ground = _ground(scene, others) if part.name == "terrain" else None
+    depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
+                  "look": look.model_dump(mode="json"), "cameras": [digest(seen.eyes, seen.lever), seen.angle],
+                  "copies": digest(part.T_w_o) if isinstance(part, Instances) else None,
+                  "path": [stop.model_dump(mode="json") for stop in getattr(part, "path", ())],
+                  "ground": ground and [digest(*_standing(other)) for other in others],
+                  "around": ground and [bool(scene.terrain.around_objects), list(scene.current.velocity)],
+                  "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
+    made = cached("relief", depends_on, lambda: formed(base, look, lambda points: edges(points, factor), ground),
+                  what=f"the relief of {part.name}")
+    vertices, faces = made["vertices"].astype(float) + base.middle, made["faces"]
+    open_edges, crossed = (len(keys) for keys in edge_uses(base.faces))
+    facts = {"triangles": len(faces), "edge_factor": round(factor, 3), "open_edges": open_edges,
+             "edges_of_more_than_two_faces": crossed}
+    return replace(part, vertices=vertices, faces=faces, normals=made["normals"][faces], smooth_shading=True,
+                   smooth_angle=np.pi, skin=Skin(made["colours"][faces]), relief=facts)
+
+
+def _seed(scene, part):
+    """The seed of a part's patterns: by its material, its name and the scene, not by where it stands."""
+    return zlib.crc32(f"{part.name} {part.material.seed}".encode(), scene.seed) % 2**31
+
+
+def _ground(scene, others):
+    """What the sea floor knows of what stands on it."""
+    flow = flow_direction(scene.current.velocity)
+    around = bool(scene.terrain.around_objects)
+    return Ground(lambda points: neighbours(points, others),
+                  lambda near: drift(near, flow) if around else np.zeros(len(near.distance)))
+
+
+def _standing(part):
+    """Arrays that tell where a part stands."""
+    return (part.vertices, part.faces, part.T_w_o) if isinstance(part, Instances) else (part.vertices, part.faces)

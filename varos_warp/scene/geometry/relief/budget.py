@@ -1,0 +1,63 @@
+"""How many triangles surfaces with relief take, and the one factor on their edges that keeps them within a bound."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from varos_warp.scene.geometry.relief.subdivision import refine
+from varos_warp.scene.geometry.topology import area_normals, chunks
+
+MOST_TRIANGLES = 3_000_000
+"""Of all surfaces with relief, where the scene says nothing: they load in half a minute on two cores."""
+FILL = 0.17
+"""Area of a triangle over the square of the longest edge that is wanted there, on average, as `refine` leaves them
+(measured on grids and spheres: 0.16 to 0.18)."""
+COARSE = 8.0
+"""Factor on the edges of the meshes that the count is estimated from."""
+LARGEST_FACTOR = 256.0
+STEPS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """A surface whose triangles are counted: areas of the triangles of a coarse mesh and what edges are wanted there."""
+
+    area: np.ndarray
+    """float64 [F] [m^2]"""
+    edges: Callable[[float], np.ndarray]
+    """The longest edges [F] [m] that are wanted for a factor."""
+
+    def count(self, factor: float) -> float:
+        """About how many triangles it takes."""
+        return float(np.maximum(self.area / (FILL * np.square(self.edges(factor))), 1.0).sum())
+
+
+def rough(vertices: np.ndarray, faces: np.ndarray, wanted: Callable[[np.ndarray, float], np.ndarray]) -> Rough:
+    """What to count the triangles of a mesh by.
+
+    Args:
+        vertices: float64 [V, 3] [m].
+        faces: int32 [F, 3].
+        wanted: The longest edges [N] [m] at points [N, 3], for a factor.
+    """
+    v, f, _ = refine(vertices, faces, lambda points: wanted(points, COARSE))
+    middles = np.concatenate([v[f[some]].mean(axis=1) for some in chunks(len(f))])
+    return Rough(0.5 * np.linalg.norm(area_normals(v, f), axis=1), lambda factor: wanted(middles, factor))
+
+
+def factor_for(surfaces: list[Rough], most: int) -> float:
+    """The least factor of 1 or more on all edges with which the surfaces take no more than ``most`` triangles.
+
+    Where even `LARGEST_FACTOR` takes more, that is returned.
+    """
+    def count(factor):
+        return sum(surface.count(factor) for surface in surfaces)
+
+    if count(1.0) <= most:
+        return 1.0
+    low, high = 1.0, LARGEST_FACTOR
+    for _ in range(STEPS):
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if count(middle) <= most else (middle, high)
+    return float(high)

@@ -1,0 +1,141 @@
+"""Surfaces with relief: parts of layered materials are refined, displaced and coloured, vertex by vertex.
+
+The steps (docs/surfaces.md): refine until edges are about two pixels; coarse form; new normals; fine form; then colours
+by what lies where, and the thickness of silt.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from varos_warp.scene.description.surfaces import Layered
+from varos_warp.scene.geometry.joining import merge_equal
+from varos_warp.scene.geometry.noise import fbm
+from varos_warp.scene.geometry.normals import UP, corner_normals
+from varos_warp.scene.geometry.parts import Shape
+from varos_warp.scene.geometry.relief.drifts import Neighbours
+from varos_warp.scene.geometry.relief.recipes.masks import shape_of
+from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
+from varos_warp.scene.geometry.relief.recipes.sites import Sites
+from varos_warp.scene.geometry.relief.subdivision import refine
+from varos_warp.scene.geometry.topology import area_normals
+
+STEEP = (0.79, 0.85)
+"""Upward part of the normal below which ground is steep, and above which it is flat, as in `slope_blend`."""
+RAGGED = 0.18
+"""How far noise moves that bound."""
+MEAN_EDGE = 2.0 / 3.0
+"""Mean length of edges over the longest that is wanted."""
+LARGEST_FORM_M = 2.0
+"""Size that the forms of a sea floor go by [m]."""
+MOST_OF_RADIUS = 0.4
+"""Displacement into a hollow, at most, as a share of its radius of curvature: beyond, the surface would cross itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What a sea floor knows of what stands on it."""
+
+    neighbours: Callable[[np.ndarray], Neighbours]
+    """What stands nearest to points [N, 3] of the world."""
+    drift: Callable[[Neighbours], np.ndarray]
+    """Height [N] that it adds [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A surface before its relief."""
+
+    vertices: np.ndarray
+    """float64 [V, 3], about the middle of the part [m]."""
+    faces: np.ndarray
+    normals: np.ndarray
+    """Unit vectors [V, 3] where the surface is smooth, zeros elsewhere."""
+    middle: np.ndarray
+    """float64 [3]"""
+
+
+def base_of(shape: Shape) -> Base:
+    """The surface of a shape, its vertices at the same place welded."""
+    middle = np.round(0.5 * (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)), 3)
+    vertices, faces = merge_equal(shape.vertices - middle, shape.faces)
+    normals = np.zeros(vertices.shape)
+    if shape.smooth_shading:
+        corner = corner_normals(vertices, faces, shape.smooth_angle)
+        normals = _summed(corner, faces, len(vertices))
+        off = np.zeros(len(vertices), bool)
+        off[faces[(np.einsum("fij,fij->fi", corner, normals[faces]) < 1.0 - 1e-6)]] = True
+        normals[off] = 0.0
+    return Base(vertices, faces, normals, middle)
+
+
+def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray], ground: Ground | None
+           ) -> dict[str, np.ndarray]:
+    """A surface with its relief, as arrays of plain types.
+
+    Args:
+        base: The surface before.
+        look: Its material; its seed is the object's own.
+        wanted: The longest edges [N] [m] at points [N, 3] about the base's middle.
+        ground: What stands on it, of a sea floor; absent: it is an object.
+
+    Returns:
+        ``vertices`` float32 [V, 3] about the base's middle, ``faces`` int32 [F, 3], ``normals`` float32 [V, 3] and
+        ``colours`` float32 [V, 3], linear reflectances.
+    """
+    p, faces, edge = refine(base.vertices, base.faces, wanted, base.normals)
+    normals = vertex_normals(p, faces)
+    near = ground.neighbours(p + base.middle) if ground else None
+    x = p if ground is None else p + ground.drift(near)[:, None] * UP
+    normals = normals if ground is None else vertex_normals(x, faces)
+    size = float(np.linalg.norm(np.ptp(base.vertices, axis=0)))
+    sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if ground is None else min(size, LARGEST_FORM_M),
+                  height=x[:, 2] - x[:, 2].min() if ground is None else np.zeros(len(x)),
+                  clear=np.full(len(x), np.inf) if ground is None else near.distance)
+    surfaces = _blended(sites, look)
+    for step in ("coarse", "fine"):
+        h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
+        x = x + (_bounded(h, x, normals, faces))[:, None] * normals
+        normals = vertex_normals(x, faces)
+        sites = replace(sites, n=normals)
+    shape = shape_of(x, faces, normals, sites.edge)
+    coats = [(share, *recipe.colour(sites, shape, look)) for recipe, share in surfaces]
+    colour = sum(share[:, None] * coat for share, coat, _ in coats)
+    x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
+    return {"vertices": x.astype(np.float32), "faces": faces, "normals": vertex_normals(x, faces).astype(np.float32),
+            "colours": colour.astype(np.float32)}
+
+
+def _blended(sites, look):
+    """The recipes of a material and the share of each at the vertices; one, or that of flat and that of steep ground."""
+    if look.steep is None or look.steep == look.relief:
+        return [(RECIPES[look.relief], np.ones(len(sites.p)))]
+    up = sites.n[:, 2] + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge)
+    t = np.clip((up - STEEP[0]) / (STEEP[1] - STEEP[0]), 0.0, 1.0)
+    flat = t * t * (3.0 - 2.0 * t)
+    return [(RECIPES[look.relief], flat), (RECIPES[look.steep], 1.0 - flat)]
+
+
+def _bounded(h, x, normals, faces):
+    """Displacements [V] that do not make a hollow cross itself: outwards less than a share of its radius."""
+    bend = np.zeros(len(x))
+    for i in range(3):
+        a, b = faces[:, i], faces[:, (i + 1) % 3]
+        way = x[b] - x[a]
+        hollow = -np.einsum("ij,ij->i", normals[b] - normals[a], way) / np.maximum(
+            np.einsum("ij,ij->i", way, way), 1e-18)
+        for ends in (a, b):
+            np.maximum.at(bend, ends, hollow)
+    return np.minimum(h, MOST_OF_RADIUS / np.maximum(bend, 1e-9))
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals [V, 3], the means of the faces' weighted with their areas; +z where there is none."""
+    return _summed(np.repeat(area_normals(vertices, faces)[:, None], 3, axis=1), faces, len(vertices))
+
+
+def _summed(corner, faces, count):
+    total = np.column_stack([np.bincount(faces.ravel(), corner[..., axis].ravel(), count) for axis in range(3)])
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(size > 0.0, total / np.where(size > 0.0, size, 1.0), UP)

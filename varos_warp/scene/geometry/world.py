@@ -1,0 +1,11 @@
+"""Everything solid in a scene: what stands there, its relief, and what grows on it."""
+
+from varos_warp.scene.description import Scene
+from varos_warp.scene.geometry.build import build_base_parts
+from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.relief.apply import with_relief
+
+
+def build_parts(scene: Scene) -> list[Part | Instances]:
+    """Everything solid in the scene (float64): terrain, objects in file order, bodies of companions, blocks of scatter."""
+    return with_relief(scene, build_base_parts(scene))
