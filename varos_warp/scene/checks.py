@@ -48,6 +48,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
             [N] [ns], position [N, 3] [m], the reference that it was asked to follow [N, 3] [m], and the waypoint that
             it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
+    made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
+    parts = [part.before or part for part in parts]
     find_course(scene, parts)
     looked_at = _looked_at(scene)
     stops = places(scene.trajectory)[looked_at]
@@ -56,7 +58,6 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, still, poses, path)
     at_stops, told = _check_stops(scene, solids, stops)
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
     found = [*made, *check_angles(scene), *_check_trajectory(scene.trajectory), *_check_water(scene),
              *_check_sizes(scene, parts), *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene),
              *_check_exposure(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),

@@ -30,6 +30,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "lights": [light_info(light, scene) for light in scene.vehicle.lights],
         "meshes": _mesh_info(parts),
         "mesh_files": _file_info(parts),
+        **({"relief": relief} if (relief := {part.name: part.relief for part in parts if part.relief}) else {}),
         **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
         **_body_info(scene), **_imu_info(scene),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),

@@ -409,6 +409,9 @@ class _Run:
         content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
                                    outputs=self.outputs, device=self.recorded_device, plan=plan and plan.to_dict(),
                                    denoisers=self.denoisers, moving=describe_moving(self.scene, self.parts))
+        relief = {part.name: part.relief for part in self.parts or () if part.relief}
+        if relief or (self.previous or {}).get("relief"):
+            content["relief"] = relief or self.previous["relief"]
         if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
             content["versions"] = self.previous["versions"]
         files.write_json(self.layout.metadata, content)

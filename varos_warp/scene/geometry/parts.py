@@ -115,6 +115,8 @@ class Shape:
     """Facts of the survey that it was made from (geometry/survey/read.py); None: of none."""
     relief: dict | None = None
     """What its relief took, as plain types (geometry/relief/apply.py); None: it has none."""
+    before: Self | None = None
+    """The shape before its relief, which courses keep clear of; None: it has none."""
     doubts: tuple[str, ...] = ()
     """What looked wrong when it was made, a sentence each."""
 

@@ -76,11 +76,21 @@ def _formed(scene, part, parts, base, edges, seen, factor):
     made = cached("relief", depends_on, lambda: formed(base, look, lambda points: edges(points, factor), ground),
                   what=f"the relief of {part.name}")
     vertices, faces = made["vertices"].astype(float) + base.middle, made["faces"]
-    open_edges, crossed = (len(keys) for keys in edge_uses(base.faces))
-    facts = {"triangles": len(faces), "edge_factor": round(factor, 3), "open_edges": open_edges,
-             "edges_of_more_than_two_faces": crossed}
+    facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}
     return replace(part, vertices=vertices, faces=faces, normals=made["normals"][faces], smooth_shading=True,
-                   smooth_angle=np.pi, skin=Skin(made["colours"][faces]), relief=facts)
+                   smooth_angle=np.pi, skin=Skin(made["colours"][faces]), relief=facts, before=part,
+                   doubts=(*part.doubts, *_doubts(part, base)))
+
+
+def _doubts(part, base):
+    """What relief cannot do well on a mesh, a sentence each; a sea floor may end anywhere."""
+    open_edges, crossed = (len(keys) for keys in edge_uses(base.faces))
+    if open_edges and part.name != "terrain":
+        yield (f"its mesh has holes ({open_edges} open edges): relief moves their rims, and what is thin may cross "
+               "itself; close them, or choose relief: none")
+    if crossed:
+        yield (f"{crossed} edges of its mesh have more than two faces: relief moves all of them one way; divide it into "
+               "closed meshes, or choose relief: none")
 
 
 def _seed(scene, part):

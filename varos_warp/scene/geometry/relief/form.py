@@ -92,7 +92,8 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
     size = float(np.linalg.norm(np.ptp(base.vertices, axis=0)))
     sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if ground is None else min(size, LARGEST_FORM_M),
                   height=x[:, 2] - x[:, 2].min() if ground is None else np.zeros(len(x)),
-                  clear=np.full(len(x), np.inf) if ground is None else near.distance)
+                  clear=np.full(len(x), np.inf) if ground is None else near.distance,
+                  sharp=shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
     surfaces = _blended(sites, look)
     for step in ("coarse", "fine"):
         h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
