@@ -27,7 +27,7 @@ from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.optics import has_lens
-from varos_warp.scene.description.world import GROUND_TEXTURES
+from varos_warp.scene.description.world import GROUND_TEXTURES, SlopeBlend
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.frames import (
     R_V_C,
@@ -251,8 +251,9 @@ def sources(scene) -> dict[str, str | None]:
     bodies = [vehicle.body for vehicle in scene.vehicles or () if vehicle.body]
     objects = [*scene.objects, *(block.object for block in scene.scatter), *bodies]
     named += [o.file for o in objects if getattr(o, "file", None)]
-    textures = [getattr(material, side, None) for material in scene.materials.values() for side in ("flat", "steep")]
-    named += [texture.texture for texture in textures if texture is not None and texture.texture not in GROUND_TEXTURES]
+    textures = [texture.texture for material in scene.materials.values() if isinstance(material, SlopeBlend)
+                for texture in (material.flat, material.steep)]
+    named += [name for name in textures if name not in GROUND_TEXTURES]
     named += [light.file for light in scene.lights if getattr(light, "file", None)]
     named += [course.file for course in scene.trajectories.values() if course.file]
     water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
