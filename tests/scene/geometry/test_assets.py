@@ -35,6 +35,7 @@ ASSETS = {
     "nut": {"kind": "nut", "size": "M5"},
     "valve": {"kind": "valve", "radius": 0.1},
     "boulder": {"kind": "boulder", "diameter": 1.0, "seed": 3},
+    "boulder of joints": {"kind": "boulder", "diameter": 1.0, "seed": 3, "form": "joints"},
 }
 BEVELLED = {name: block for name, block in ASSETS.items() if block["kind"] not in ("valve", "boulder")}
 CHORD_ERROR = 2e-5
@@ -338,6 +339,37 @@ def test_levels_of_a_boulder_lie_within_the_chord_error_of_the_finest():
             points = np.asarray(trimesh.sample.sample_surface(make(rock, chord_error), 300, seed=1)[0])
             off = finest.nearest(points)[0].max()
             assert 0.4 * chord_error < off <= chord_error
+
+
+def test_levels_of_a_boulder_between_joints_lie_within_the_chord_error_of_the_finest():
+    for seed in (11, 12):
+        rock = {"kind": "boulder", "diameter": 1.0, "seed": seed, "form": "joints"}
+        true = make(rock, 3e-4)
+        finest = Surface(true.vertices, true.faces)
+        for chord_error in (0.062, 0.0241, 0.0092):
+            points = np.asarray(trimesh.sample.sample_surface(make(rock, chord_error), 300, seed=1)[0])
+            assert finest.nearest(points)[0].max() <= chord_error
+
+
+def test_a_boulder_between_joints_has_larger_faces_than_a_rounded_one():
+    """The share of its area that faces within 10 degrees of one of its six main directions is that of a block."""
+    def largest_six(form):
+        mesh = make({"kind": "boulder", "diameter": 1.0, "seed": 4, "form": form}, 5e-3)
+        covered = np.zeros(len(mesh.faces), bool)
+        for _ in range(6):
+            near = (mesh.face_normals @ mesh.face_normals.T > np.cos(np.radians(10.0))) & ~covered
+            covered |= near[np.argmax(near @ mesh.area_faces)]
+        return mesh.area_faces[covered].sum() / mesh.area
+
+    assert largest_six("joints") > 1.3 * largest_six("rounded")
+
+
+def test_the_form_of_a_boulder_is_written_only_where_it_is_given():
+    plain = {"kind": "boulder", "seed": 3}
+    assert "form" not in block_of(plain).model_dump()
+    assert block_of({**plain, "form": "joints"}).model_dump()["form"] == "joints"
+    rounded = make({**plain, "form": "rounded"})
+    np.testing.assert_array_equal(make(plain).vertices, rounded.vertices)
 
 
 @pytest.mark.parametrize(("data", "key"), [

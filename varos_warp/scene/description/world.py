@@ -313,6 +313,11 @@ class Boulder(Parametric):
     """About how wide it is [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """Its shape follows from it."""
+    form: Literal["rounded", "joints"] | None = Field(default=None, examples=["joints"])
+    """``rounded``: as weather and water leave a stone; ``joints``: a block between three sets of joints, with chipped
+    corners, as broken rock lies at the foot of a slope. Absent: rounded."""
+
+    _written = unwritten_if_absent("path", "form")
 
 
 class CalibrationBoard(Movable):

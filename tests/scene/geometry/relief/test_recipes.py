@@ -1,0 +1,201 @@
+import numpy as np
+import pytest
+from surfaces import Look, ball, sheet, sites_of, vertex_normals
+
+from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel
+from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M
+from varos_warp.scene.geometry.relief.recipes.masks import convexity_of, neighbours_of, shape_of
+from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
+
+NAMES = sorted(RECIPES)
+SIZE_M = 1.0
+BOUNDS = {"rock": (rock.LIMIT * SIZE_M, rock.FINE_LIMIT_M), "sand": (sand.LIMIT_M, sand.FINE_LIMIT_M),
+          "steel": (steel.LIMIT_M, steel.FINE_LIMIT_M), "concrete": (concrete.LIMIT_M, concrete.FINE_LIMIT_M),
+          "none": (0.0, 0.0)}
+
+
+def surface(name, subdivisions=6):
+    """The mesh that a recipe is tried on: a sea floor or a stone, 1 cm edges."""
+    return sheet(150, 0.01) if name == "sand" else ball(0.5 * SIZE_M, subdivisions)
+
+
+def dressed(name, look=None, surface=surface, **others):
+    """Sites, displacements and colours of a recipe on its mesh, by the steps of the pipeline."""
+    look = look or Look()
+    p, faces, n = surface(name)
+    sites = sites_of(p, faces, n, size=SIZE_M, **others)
+    coarse = RECIPES[name].coarse(sites, look)
+    x = p + coarse[:, None] * n
+    n = vertex_normals(x, faces)
+    sites = sites_of(p, faces, n, size=SIZE_M, **others)
+    fine = RECIPES[name].fine(sites, look)
+    x = x + fine[:, None] * n
+    n = vertex_normals(x, faces)
+    sites = sites_of(p, faces, n, size=SIZE_M, **others)
+    colour, silt = RECIPES[name].colour(sites, shape_of(x, faces, n, sites.edge), look)
+    return sites, coarse, fine, colour, silt
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_those_of_the_registry(name):
+    assert RECIPES[name].name == name
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("wear", [0.0, 0.3, 1.0])
+def test_reflectances_are_those_of_the_sea(name, wear):
+    _, _, _, colour, _ = dressed(name, Look(wear=wear))
+    assert colour.shape == (len(colour), 3)
+    assert 0.01 <= colour.min() < colour.max() <= 0.85
+    assert 0.03 < colour.mean() < 0.25
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_moved_is_moved_no_farther_than_is_said(name):
+    for seed in (1, 2, 3):
+        _, coarse, fine, _, silt = dressed(name, Look(seed=seed, wear=0.7))
+        assert np.abs(coarse).max() <= BOUNDS[name][0]
+        assert np.abs(fine).max() <= BOUNDS[name][1]
+        assert 0.0 <= silt.min() <= silt.max() <= THICKEST_SILT_M
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"none"}))
+def test_surfaces_have_form_and_tones(name):
+    _, coarse, fine, colour, _ = dressed(name)
+    assert coarse.std() > 5e-4
+    assert fine.std() > 2e-4
+    assert colour.mean(axis=1).std() > 0.1 * colour.mean()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_seed_is_the_same_surface_and_another_is_not(name):
+    a, b, c = dressed(name), dressed(name), dressed(name, Look(seed=2))
+    for one, two in zip(a[1:], b[1:], strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert np.abs(a[3] - c[3]).max() > 0.02
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_displacements_do_not_depend_on_which_vertices_are_asked_for(name):
+    p, faces, n = surface(name)
+    chosen = np.arange(0, len(p), 7)
+    whole = sites_of(p, faces, n, size=SIZE_M)
+    some = sites_of(p, faces, n, size=SIZE_M)
+    some = type(some)(p[chosen], n[chosen], whole.edge[chosen], SIZE_M, whole.height[chosen], whole.clear[chosen])
+    for step in ("coarse", "fine"):
+        np.testing.assert_allclose(getattr(RECIPES[name], step)(some, Look()),
+                                   getattr(RECIPES[name], step)(whole, Look())[chosen], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["rock", "sand", "concrete", "steel"])
+def test_coarse_meshes_show_the_large_forms_of_fine_ones(name):
+    """At places that both have, a mesh of twice the edges differs by less than half of what it shows itself."""
+    p, _, n = surface(name)
+    size = len(p)
+    fine, coarse = (sites_of(p, np.array([[0, 1, 2]]), n, size=SIZE_M, edge=np.full(size, edge), height=np.zeros(size))
+                    for edge in (0.005, 0.01))
+    a, b = (RECIPES[name].coarse(sites, Look()) for sites in (fine, coarse))
+    assert np.std(a - b) < 0.5 * np.std(b)
+
+
+@pytest.mark.parametrize("name", ["rock", "steel", "concrete", "none"])
+def test_silt_lies_on_what_faces_up(name):
+    sites, _, _, _, silt = dressed(name)
+    assert silt[sites.n[:, 2] > 0.9].mean() > 5.0 * silt[sites.n[:, 2] < 0.2].mean()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_silt_none_lies_anywhere(name):
+    assert not dressed(name, Look(silt=0.0))[4].any()
+
+
+@pytest.mark.parametrize("name", ["steel", "none"])
+def test_paint_without_wear_film_and_silt_is_nearly_the_paint(name):
+    paint = (0.40, 0.10, 0.05)
+    colour = dressed(name, Look(paint, wear=0.0, silt=0.0, film=0.0))[3]
+    np.testing.assert_allclose(colour.mean(axis=0), paint, rtol=0.25)
+    assert np.all(colour[:, 0] > 1.5 * colour[:, 1])  # no rust, film or silt anywhere
+
+
+def test_wear_is_the_share_of_bare_steel():
+    look = [Look(wear=wear, film=0.0, silt=0.0) for wear in (0.0, 0.2, 0.5, 1.0)]
+    p, faces, n = ball(2.0, 6)
+    sites = sites_of(p, faces, n, size=4.0, edge=np.full(len(p), 0.004))
+    bare = [steel._damage(sites, sites.patterns(1), one).bare.mean() for one in look]
+    np.testing.assert_allclose(bare, [0.0, 0.2, 0.5, 1.0], atol=0.1)
+    assert bare[0] == 0.0
+    assert bare[3] == 1.0
+
+
+def test_film_makes_paint_browner():
+    means = [dressed("steel", Look((0.1, 0.2, 0.4), wear=0.0, silt=0.0, film=film))[3].mean(axis=0)
+             for film in (0.0, 0.5, 1.0)]
+    redness = [mean[0] / mean[2] for mean in means]
+    assert redness[0] < redness[1] < redness[2]
+
+
+def test_ripples_end_at_objects_and_on_slopes():
+    p, faces, n = sheet(150, 0.01)
+    pattern = sites_of(p, faces, n).patterns(1)
+    amplitude = sand._ripples(sites_of(p, faces, n), pattern)[0]
+    assert amplitude.max() > 0.003
+    assert not sand._ripples(sites_of(p, faces, n, clear=np.full(len(p), 0.05)), pattern)[0].any()
+    steep = np.broadcast_to([np.sin(0.7), 0.0, np.cos(0.7)], p.shape)  # 40 degrees
+    assert not sand._ripples(sites_of(p, faces, steep), pattern)[0].any()
+
+
+def test_ripples_are_no_steeper_than_0_15():
+    """Amplitude times the slope of the profile 1 - 2 |sin pi phase|, at the mean wavelength: at most 2 pi a / L."""
+    p, faces, n = sheet(150, 0.01)
+    amplitude, _ = sand._ripples(sites_of(p, faces, n), sites_of(p, faces, n).patterns(1))
+    assert 2.0 * amplitude.max() / sand.WAVELENGTH_M <= 0.15
+
+
+def test_edges_lose_their_paint_first():
+    p, faces, n = ball(0.5, 5)
+    sharp = np.where(p[:, 2] > 0.0, 0.33, 0.0)
+    sites = sites_of(p, faces, n, sharp=sharp)
+    bare = steel._damage(sites, sites.patterns(1), Look(wear=0.3)).bare
+    assert bare[p[:, 2] > 0.0].mean() > 2.0 * bare[p[:, 2] < 0.0].mean()
+
+
+def test_a_long_pipe_has_weld_seams_and_a_ball_has_none():
+    t, x = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False), np.arange(-3.0, 3.0, 0.01))
+    n = np.stack([0.0 * t, np.cos(t), np.sin(t)], axis=2).reshape(-1, 3)
+    p = 0.15 * n + np.stack([x, 0.0 * x, 0.0 * x], axis=2).reshape(-1, 3)
+    faces = np.array([[0, 1, 2]])
+    seams = steel._seams(sites_of(p, faces, n, edge=np.full(len(p), 0.005)), 1)
+    rows = np.unique(np.round(p[seams > 0.5, 0], 3))
+    assert 1 <= np.count_nonzero(np.diff(rows) > 0.5) + 1 <= 3
+    p, faces, n = ball(2.0, 4)
+    assert not steel._seams(sites_of(p, faces, n), 1).any()
+
+
+def test_edges_of_concrete_are_chipped():
+    p, faces, n = ball(0.5, 5)
+    sharp = np.where(p[:, 2] > 0.0, 0.33, 0.0)
+    chipped = RECIPES["concrete"].coarse(sites_of(p, faces, n, sharp=sharp), Look())
+    whole = RECIPES["concrete"].coarse(sites_of(p, faces, n), Look())
+    assert np.all(chipped <= whole)
+    assert (whole - chipped)[p[:, 2] > 0.1].max() > 0.005
+
+
+def test_the_beds_of_a_rock_are_layers():
+    """Along a bed the level varies less than across beds."""
+    line = np.linspace(-0.5, 0.5, 400)[:, None]
+    across = rock._bedding(1)
+    along = np.cross(across, [1.0, 0.0, 0.0])
+    along /= np.linalg.norm(along)
+    levels = []
+    for way in (across, along):
+        p = line * way
+        sites = sites_of(p, np.array([[0, 1, 2]]), p, size=SIZE_M, edge=np.full(400, 0.0025))
+        levels.append(rock._beds(sites.patterns(1), across, 0.085, 20).level)
+    assert levels[0].std() > 0.3
+    assert levels[1].std() < 1e-6
+
+
+def test_masks_of_displaced_rock_are_finite():
+    p, faces, n = ball(0.5, 5)
+    found = convexity_of(p, n, neighbours_of(len(p), faces), 1e-6)
+    assert np.isfinite(found).all()

@@ -1,0 +1,109 @@
+"""Concrete: chipped edges, pores, seams of the boards it was cast in, cracks, aggregate where it is worn."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from varos_warp.scene.geometry.noise import Patterns
+from varos_warp.scene.geometry.relief.recipes.blending import domes, dots, mix, patches, smoothstep
+from varos_warp.scene.geometry.relief.recipes.layers import covered
+from varos_warp.scene.geometry.relief.recipes.masks import Shape
+from varos_warp.scene.geometry.relief.recipes.sites import Look, Sites
+
+LIMIT_M = 0.022
+"""Bound of ``coarse`` [m]."""
+FINE_LIMIT_M = 0.016
+"""Bound of ``fine`` [m]."""
+PALE, DARK = (0.140, 0.130, 0.107), (0.085, 0.078, 0.064)
+STONES = (0.085, 0.080, 0.075), (0.230, 0.200, 0.165)
+BOARD_M = 0.11
+"""Height of a board of the formwork."""
+
+
+class Wear(NamedTuple):
+    """What has become of the skin of concrete, at N places, each 0 to 1."""
+
+    worn: np.ndarray
+    pore: np.ndarray
+    seam: np.ndarray
+    crack: np.ndarray
+    stone: np.ndarray
+    """Height of the stone of the aggregate."""
+    id: np.ndarray
+    """A random number of the stone."""
+
+
+class Concrete:
+    """Cast concrete.
+
+    ``coarse`` moves a surface by at most 22 mm, ``fine`` by at most 16 mm. ``wear`` is about the share of the skin of
+    cement that is gone.
+    """
+
+    name = "concrete"
+
+    def coarse(self, sites: Sites, look: Look) -> np.ndarray:
+        """Chips off the edges, spalls and uneven faces."""
+        pattern = sites.patterns(look.seed)
+        broken = smoothstep(-0.12, 0.25, pattern.fbm(14.0, 4, 1) + 0.4 * pattern.fbm(45.0, 3, 2))
+        chips = 0.014 * sites.edges * broken * min(1.0, 0.4 + 2.0 * look.wear)
+        spalls = 0.008 * _spalled(pattern, look) * np.clip(0.7 + 1.5 * pattern.fbm(30.0, 3, 3), 0.2, 1.0)
+        return np.clip(0.008 * pattern.fbm(7.0, 3, 10) - chips - spalls, -LIMIT_M, LIMIT_M)
+
+    def fine(self, sites: Sites, look: Look) -> np.ndarray:
+        """Aggregate, pores, seams, cracks and grain."""
+        pattern = sites.patterns(look.seed)
+        wear = _wear(sites, pattern, look)
+        h = 0.0035 * wear.worn * (wear.stone - 0.6) - 0.004 * wear.pore + 0.0014 * wear.seam - 0.005 * wear.crack
+        return np.clip(h + 0.0016 * pattern.fbm(130.0, 3, 9), -FINE_LIMIT_M, FINE_LIMIT_M)
+
+    def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """Cement, stones where it is worn, lime below cracks, film and silt; mean about 0.1."""
+        pattern = sites.patterns(look.seed)
+        wear = _wear(sites, pattern, look)
+        skin = mix(DARK, PALE, smoothstep(-0.3, 0.3, pattern.fbm(4.0, 5, 11)))
+        if look.paint is not None:
+            skin = skin * (np.asarray(look.paint) / np.mean([PALE, DARK], axis=0))
+        stones = mix(*STONES, wear.id)
+        skin = mix(skin, stones, 0.75 * wear.worn * smoothstep(0.2, 0.5, wear.stone))
+        skin = mix(skin, (0.24, 0.225, 0.19), 0.35 * _lime(sites, pattern))
+        shade = 1.0 + 0.9 * np.clip(shape.convexity, -0.33, 0.33) - 0.5 * wear.crack - 0.4 * wear.pore
+        return covered(skin * shade[:, None], sites, shape, look, hold=0.55)
+
+
+def _spalled(pattern: Patterns, look: Look) -> np.ndarray:
+    """Where the skin has come off in plates, [N]."""
+    return patches(pattern.moved(0.04, 7.0, 61).fbm(3.5, 4, 62), 0.30 * look.wear, 0.02)
+
+
+def _wear(sites: Sites, pattern: Patterns, look: Look) -> Wear:
+    gone = pattern.fbm(5.0, 5, 20) + 0.25 * sites.edges
+    worn = np.maximum(patches(gone, look.wear, 0.10), _spalled(pattern, look))
+    stones = pattern.worley(55.0, 21)
+    stone = domes(stones.near, 0.5) * pattern.resolved(0.018)
+    holes = pattern.worley(38.0, 22)
+    pore = dots(holes.near, 0.10 + 0.16 * holes.id) * (holes.id > 0.45) * (1.0 - worn) * pattern.resolved(0.009)
+    return Wear(worn, pore, _seams(sites, pattern) * (1.0 - worn), _cracks(sites, pattern), stone, stones.id)
+
+
+def _seams(sites: Sites, pattern: Patterns) -> np.ndarray:
+    """Fins of cement that ran between the boards, [N]; on upright faces only."""
+    board = (sites.p[:, 2] + 0.012 * pattern.fbm(8.0, 2, 30)) / BOARD_M
+    off = np.abs(board - np.round(board)) * BOARD_M
+    broken = smoothstep(-0.2, 0.15, pattern.fbm(9.0, 3, 31))
+    upright = smoothstep(0.6, 0.3, np.abs(sites.n[:, 2]))
+    return np.exp(-(off / np.maximum(0.003, sites.edge))**2) * broken * upright * pattern.resolved(0.02)
+
+
+def _cracks(sites: Sites, pattern: Patterns) -> np.ndarray:
+    """One family of cracks, [N], wide and narrow along their length."""
+    cells = pattern.moved(0.05, 6.0, 40, 3).worley(2.2, 43)
+    width = np.maximum(0.008 + 0.03 * smoothstep(0.0, 0.3, pattern.fbm(4.0, 3, 44)), 2.0 * 2.2 * sites.edge)
+    return (1.0 - smoothstep(0.0, width, cells.gap)) * patches(pattern.fbm(3.0, 2, 45), 0.35, 0.08)
+
+
+def _lime(sites: Sites, pattern: Patterns) -> np.ndarray:
+    """White streaks of lime that has run down from cracks, [N]."""
+    above = pattern.at(pattern.p + np.array([0.0, 0.0, 0.05]))
+    streaks = smoothstep(0.05, 0.3, pattern.fbm((30.0, 30.0, 2.0), 3, 50))
+    return streaks * patches(above.fbm(3.0, 2, 45), 0.25, 0.08) * smoothstep(0.7, 0.3, np.abs(sites.n[:, 2]))

@@ -1,0 +1,112 @@
+"""Masks that the form of a mesh tells: edges, grooves, what faces up, what is sheltered."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+ITERATIONS = 80
+TOLERANCE = 1e-3
+"""Of the conjugate gradients: by how much of what is smoothed away they may be off."""
+EDGES = 4.0
+"""Scale of convexity, in edges."""
+BROAD = 3.0
+"""Scale of what shelters, over that of convexity."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """The form of a mesh at its N vertices."""
+
+    convexity: np.ndarray
+    """float64 [N]: height over the surface smoothed at the scale asked for, over that scale: +0.3 or so on a sharp
+    edge of 90 degrees, likewise negative in a groove; clipped to [-1, 1]. A ball of radius R has 2 s / R where the
+    scale s is small beside it."""
+    hollow: np.ndarray
+    """float64 [N]: 0 on flat and convex places to 1 in sharp grooves of that scale."""
+    up: np.ndarray
+    """float64 [N]: z of the normals."""
+    exposure: np.ndarray
+    """float64 [N]: 1 where water passes freely to 0 deep in hollows of three times the scale; 0.8 on a plane."""
+    neighbours: sparse.csr_array
+    """float64 [N, N]: 1 where an edge joins two vertices."""
+
+
+def neighbours_of(count: int, faces: np.ndarray) -> sparse.csr_array:
+    """Which of ``count`` vertices edges join, symmetric."""
+    row, col = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
+    joined = sparse.coo_array((np.ones(len(row)), (row, col)), shape=(count, count)).tocsr()
+    joined.data[:] = 1.0
+    return joined
+
+
+def shape_of(p: np.ndarray, faces: np.ndarray, n: np.ndarray, edge: np.ndarray) -> Shape:
+    """The masks of a mesh, at a scale of EDGES edges.
+
+    Args:
+        p: Places, float64 [N, 3] [m].
+        faces: int [F, 3].
+        n: Unit normals, float64 [N, 3].
+        edge: Length of the edges at the vertices, float64 [N] [m].
+    """
+    neighbours = neighbours_of(len(p), faces)
+    convexity = convexity_of(p, n, neighbours, EDGES * edge)
+    broad = convexity_of(p, n, neighbours, BROAD * EDGES * edge)
+    exposure = np.clip(0.8 + 2.5 * np.minimum(broad, 0.08), 0.0, 1.0)
+    return Shape(convexity, np.clip(-3.0 * convexity, 0.0, 1.0), n[:, 2], exposure, neighbours)
+
+
+def convexity_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float) -> np.ndarray:
+    """`Shape.convexity` at a scale [m], one or [N]; of a base mesh it is `Sites.sharp`. float64 [N]."""
+    height = np.einsum("ij,ij->i", p - smoothed(p, p, neighbours, scale), n)
+    return np.clip(height / scale, -1.0, 1.0)
+
+
+def smoothed(values: np.ndarray, p: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float) -> np.ndarray:
+    """Values [N, K] after implicit diffusion on the mesh, q - scale^2 Laplace(q) = values.
+
+    The mean over a ring of radius e is q + e^2 / 4 Laplace(q), so the Laplacian is that of the graph, times 4 / e^2 with
+    e^2 the mean square of a vertex' edges. Conjugate gradients take as many steps as a scale has edges; averaging
+    again and again would take the square of that.
+    """
+    squares = _edge_squares(p, neighbours)
+    mass = np.bincount(squares.row, squares.data, minlength=len(p)) / (4.0 * np.square(scale))
+    degree = np.diff(neighbours.indptr)
+    mass = np.where(degree > 0, np.maximum(mass, 1e-9), 1.0).astype(np.float32)[:, None]
+    diagonal = mass + degree.astype(np.float32)[:, None]
+    adjacency = neighbours.astype(np.float32)
+    offset = values.mean(axis=0)  # single precision is for what differs
+    start = (values - offset).astype(np.float32)
+    found = _conjugate_gradients(lambda q: diagonal * q - adjacency @ q, mass * start, start, diagonal)
+    return offset + found
+
+
+def _conjugate_gradients(product, right, q, diagonal):
+    """Solution [N, K] of a positive definite system, each column by itself, with the diagonal as preconditioner."""
+    residual = right - product(q)
+    direction = residual / diagonal
+    power = _dots(residual, direction)
+    goal = TOLERANCE**2 * power
+    for _ in range(ITERATIONS):
+        image = product(direction)
+        step = power / np.maximum(_dots(direction, image), 1e-300)
+        q = q + step.astype(np.float32) * direction
+        residual = residual - step.astype(np.float32) * image
+        scaled = residual / diagonal
+        before, power = power, _dots(residual, scaled)
+        if (power <= goal).all():
+            break
+        direction = scaled + (power / np.maximum(before, 1e-300)).astype(np.float32) * direction
+    return q.astype(np.float64)
+
+
+def _dots(a, b):
+    """Dot products of columns, in float64; einsum adds in an order that does not depend on the number of threads."""
+    return np.einsum("ij,ij->j", a, b, dtype=np.float64)
+
+
+def _edge_squares(p, neighbours) -> sparse.coo_array:
+    """Squared lengths of the edges, in the pattern of the neighbours."""
+    joined = neighbours.tocoo()
+    apart = p[joined.row] - p[joined.col]
+    return sparse.coo_array((np.einsum("ij,ij->i", apart, apart), (joined.row, joined.col)), shape=joined.shape)

@@ -1,0 +1,153 @@
+"""Rock: beds that weather unlike each other, ridges, joints with blocks that have moved, cracks, grain."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from varos_warp.scene.geometry.noise import Patterns
+from varos_warp.scene.geometry.relief.recipes.blending import dots, hashed, mix, patches, smoothstep
+from varos_warp.scene.geometry.relief.recipes.layers import covered
+from varos_warp.scene.geometry.relief.recipes.masks import Shape
+from varos_warp.scene.geometry.relief.recipes.sites import Look, Sites
+
+LIMIT = 0.15
+"""Bound of ``coarse`` over the size."""
+FINE_LIMIT_M = 0.018
+"""Bound of ``fine`` [m]."""
+PALE, DARK = (0.110, 0.099, 0.084), (0.050, 0.046, 0.041)
+IRON = (0.185, 0.118, 0.066)
+CORALLINE = (0.250, 0.120, 0.125)
+THICKEST_BED_M, THINNEST_BED_M = 0.25, 0.012
+
+
+class Beds(NamedTuple):
+    """The beds of a sediment at N places."""
+
+    level: np.ndarray
+    """How far the bed stands out, -1 to 1, [N]: hard ones do."""
+    parting: np.ndarray
+    """1 in the plane between two beds to 0 inside of them, [N]."""
+    tone: np.ndarray
+    """A random number of the bed, 0 to 1, [N]."""
+
+
+class Rock:
+    """Bedrock and boulders.
+
+    ``coarse`` moves a surface by at most 0.15 of its size, ``fine`` by at most 18 mm.
+    """
+
+    name = "rock"
+
+    def coarse(self, sites: Sites, look: Look) -> np.ndarray:
+        """Beds, ridges, blocks between joints and the joints themselves."""
+        size, bent = sites.size, _bent(sites, look)
+        beds = _beds(bent, _bedding(look.seed), _thickness(size), 20)
+        gap, id, joint = _joints(sites, bent)
+        ridges = 0.085 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
+        blocks = 0.050 * (id - 0.5) * smoothstep(0.0, 0.05, gap)
+        h = 0.019 * beds.level - 0.012 * beds.parting + ridges + blocks - 0.022 * joint
+        return size * np.clip(h, -LIMIT, LIMIT)
+
+    def fine(self, sites: Sites, look: Look) -> np.ndarray:
+        """Thin beds where a bed is soft, knobs, cracklets and grain."""
+        pattern, size = sites.patterns(look.seed), sites.size
+        least = max(10.0 / size, 14.0)
+        thin = _thin_beds(sites, look)
+        laminae = 0.0045 * (thin.level - thin.parting) * _laminated(sites, look)
+        knobs = 0.0075 * min(size, 1.0) * (pattern.billow(least, 5, 60, 0.55) + 0.38)
+        cells = pattern.moved(0.02, 9.0, 50).worley(least, 53)
+        open = smoothstep(0.0, 0.3, pattern.fbm(6.0, 2, 54)) * pattern.resolved(0.25 / least)
+        cracklets = 0.006 * (1.0 - smoothstep(0.0, 0.09, cells.gap)) * open
+        grain = 0.0024 * pattern.fbm(90.0, 4, 61, 0.6)
+        return np.clip(laminae + knobs - cracklets + grain, -FINE_LIMIT_M, FINE_LIMIT_M)
+
+    def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
+        """Stone by its beds, iron stain, coralline crusts, film and a little silt; mean about 0.1."""
+        size, bent, pattern = sites.size, _bent(sites, look), sites.patterns(look.seed)
+        beds, thin = _beds(bent, _bedding(look.seed), _thickness(size), 20), _thin_beds(sites, look)
+        joint = _joints(sites, bent)[2]
+        stone = mix(DARK, PALE, smoothstep(-0.35, 0.35, bent.fbm(1.6 / size, 4, 80)))
+        stone = stone * (0.78 + 0.44 * beds.tone)[:, None]
+        stone = stone * (1.0 + 0.4 * (thin.tone - 0.5) * _laminated(sites, look))[:, None]
+        stone = mix(stone, np.asarray(IRON) * (0.6 + 0.6 * beds.tone)[:, None],
+                    0.55 * patches(bent.fbm(4.0 / size, 5, 81), 0.22, 0.12))
+        edge, groove = np.clip(3.0 * shape.convexity, 0.0, 1.0), shape.hollow
+        dark = np.maximum(joint, 0.7 * beds.parting)
+        stone = stone * (1.0 + 0.30 * edge - 0.35 * groove)[:, None] * (1.0 - 0.5 * dark)[:, None]
+        if look.film > 0.0:
+            stone = mix(stone, _crust_tone(pattern), 0.75 * _crusts(pattern, shape) * min(1.0, 2.0 * look.film))
+        if look.paint is not None:
+            stone = stone * (np.asarray(look.paint) / np.mean([PALE, DARK], axis=0))
+        return covered(stone, sites, shape, look, hold=0.84)
+
+
+def _bent(sites: Sites, look: Look) -> Patterns:
+    """Patterns at places that are bent over the whole object."""
+    return sites.patterns(look.seed).moved(0.07 * sites.size, 2.0 / sites.size, 10, 3)
+
+
+def _bedding(seed: int) -> np.ndarray:
+    """Unit vector across the beds: they dip by up to 40 degrees."""
+    dip, azimuth = np.random.default_rng([seed, 5]).uniform([0.1, 0.0], [0.7, 2.0 * np.pi])
+    return np.array([np.sin(dip) * np.cos(azimuth), np.sin(dip) * np.sin(azimuth), np.cos(dip)])
+
+
+def _thickness(size: float) -> float:
+    """Mean thickness of the beds of a rock [m]."""
+    return float(np.clip(0.085 * size, THINNEST_BED_M, THICKEST_BED_M))
+
+
+def _beds(pattern: Patterns, across: np.ndarray, thickness: float, salt: int) -> Beds:
+    """Beds of a mean thickness [m], thinner and thicker along a slow noise; ledges no steeper than the mesh shows."""
+    s = pattern.p @ across / thickness
+    line = pattern.at(np.stack([s, np.zeros_like(s), np.zeros_like(s)], axis=1))
+    s = s + 1.4 * line.fbm(0.21, 2, salt)
+    index = np.floor(s)
+    width = np.clip(3.0 * pattern.edge / thickness, 0.22, 0.6)
+    above = smoothstep(1.0 - width, 1.0, s - index)
+    this, next_ = (hashed(index + k, pattern.seed + salt) for k in (0, 1))
+    level = 2.0 * (this + (next_ - this) * above) - 1.0
+    off = (s - index - 1.0 + 0.5 * width) / (0.4 * width)
+    deep = smoothstep(0.35, 0.9, hashed(index, pattern.seed + salt + 1))
+    share = pattern.resolved(thickness)
+    tone = hashed(index + (above > 0.5), pattern.seed + salt + 2)
+    return Beds(level * share, np.exp(-off**2) * deep * share, 0.5 + (tone - 0.5) * share)
+
+
+def _thin_beds(sites: Sites, look: Look) -> Beds:
+    """The laminae inside of the beds: what bedding is at arm's length."""
+    pattern = sites.patterns(look.seed).moved(0.02, 4.0, 15, 3)
+    return _beds(pattern, _bedding(look.seed), float(np.clip(0.016 * sites.size, 0.007, 0.022)), 25)
+
+
+def _laminated(sites: Sites, look: Look) -> np.ndarray:
+    """Where laminae show, [N]: half of the surface."""
+    return patches(sites.patterns(look.seed).fbm(max(1.6, 1.8 / sites.size), 3, 26), 0.6, 0.15)
+
+
+def _joints(sites: Sites, bent: Patterns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gap of the cells between joints, their random numbers, and how much of an open joint is there, each [N].
+
+    Joints open and close along their length: of one width they would look like stitches.
+    """
+    size, plain = sites.size, sites.patterns(bent.seed)
+    cells = bent.worley(2.6 / size, 30)
+    open = smoothstep(-0.05, 0.25, plain.fbm(2.0 / size, 3, 31))
+    width = 0.012 + 0.05 * smoothstep(-0.1, 0.35, plain.fbm(3.0 / size, 3, 33))
+    width = np.maximum(width, 4.0 * sites.edge * 2.6 / size)
+    return cells.gap, cells.id * open + 0.5 * (1.0 - open), (1.0 - smoothstep(0.0, width, cells.gap)) * open
+
+
+def _crusts(pattern: Patterns, shape: Shape) -> np.ndarray:
+    """Where coralline algae grow, [N]: lobed patches that keep off hollows, in colonies."""
+    colonies = patches(pattern.fbm(2.5, 4, 86) - 0.2 * shape.hollow, 0.16, 0.06)
+    cells = pattern.moved(0.035, 14.0, 84, 3).worley(11.0, 85)
+    lobes = dots(cells.near, 0.30 + 0.35 * cells.id + 0.5 * pattern.fbm(38.0, 3, 87), 0.12)
+    return colonies * lobes * pattern.resolved(0.05)
+
+
+def _crust_tone(pattern: Patterns) -> np.ndarray:
+    """Reflectance of coralline crusts, [N, 3]: pink, paler where they are dead."""
+    worn = smoothstep(0.0, 0.35, pattern.fbm(30.0, 4, 88))
+    return mix(np.asarray(CORALLINE), (0.27, 0.22, 0.20), worn) * (1.0 + pattern.fbm(12.0, 3, 89))[:, None]
