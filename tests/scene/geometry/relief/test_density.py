@@ -6,50 +6,77 @@ import pytest
 from varos_warp.scene.description import Scene
 from varos_warp.scene.geometry.procedural import generate_terrain
 from varos_warp.scene.geometry.relief.budget import factor_for, rough
-from varos_warp.scene.geometry.relief.density import NEAREST_M, STEP_M, footprint, longest_edge
+from varos_warp.scene.geometry.relief.density import (
+    ASIDE_M,
+    NEAREST_M,
+    STEP_M,
+    UNSEEN,
+    footprint,
+    longest_edge,
+)
 from varos_warp.scene.geometry.relief.subdivision import refine
 
 CAMERA = {"id": "M0", "resolution": [1000, 500], "sensor_mm": [4.0, 2.0], "focal_mm": 4.0}
 """1000 pixels of focal length: a pixel is 1 mm wide at 1 m."""
 
 
-def scene(**more):
+DOWN = {"rotation_euler_deg": [-90, 0, 0]}
+
+
+def scene(camera=DOWN, **more):
     course = {"poses": [{"position": [0, 0, 2]}, {"position": [10, 0, 2], "time_s": 5}]}
-    return Scene.model_validate({"vehicle": {"cameras": [CAMERA]}, "trajectory": course, **more})
+    return Scene.model_validate({"vehicle": {"cameras": [{**CAMERA, **camera}]}, "trajectory": course, **more})
 
 
-def test_a_pixel_is_as_wide_as_at_the_nearest_place_of_the_course():
-    """Where the course passes; beyond its end, from there. Steps of the course and nothing else are taken off."""
+def below(found, expected):
+    """Within the room for what the vehicle may be off its course, on the safe side."""
+    assert (found <= expected).all()
+    assert found == pytest.approx(expected, abs=ASIDE_M + STEP_M)
+
+
+def test_a_pixel_is_as_wide_as_in_the_nearest_view():
+    """Of a camera that looks down, 53 by 28 degrees: below the course, and beside it within its view."""
     seen = footprint(scene(), [])
-    points = np.array([[5.0, 0, 0], [5, 3, -2], [13, 0, -2]])
-    assert seen.distance(points) == pytest.approx([2.0, 5.0, 5.0], abs=STEP_M)
-    assert (seen.distance(points) <= [2.0, 5.0, 5.0]).all()
+    points = np.array([[5.0, 0, 0], [5, 1, -2], [5, 1.2, 0]])
+    below(seen.distance(points), [2.0, np.hypot(1, 4), np.hypot(1.2, 2)])
     assert seen(points) == pytest.approx(1e-3 * seen.distance(points), rel=1e-9)
 
 
-def test_cameras_off_the_middle_of_the_vehicle_may_be_nearer():
-    off = {**CAMERA, "position": [0, 0, -0.5]}
-    seen = footprint(scene(vehicle={"cameras": [off]}), [])
-    assert seen.distance(np.array([[5.0, 0, 0]]))[0] == pytest.approx(1.5, abs=STEP_M)
+def test_what_no_camera_looks_at_is_coarse():
+    seen = footprint(scene(), [])
+    points = np.array([[5.0, 0, 4], [5, 40, 2]])
+    below(seen.distance(points), UNSEEN * np.array([2.0, 40.0]))
+
+
+def test_a_camera_is_where_it_is_mounted_and_looks_where_it_is_turned():
+    """On a rod 0.5 m below, looking forward, which is +y: the floor below is not seen, what is ahead is."""
+    seen = footprint(scene({"position": [0, 0, -0.5]}), [])
+    points = np.array([[5.0, 3, 1.5], [5, 0, 0]])
+    below(seen.distance(points), [3.0, UNSEEN * 1.5])
 
 
 def test_a_camera_in_the_world_stands_where_it_stands():
-    fixed = {**CAMERA, "mount": "world", "position": [0, 0, 4]}
-    seen = footprint(scene(vehicle={"cameras": [fixed]}), [])
-    assert seen.distance(np.array([[0.0, 0, 1], [10, 0, 4]])) == pytest.approx([3.0, 10.0], abs=STEP_M)
+    seen = footprint(scene({"mount": "world", "position": [0, 0, 4], **DOWN}), [])
+    below(seen.distance(np.array([[0.0, 0, 1], [10, 0, 4]])), [3.0, UNSEEN * 10.0])
 
 
 def test_a_touched_place_is_no_finer_than_at_the_nearest_distance():
-    assert footprint(scene(), []).distance(np.array([[5.0, 0, 2]]))[0] == NEAREST_M
+    assert footprint(scene(), []).distance(np.array([[5.0, 0, 1.9]]))[0] == NEAREST_M
+
+
+def test_a_course_that_turns_sees_all_around():
+    """A turn by half about the vertical between two poses at one place."""
+    course = {"poses": [{"position": [0, 0, 0]}, {"position": [0, 0, 0], "rotation_euler_deg": [0, 0, 179], "time_s": 9}]}
+    seen = footprint(scene({}, trajectory=course), [])
+    below(seen.distance(np.array([[0.0, 3, 0], [-3, 0, 0], [0, -3, 0]])), [3.0, 3.0, 3.0])
 
 
 def test_all_vehicles_see_the_same_world():
-    two = {"vehicles": [{"id": "0", "cameras": [CAMERA], "trajectory": {"poses": [{"position": [0, 0, 2]}]}},
-                        {"id": "1", "cameras": [CAMERA], "trajectory": {"poses": [{"position": [50, 0, 2]}]}}]}
-    points = np.array([[0.0, 0, 0], [50, 0, 0]])
+    two = {"vehicles": [{"id": name, "cameras": [{**CAMERA, **DOWN}], "trajectory": {"poses": [{"position": [x, 0, 2]}]}}
+                        for name, x in (("0", 0), ("1", 50))]}
     for observer in ("0", "1"):
         seen = footprint(Scene.model_validate({**two, "observer": observer}), [])
-        assert seen.distance(points) == pytest.approx([2.0, 2.0], abs=STEP_M)
+        below(seen.distance(np.array([[0.0, 0, 0], [50, 0, 0]])), [2.0, 2.0])
 
 
 def wanted(points, factor):

@@ -19,11 +19,12 @@ def ground(*xy):
     return np.column_stack([np.array(xy, float), np.zeros(len(xy))])
 
 
-def test_distance_width_and_direction_are_those_of_the_nearest_object():
-    near = drifts.neighbours(ground((1.5, 0), (-1.2, 0), (4.6, 0)), [ball(0, 1), ball(5, 0.25)])
-    assert near.distance == pytest.approx([0.5, 0.2, 0.15], abs=2e-3)  # of facets inside of the balls
-    assert near.width == pytest.approx([2.0, 2.0, 0.5], abs=5e-3)
-    np.testing.assert_allclose(near.aside, [[1, 0], [-1, 0], [-1, 0]], atol=1e-9)
+STILL = np.zeros(2)
+
+
+def test_the_distance_is_that_of_the_nearest_object():
+    clear, _ = drifts.surroundings(ground((1.5, 0), (-1.2, 0), (4.6, 0)), [ball(0, 1), ball(5, 0.25)], STILL)
+    assert clear == pytest.approx([0.5, 0.2, 0.15], abs=2e-3)  # of facets inside of the balls
 
 
 def test_copies_count_by_the_circle_that_they_fill():
@@ -31,21 +32,32 @@ def test_copies_count_by_the_circle_that_they_fill():
     T[1, :3, :3] *= 2.0
     T[1, 0, 3] = 10.0
     group = Instances("scatter.0", MESH.vertices, np.array(MESH.faces, np.int32), Diffuse(), T)
-    near = drifts.neighbours(ground((1.0, 0), (12.0, 0)), [group])
-    assert near.distance == pytest.approx([0.2, 0.4], abs=1e-6)
-    assert near.width == pytest.approx([1.6, 2.5], abs=1e-6)
+    clear, _ = drifts.surroundings(ground((1.0, 0), (12.0, 0)), [group], STILL)
+    assert clear == pytest.approx([0.2, 0.4], abs=1e-6)
 
 
 def test_far_from_everything_the_ground_stays():
-    near = drifts.neighbours(ground((30, 0)), [ball(0, 1)])
-    assert np.isinf(near.distance).all()
-    assert drifts.drift(near, np.array([1.0, 0.0])) == 0.0
+    clear, height = drifts.surroundings(ground((30, 0)), [ball(0, 1)], np.array([1.0, 0.0]))
+    assert np.isinf(clear).all()
+    assert height == 0.0
 
 
 def test_a_bank_lies_against_the_foot_and_a_moat_before_the_current():
     """With the current along x: highest in the lee, deepest upstream."""
-    near = drifts.neighbours(ground((1.01, 0), (-1.01, 0), (1.8, 0), (-1.8, 0)), [ball(0, 1)])
-    lee, stoss, behind, before = drifts.drift(near, np.array([1.0, 0.0]))
+    _, height = drifts.surroundings(ground((1.01, 0), (-1.01, 0), (1.8, 0), (-1.8, 0)), [ball(0, 1)],
+                                    np.array([1.0, 0.0]))
+    lee, stoss, behind, before = height
     assert lee > stoss > 0.0
     assert before < -0.02
     assert behind > before
+
+
+def test_the_ground_has_no_steps_between_bodies():
+    """Of a large and a small body beside each other: heights 1 mm apart differ by less than a mild slope makes."""
+    x = np.arange(-4.0, 4.0, 1e-3)
+    T = np.tile(np.eye(4), (3, 1, 1)) * [[[0.1]]]
+    T[:, 3, 3], T[:, 0, 3] = 1.0, [1.3, 1.6, 2.4]
+    group = Instances("scatter.0", MESH.vertices, np.array(MESH.faces, np.int32), Diffuse(), T)
+    clear, height = drifts.surroundings(ground(*np.column_stack([x, 0.3 + 0 * x])), [ball(0, 1), group], STILL)
+    assert np.ptp(height) > 0.03
+    assert np.abs(np.diff(height)).max() < 1e-3

@@ -13,8 +13,8 @@ from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, factor_for, rough
 from varos_warp.scene.geometry.relief.density import NEAREST_M, Footprint, footprint, longest_edge
-from varos_warp.scene.geometry.relief.drifts import drift, flow_direction, neighbours
-from varos_warp.scene.geometry.relief.form import Base, Ground, base_of, formed
+from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
+from varos_warp.scene.geometry.relief.form import Base, base_of, formed
 from varos_warp.scene.geometry.topology import edge_uses
 
 TOLD_FACTOR = 2.0
@@ -65,15 +65,15 @@ def _formed(scene, part, parts, base, edges, seen, factor):
     """A part with its relief; from the user's cache where it was made before."""
     look = part.material.model_copy(update={"seed": _seed(scene, part)})
     others = [other for other in parts if other is not part and not isinstance(other, Moving)]
-    ground = _ground(scene, others) if part.name == "terrain" else None
+    around = _around(scene, others) if part.name == "terrain" else None
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
-                  "look": look.model_dump(mode="json"), "cameras": [digest(seen.eyes, seen.lever), seen.angle],
+                  "look": look.model_dump(mode="json"), "cameras": [digest(seen.eyes, seen.axes, seen.cosines), seen.angle],
                   "copies": digest(part.T_w_o) if isinstance(part, Instances) else None,
                   "path": [stop.model_dump(mode="json") for stop in getattr(part, "path", ())],
-                  "ground": ground and [digest(*_standing(other)) for other in others],
-                  "around": ground and [bool(scene.terrain.around_objects), list(scene.current.velocity)],
+                  "ground": around and [digest(*_standing(other)) for other in others],
+                  "around": around and [bool(scene.terrain.around_objects), list(scene.current.velocity)],
                   "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
-    made = cached("relief", depends_on, lambda: formed(base, look, lambda points: edges(points, factor), ground),
+    made = cached("relief", depends_on, lambda: formed(base, look, lambda points: edges(points, factor), around),
                   what=f"the relief of {part.name}")
     vertices, faces = made["vertices"].astype(float) + base.middle, made["faces"]
     facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}
@@ -98,12 +98,15 @@ def _seed(scene, part):
     return zlib.crc32(f"{part.name} {part.material.seed}".encode(), scene.seed) % 2**31
 
 
-def _ground(scene, others):
-    """What the sea floor knows of what stands on it."""
-    flow = flow_direction(scene.current.velocity)
-    around = bool(scene.terrain.around_objects)
-    return Ground(lambda points: neighbours(points, others),
-                  lambda near: drift(near, flow) if around else np.zeros(len(near.distance)))
+def _around(scene, others):
+    """What the sea floor knows of what stands on it; it takes no form of it unless the scene says so."""
+    flow, shaped = flow_direction(scene.current.velocity), float(bool(scene.terrain.around_objects))
+
+    def around(points):
+        clear, height = surroundings(points, others, flow)
+        return clear, shaped * height
+
+    return around
 
 
 def _standing(part):

@@ -1,4 +1,4 @@
-"""How fine a surface must be: the width of a pixel on it, from where any camera of the course comes nearest.
+"""How fine a surface must be: the width of a pixel on it, from where any camera of the course sees it nearest.
 
 What is smaller than a pixel of the nearest view need not be geometry; what is larger must be.
 """
@@ -6,10 +6,16 @@ What is smaller than a pixel of the nearest view need not be geometry; what is l
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+import warp as wp
+from scipy.spatial.transform import Rotation, Slerp
 
+from varos_warp.device.devices import upload
+from varos_warp.device.launch import launch
+from varos_warp.kernels.mesh.views import find_nearest_view
 from varos_warp.scene.description import Scene
-from varos_warp.scene.geometry.course import find_course, places, used_stops
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.frames import camera_pose, transform
+from varos_warp.scene.geometry.course import find_course, places, turns, used_stops
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import camera_model
 
@@ -19,27 +25,44 @@ SHORTEST_M, LONGEST_M = 0.001, 0.25
 """Bounds of edges [m]; longer ones would show no form at all."""
 NEAREST_M = 0.25
 """No camera is taken to come nearer than this [m]."""
-STEP_M = 0.1
-"""Distance of the points that stand for a course [m]."""
+STEP_M, STEP_RAD = 0.1, 0.1
+"""Distance and turn between the poses that stand for a course."""
+MOST_POSES = 2000
+ASIDE_M, ASIDE_RAD = 0.15, 0.2
+"""How far from its course a vehicle may be, or turned from it: it takes curves where the course has corners."""
+UNSEEN = 8.0
+"""Where no camera looks, surfaces are as coarse as if they were this many times as far away."""
 WITHOUT_CAMERA = 1e-3
 """Angle of a pixel [rad] where a scene has no camera."""
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """The width of a pixel at points of the world, at the least distance of any camera of the course."""
+    """The width of a pixel at points of the world, in the nearest view that any camera of the course has of them."""
 
     eyes: np.ndarray
-    """float64 [N, 3]: points along the courses of all vehicles, and cameras that stand in the world [m]."""
-    lever: np.ndarray
-    """float64 [N]: how far cameras sit from such a point, at most [m]."""
+    """float64 [N, 3]: places of cameras along the courses of all vehicles [m]."""
+    axes: np.ndarray
+    """float64 [N, 3]: unit vectors along which they look."""
+    cosines: np.ndarray
+    """float64 [N]: of the half angles of the cones that they see, with what the vehicle may be turned aside; -1: they
+    see everything."""
     angle: float
     """The smallest of all cameras' angles of a pixel [rad]."""
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Least distance [N] of any camera from points [N, 3] [m], on the safe side by steps and levers."""
-        nearest, eye = cKDTree(self.eyes).query(points, workers=-1)
-        return np.maximum(nearest - self.lever[eye] - 0.5 * STEP_M, NEAREST_M)
+        """Least distance [N] [m] of any camera that sees points [N, 3], on the safe side; of those that none sees,
+        `UNSEEN` times that of the nearest."""
+        middle = self.eyes.mean(axis=0)
+        nearest, seen = (wp.empty(len(points), dtype=wp.float32, device="cpu") for _ in range(2))
+        launch(find_nearest_view, len(points), {
+            "eyes": upload((self.eyes - middle).astype(np.float32), wp.vec3, "cpu"),
+            "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
+            "cosines": upload(self.cosines.astype(np.float32), wp.float32, "cpu"),
+            "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
+            "distance": nearest, "seen": seen}, "cpu")
+        found = np.minimum(seen.numpy(), UNSEEN * nearest.numpy()).astype(float)
+        return np.maximum(found - ASIDE_M, NEAREST_M)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Width [N] of a pixel at points [N, 3] [m]."""
@@ -56,31 +79,50 @@ def longest_edge(pixel: np.ndarray, factor: float = 1.0) -> np.ndarray:
 
 
 def footprint(scene: Scene, parts: list[Part | Instances]) -> Footprint:
-    """Where the cameras of a scene come to, of all of its vehicles alike.
+    """What the cameras of a scene come to see, of all of its vehicles alike.
 
     Args:
         scene: Its courses are found, if they follow a surface.
         parts: The scene's geometry before relief.
     """
     observed = [scene.observed_by(vehicle.id) for vehicle in scene.vehicles] if scene.vehicles else [scene]
-    eyes, levers, angles = [], [], []
+    views, angles = [], []
     for seen in observed:
         find_course(seen, parts)
-        cameras = seen.vehicle.cameras
-        angles += [camera_model(camera).pixel_angle for camera in cameras]
-        fixed = [camera.position for camera in cameras if camera.mount == "world"]
-        offsets = [np.linalg.norm(camera.position) for camera in cameras if camera.mount != "world"]
-        along = _along(places(seen.trajectory)[used_stops(seen.trajectory)]) if offsets or not cameras else []
-        for points, lever in ((along, max(offsets, default=0.0)), (fixed, 0.0)):
-            eyes.append(np.array(points, float).reshape(-1, 3))
-            levers.append(np.full(len(points), lever))
-    return Footprint(np.concatenate(eyes), np.concatenate(levers), min(angles, default=WITHOUT_CAMERA))
+        poses = _poses(seen.trajectory)
+        angles += [camera_model(camera).pixel_angle for camera in seen.vehicle.cameras]
+        views += [_view(camera, poses) for camera in seen.vehicle.cameras] or [
+            (poses[:, :3, 3], poses[:, :3, 1], np.full(len(poses), -1.0))]
+    return Footprint(*map(np.concatenate, zip(*views, strict=True)), min(angles, default=WITHOUT_CAMERA))
 
 
-def _along(stops):
-    """Points [M, 3] no more than a step apart on the line through stops [N, 3]."""
-    lengths = np.linalg.norm(np.diff(stops, axis=0), axis=1)
-    counts = np.maximum(np.ceil(lengths / STEP_M).astype(int), 1)
-    pieces = [a + (b - a) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
-              for a, b, count in zip(stops[:-1], stops[1:], counts, strict=True)]
-    return np.concatenate([*pieces, stops[-1:]])
+def _view(camera: Camera, poses):
+    """Places, axes and cosines of a camera along poses [N, 4, 4] of its vehicle, or where it stands."""
+    fixed = camera.mount == "world"
+    T_w_c = camera_pose(camera, np.eye(4)[None] if fixed else poses)
+    half = min(_half_angle(camera) + (0.0 if fixed else ASIDE_RAD), np.pi)
+    return T_w_c[:, :3, 3], T_w_c[:, :3, 2], np.full(len(T_w_c), np.cos(half))
+
+
+def _half_angle(camera):
+    """Angle from the axis of a camera to the farthest of the rays along the border of its image [rad]."""
+    across, down = (np.linspace(0.0, side, 17) for side in camera.resolution)
+    grid = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    direction = camera_model(camera).rays(grid).direction
+    z = direction[np.isfinite(direction).all(axis=1), 2]
+    return float(np.arccos(np.clip(z.min(), -1.0, 1.0))) if len(z) == len(grid) else np.pi
+
+
+def _poses(trajectory):
+    """Poses [N, 4, 4] along a course that is found, close enough to each other."""
+    used = used_stops(trajectory)
+    place, turn = places(trajectory)[used], turns(trajectory)[used]
+    if len(used) == 1:
+        return transform(turn.as_matrix(), place)
+    far = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    wide = (turn[:-1].inv() * turn[1:]).magnitude()
+    steps = np.maximum(np.ceil(np.maximum(far / STEP_M, wide / STEP_RAD)), 1.0)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, way[-1], min(int(way[-1]), MOST_POSES - 1) + 1)
+    along = np.column_stack([np.interp(at, way, place[:, axis]) for axis in range(3)])
+    return transform(Slerp(way, Rotation.concatenate([turn]))(at).as_matrix(), along)

@@ -14,7 +14,6 @@ from varos_warp.scene.geometry.joining import merge_equal
 from varos_warp.scene.geometry.noise import fbm
 from varos_warp.scene.geometry.normals import UP, corner_normals
 from varos_warp.scene.geometry.parts import Shape
-from varos_warp.scene.geometry.relief.drifts import Neighbours
 from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 from varos_warp.scene.geometry.relief.recipes.sites import Sites
@@ -33,14 +32,9 @@ MOST_OF_RADIUS = 0.4
 """Displacement into a hollow, at most, as a share of its radius of curvature: beyond, the surface would cross itself."""
 
 
-@dataclass(frozen=True, eq=False)
-class Ground:
-    """What a sea floor knows of what stands on it."""
-
-    neighbours: Callable[[np.ndarray], Neighbours]
-    """What stands nearest to points [N, 3] of the world."""
-    drift: Callable[[Neighbours], np.ndarray]
-    """Height [N] that it adds [m]."""
+Around = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""What a sea floor knows of what stands on it: at points [N, 3] of the world the distance from the nearest [N] [m], and
+the height [N] that all add [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +64,7 @@ def base_of(shape: Shape) -> Base:
     return Base(vertices, faces, normals, middle)
 
 
-def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray], ground: Ground | None
+def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray], around: Around | None
            ) -> dict[str, np.ndarray]:
     """A surface with its relief, as arrays of plain types.
 
@@ -78,7 +72,7 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
         base: The surface before.
         look: Its material; its seed is the object's own.
         wanted: The longest edges [N] [m] at points [N, 3] about the base's middle.
-        ground: What stands on it, of a sea floor; absent: it is an object.
+        around: Of a sea floor; absent: it is an object.
 
     Returns:
         ``vertices`` float32 [V, 3] about the base's middle, ``faces`` int32 [F, 3], ``normals`` float32 [V, 3] and
@@ -86,13 +80,16 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
     """
     p, faces, edge = refine(base.vertices, base.faces, wanted, base.normals)
     normals = vertex_normals(p, faces)
-    near = ground.neighbours(p + base.middle) if ground else None
-    x = p if ground is None else p + ground.drift(near)[:, None] * UP
-    normals = normals if ground is None else vertex_normals(x, faces)
+    clear = np.full(len(p), np.inf)
+    x = p
+    if around is not None:
+        clear, height = around(p + base.middle)
+        x = p + height[:, None] * UP
+        normals = vertex_normals(x, faces)
     size = float(np.linalg.norm(np.ptp(base.vertices, axis=0)))
-    sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if ground is None else min(size, LARGEST_FORM_M),
-                  height=x[:, 2] - x[:, 2].min() if ground is None else np.zeros(len(x)),
-                  clear=np.full(len(x), np.inf) if ground is None else near.distance,
+    sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if around is None else min(size, LARGEST_FORM_M),
+                  height=x[:, 2] - x[:, 2].min() if around is None else np.zeros(len(x)),
+                  clear=clear,
                   sharp=shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
     surfaces = _blended(sites, look)
     for step in ("coarse", "fine"):
