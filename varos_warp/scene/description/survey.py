@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from varos_warp.scene.block import Coordinate, Position, Positive, Rectangle, unwritten_if_absent
-from varos_warp.scene.description.world import Detail, Placed, Preprocess, ProceduralTerrain, Terrain
+from varos_warp.scene.description.placed import Placed
+from varos_warp.scene.description.world import Detail, Preprocess, ProceduralTerrain, Terrain
 
 GEOTIFFS = (".tif", ".tiff")
 ARRAYS = (".png", ".npy")

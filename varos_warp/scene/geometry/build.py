@@ -15,7 +15,7 @@ from varos_warp.scene.geometry import assets, procedural, terrain
 from varos_warp.scene.geometry.assets.boards import board
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.rounding import single_precision_step
 from varos_warp.scene.geometry.scatter import Ground, scatter
 from varos_warp.scene.geometry.survey import read_survey
@@ -59,7 +59,7 @@ def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> b
     if isinstance(block, Terrain):
         return block.material is None and block.preprocess is None and (isinstance(block.file, str)
                                                                         or len(block.file) == 1)
-    return block.material is None and isinstance(block, MeshObject | CalibrationBoard)
+    return block.material is None and (isinstance(block, MeshObject | CalibrationBoard) or assets.has_colours(block))
 
 
 def object_part(scene: Scene, block: Object, key: str) -> Part:
@@ -72,8 +72,14 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
         vertices, faces, skin = board(block)
         part = _part(scene, block, key, vertices, faces, skin if may_have_colours(block) else None)
     else:
-        part = _part(scene, block, key, *assets.make_asset(block, key))
+        vertices, faces, colours = assets.make_coloured(block, key)
+        part = _part(scene, block, key, vertices, faces, _of_one_colour(colours) if may_have_colours(block) else None)
     return _moving(part, block)
+
+
+def _of_one_colour(colours):
+    """The skin of faces that are each of one colour [F, 3]."""
+    return Skin(np.repeat(colours[:, None], 3, axis=1))
 
 
 def moving_part(scene: Scene, key: str) -> Moving:
