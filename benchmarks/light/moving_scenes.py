@@ -14,7 +14,7 @@ from benchmarks.light.shapes import BLUE, box, spot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.description.optics import Shutter
-from varos_warp.scene.description.world import Stop
+from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.frames import inverse, transform
 from varos_warp.scene.geometry.build import moving_part, object_part
 from varos_warp.scene.geometry.parts import Moving, Part

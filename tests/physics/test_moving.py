@@ -11,7 +11,8 @@ from test_shutters import FOCAL, SIZE, scene_of, steady
 
 from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene import device
-from varos_warp.scene.description.world import Rust, Stop
+from varos_warp.scene.description.placed import Stop
+from varos_warp.scene.description.world import Rust
 from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry.parts import Instances, Moving
 from varos_warp.scene.geometry.query import ranges

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
+from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.description.vehicle import Pose, Waypoint
-from varos_warp.scene.description.world import Stop
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.frames import attitude, attitudes, pose_matrix
 from varos_warp.sim.trajectory import simulate

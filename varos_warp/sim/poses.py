@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from varos_warp.errors import InputError
 from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.description.world import Stop
+from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.frames import attitudes, transform
 from varos_warp.scene.geometry.parts import Moving
 from varos_warp.sim.clock import TICK_NS, TICK_RATE_HZ, TICK_S

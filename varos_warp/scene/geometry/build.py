@@ -8,6 +8,7 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError, warn
 from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain, Terrain
 from varos_warp.scene.frames import attitude
@@ -15,11 +16,13 @@ from varos_warp.scene.geometry import assets, procedural, terrain
 from varos_warp.scene.geometry.assets.boards import board
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.rounding import single_precision_step
 from varos_warp.scene.geometry.scatter import Ground, scatter
 from varos_warp.scene.geometry.survey import read_survey
 
+GRID_M = 0.05
+"""Longest edge of objects that get relief [m], which begins with an even grid."""
 SMALLEST_M, LARGEST_M = 1e-9, 1e9
 """Sizes of parts: the products of smaller lengths leave single precision, longer rays hit nothing."""
 
@@ -59,7 +62,7 @@ def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> b
     if isinstance(block, Terrain):
         return block.material is None and block.preprocess is None and (isinstance(block.file, str)
                                                                         or len(block.file) == 1)
-    return block.material is None and isinstance(block, MeshObject | CalibrationBoard)
+    return block.material is None and (isinstance(block, MeshObject | CalibrationBoard) or assets.has_colours(block))
 
 
 def object_part(scene: Scene, block: Object, key: str) -> Part:
@@ -72,8 +75,16 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
         vertices, faces, skin = board(block)
         part = _part(scene, block, key, vertices, faces, skin if may_have_colours(block) else None)
     else:
-        part = _part(scene, block, key, *assets.make_asset(block, key))
+        layered = isinstance(scene.materials.get(block.material or ""), Layered)
+        edge = GRID_M if layered and block.max_edge_m is None else None
+        vertices, faces, colours = assets.make_coloured(block, key, max_edge_m=edge)
+        part = _part(scene, block, key, vertices, faces, _of_one_colour(colours) if may_have_colours(block) else None)
     return _moving(part, block)
+
+
+def _of_one_colour(colours):
+    """The skin of faces that are each of one colour [F, 3]."""
+    return Skin(np.repeat(colours[:, None], 3, axis=1))
 
 
 def moving_part(scene: Scene, key: str) -> Moving:

@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from varos_warp.scene.description.world import Material, Stop
+from varos_warp.scene.description.placed import Stop
+from varos_warp.scene.description.world import Material
 
 
 @dataclass(frozen=True)

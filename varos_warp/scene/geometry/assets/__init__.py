@@ -2,10 +2,18 @@
 
 import numpy as np
 
+from varos_warp.errors import InputError
 from varos_warp.scene.description import world
 from varos_warp.scene.geometry.assets.fasteners import HEX_SIZES_MM, bolt, hex_measures, nut
+from varos_warp.scene.geometry.assets.grids import split_long
+from varos_warp.scene.geometry.assets.lofts import Detail
 from varos_warp.scene.geometry.assets.pipes import FLANGES_MM, elbow, flange, flange_measures, pipe, pipe_support, valve
 from varos_warp.scene.geometry.assets.rocks import boulder
+from varos_warp.scene.geometry.assets.structures.chain import mooring_chain
+from varos_warp.scene.geometry.assets.structures.hull import hull_section
+from varos_warp.scene.geometry.assets.structures.panel import BUCKET, wellhead_panel
+from varos_warp.scene.geometry.assets.structures.quay import quay_wall
+from varos_warp.scene.geometry.joining import join
 
 __all__ = ["DETAIL", "FLANGES_MM", "HEX_SIZES_MM", "bolt", "boulder", "default_chord_error", "elbow", "flange",
            "flange_measures", "hex_measures", "make_asset", "nut", "pipe", "pipe_support", "valve"]
@@ -17,11 +25,19 @@ FINEST_DEFAULT = 5e-5
 COARSEST_DEFAULT = 25.0 / 65535
 """No default is coarser [m]: one step of image D at its default range."""
 
-_MAKERS = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, world.PipeSupport: pipe_support,
+QUAD = np.sqrt(2.0) * 1.0001
+"""Longest edge of a square of two triangles, over its side."""
+
+_MAKERS: dict = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, world.PipeSupport: pipe_support,
            world.Bolt: bolt, world.Nut: nut, world.Valve: valve, world.Boulder: boulder}
+_RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m, world.MooringChain: lambda block: 0.5 * block.link_m,
+                world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET}
+_STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
+                     world.WellheadPanel: wellhead_panel}
 
 
-def make_asset(block: world.ParametricObject, key: str = "object") -> tuple[np.ndarray, np.ndarray]:
+def make_asset(block: world.ParametricObject, key: str = "object", *,
+               max_edge_m: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Vertices float64 [V, 3] [m] and faces int32 [F, 3] of a parametric object, in its own axes, before its scale.
 
     Its triangles lie within ``chord_error_m`` of the true surface in the world, that is after its scale; absent:
@@ -30,12 +46,41 @@ def make_asset(block: world.ParametricObject, key: str = "object") -> tuple[np.n
     Args:
         block: The object.
         key: Where it stands in the scene file, for messages.
+        max_edge_m: Longest edge in the world [m], instead of the block's own: it is made of even grids then, whose
+            triangles are no slivers on smooth walls. None: the block's own; absent there, too: no longest edge.
 
     Raises:
-        InputError: An unknown bolt size, or measures that make no solid.
+        InputError: An unknown bolt size, measures that make no solid, or more than 20 million triangles.
     """
-    wanted = block.chord_error_m or default_chord_error(block, key)
-    return _MAKERS[type(block)](block, key, wanted / np.max(block.scale))
+    return make_coloured(block, key, max_edge_m=max_edge_m)[:2]
+
+
+def make_coloured(block: world.ParametricObject, key: str = "object", *, max_edge_m: float | None = None
+                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """As `make_asset`, with colours of the faces, linear reflectances float32 [F, 3]; None where it has none."""
+    scale = float(np.max(block.scale))
+    chord_error = (block.chord_error_m or default_chord_error(block, key)) / scale
+    longest = block.max_edge_m if max_edge_m is None else max_edge_m
+    longest = np.inf if longest is None else longest / scale
+    detail = Detail(chord_error, longest / QUAD, key)
+    maker = _STRUCTURES.get(type(block))
+    if maker is None:
+        vertices, faces = split_long(*_MAKERS[type(block)](block, key, detail), longest)
+        detail.allow(len(faces))
+        return vertices, faces, None
+    pieces = [piece._replace(**dict(zip(("vertices", "faces"), split_long(piece.vertices, piece.faces, longest),
+                                        strict=True))) for piece in maker(block, key, detail)]
+    detail.allow(sum(len(piece.faces) for piece in pieces))
+    if not pieces:
+        raise InputError("names nothing that this object has", key=f"{key}.only", value=block.only,
+                         remedy="Name other pieces, or leave it out for all of them.")
+    colours = [np.broadcast_to(np.float32(piece.colour), (len(piece.faces), 3)) for piece in pieces]
+    return *join((piece.vertices, piece.faces) for piece in pieces), np.concatenate(colours)
+
+
+def has_colours(block: object) -> bool:
+    """Whether an object has colours of its own."""
+    return type(block) in _STRUCTURES
 
 
 def default_chord_error(block: world.ParametricObject, key: str = "object") -> float:
@@ -48,5 +93,5 @@ def default_chord_error(block: world.ParametricObject, key: str = "object") -> f
     if isinstance(block, world.Bolt | world.Nut):
         radius = 0.5 * hex_measures(block.size, f"{key}.size")[0]
     else:
-        radius = block.radius
+        radius = _RADII[type(block)](block) if type(block) in _RADII else block.radius
     return float(np.clip(DETAIL * radius * np.max(block.scale), FINEST_DEFAULT, COARSEST_DEFAULT))

@@ -4,8 +4,9 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.world import Bolt, Nut
-from varos_warp.scene.geometry.assets.lofts import arc_steps, divided, rounded, turned
+from varos_warp.scene.geometry.assets.lofts import Detail, arc_steps, divided, rounded, turned
 
+DEFAULT = Detail(1e-4)
 HEX_SIZES_MM = {
     "M3": (5.5, 2.0, 2.4, 0.5), "M3.5": (6.0, 2.4, 2.8, 0.6), "M4": (7.0, 2.8, 3.2, 0.7), "M5": (8.0, 3.5, 4.7, 0.8),
     "M6": (10.0, 4.0, 5.2, 1.0), "M8": (13.0, 5.3, 6.8, 1.25), "M10": (16.0, 6.4, 8.4, 1.5),
@@ -35,52 +36,52 @@ def hex_measures(size: str, key: str = "size") -> tuple[float, float, float, flo
     return float(size[1:]) / 1e3, s / 1e3, k / 1e3, m / 1e3
 
 
-def bolt(block: Bolt, key: str = "bolt", chord_error: float = 1e-4):
+def bolt(block: Bolt, key: str = "bolt", detail: Detail = DEFAULT):
     """Hexagon head bolt after ISO 4014: the head from z = 0 to k, the shank above it, its thread as rings."""
     d, s, k, _ = hex_measures(block.size, f"{key}.size")
     length = 4.0 * d if block.length is None else block.length
     pitch = HEX_SIZES_MM[block.size][3] / 1e3
-    angles, flats = _hexagon(s, d, chord_error)
+    angles, flats = _hexagon(s, d, detail)
     chamfer = min(0.6134 * pitch, 0.3 * length)
     thread = _thread(d, pitch, -0.6134, k + max(length - _thread_length(d, length), pitch), k + length - chamfer,
-                     chord_error)
+                     detail)
     step = _washer_face(d)
-    washer = [(WASHER_FACE * s, k - step), (WASHER_FACE * s, k)] if step > chord_error else [(0.5 * d, k)]
+    washer = [(WASHER_FACE * s, k - step), (WASHER_FACE * s, k)] if step > detail.chord_error else [(0.5 * d, k)]
     head = [(FACE * s, 0.0), (flats, (flats - FACE * s) * np.tan(np.pi / 6.0)), (flats, k - step * (len(washer) - 1)),
             *washer, *([(0.5 * d, k)] if len(washer) == 2 else [])]
     shank = [*thread, (0.5 * d, k + length - chamfer), (0.5 * d - chamfer, k + length)]
     radii = [BEVEL * s] * len(head) + [0.0] * len(shank)
     profile = _profile([(0.0, 0.0), *head, *shank, (0.0, k + length)], len(angles))
-    return turned(rounded(profile, [0.0, *radii, 0.0], chord_error)[:, 1:-1], angles)
+    return turned(rounded(profile, [0.0, *radii, 0.0], detail)[:, 1:-1], angles, detail)
 
 
-def nut(block: Nut, key: str = "nut", chord_error: float = 1e-4):
+def nut(block: Nut, key: str = "nut", detail: Detail = DEFAULT):
     """Hexagon nut after ISO 4032, centred, around z, both sides chamfered, the thread of its bore as rings."""
     d, s, _, m = hex_measures(block.size, f"{key}.size")
     pitch, half = HEX_SIZES_MM[block.size][3] / 1e3, 0.5 * m
-    angles, flats = _hexagon(s, d, chord_error)
+    angles, flats = _hexagon(s, d, detail)
     fall = (flats - FACE * s) * np.tan(np.pi / 6.0)
     outside = [(FACE * s, -half), (flats, fall - half), (flats, half - fall), (FACE * s, half)]
     sink = 0.54 * d  # da of ISO 4032: up to 1.08 d
-    thread = _thread(d, pitch, -0.5413, 0.04 * d - half, half - 0.04 * d, chord_error)[::-1]
+    thread = _thread(d, pitch, -0.5413, 0.04 * d - half, half - 0.04 * d, detail)[::-1]
     bore = [(sink, half), (0.5 * d, half - 0.04 * d), *thread, (0.5 * d, 0.04 * d - half), (sink, -half)]
     radii = [BEVEL * s] * 5 + [0.0] * (len(bore) - 2) + [BEVEL * s]
     profile = _profile([*outside, *bore], len(angles))
-    return turned(rounded(profile, radii, chord_error, closed=True), angles, closed=True)
+    return turned(rounded(profile, radii, detail, closed=True), angles, detail, closed=True)
 
 
 # ---------------------------------------------------------------------------------------------------------------- parts
 
 
-def _hexagon(s, d, chord_error):
+def _hexagon(s, d, detail):
     """Polar angles [n] and radii [n] of a hexagon across flats s, its corners rounded; two flats face along x.
 
     The angles are close enough for a circle of diameter d, too.
     """
     corners = np.pi / 6.0 + np.pi / 3.0 * np.arange(6)
     outline = s / np.sqrt(3.0) * np.column_stack([np.cos(corners), np.sin(corners)])
-    outline = rounded(outline, 2.0 * BEVEL * s, chord_error, closed=True)
-    outline = divided(outline, np.pi * s / arc_steps(0.5 * d, 2.0 * np.pi, chord_error, 18), closed=True)
+    outline = rounded(outline, 2.0 * BEVEL * s, detail, closed=True)
+    outline = divided(outline, np.pi * s / arc_steps(0.5 * d, 2.0 * np.pi, detail, 18), closed=True)
     return np.arctan2(outline[:, 1], outline[:, 0]), np.linalg.norm(outline, axis=1)
 
 
@@ -89,13 +90,13 @@ def _profile(points, count):
     return np.stack([np.column_stack([np.broadcast_to(x, count) for x in point]) for point in points], axis=1)
 
 
-def _thread(d, pitch, depth, low, high, chord_error):
+def _thread(d, pitch, depth, low, high, detail):
     """Profile of thread rings between two heights: 60 degrees, outside d, ``depth`` in pitches (ISO 68-1).
 
     The crests of a bolt, the roots of a nut, are an eighth of the pitch wide. None where the chord error is as large.
     """
     count = int((high - low) / pitch - 0.1)
-    if count < 1 or 0.25 * abs(depth) * pitch <= chord_error:
+    if count < 1 or 0.25 * abs(depth) * pitch <= detail.chord_error:
         return []
     flank = abs(depth) * np.tan(np.pi / 6.0)
     ring = np.array([[0.0, 0.0], [0.0, 0.125], [depth, 0.125 + flank], [depth, 1.0 - flank]]) * pitch

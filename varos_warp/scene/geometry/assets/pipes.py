@@ -8,6 +8,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description.world import Elbow, Flange, Pipe, PipeSupport, Valve
 from varos_warp.scene.geometry.assets.lofts import (
     SUPPORT,
+    Detail,
     arc_steps,
     band,
     circle_points,
@@ -17,8 +18,10 @@ from varos_warp.scene.geometry.assets.lofts import (
     outward,
     rounded,
 )
+from varos_warp.scene.geometry.assets.slabs import circle, mitred, slab
 from varos_warp.scene.geometry.joining import join
 
+DEFAULT = Detail(1e-4)
 WALL = 0.08
 """Thickness of a pipe's wall, as a share of its radius, where none is given."""
 RIM = 0.25
@@ -38,14 +41,14 @@ BORE = 1.012
 """Bore of a flange over the pipe's outer diameter; 1.01 to 1.015 in the standard."""
 
 
-def pipe(block: Pipe, key: str = "pipe", chord_error: float = 1e-4):
+def pipe(block: Pipe, key: str = "pipe", detail: Detail = DEFAULT):
     """A tube along z, centred, with rounded rims; a rod where the wall is as thick as the radius."""
     r, half = block.radius, 0.5 * block.length
     wall = WALL * r if block.wall is None else block.wall
-    return lathe(_tube(r, wall, -half, half, chord_error), circle_points(r, chord_error), closed=wall < r)
+    return lathe(_tube(r, wall, -half, half, detail), detail, circle_points(r, detail), closed=wall < r)
 
 
-def elbow(block: Elbow, key: str = "elbow", chord_error: float = 1e-4):
+def elbow(block: Elbow, key: str = "elbow", detail: Detail = DEFAULT):
     """A tube bent in the xz plane from the origin along +z towards +x, with rounded rims; a full turn is a torus."""
     r, R, angle = block.radius, block.bend_radius, np.radians(block.angle_deg)
     if R <= r:
@@ -54,26 +57,34 @@ def elbow(block: Elbow, key: str = "elbow", chord_error: float = 1e-4):
     wall = min(WALL * r if block.wall is None else block.wall, r)
     # half of the error around, half along: at the middle of a quad they add up; 25 degrees a step are smoothed over
     least = int(np.ceil(block.angle_deg / 25.0))
-    around, steps = circle_points(r, 0.5 * chord_error), arc_steps(R + r, angle, 0.5 * chord_error, least)
+    around, steps = circle_points(r, detail.finer(0.5)), arc_steps(R + r, angle, detail.finer(0.5), least)
+    detail.allow(2 * around * steps)
     if block.angle_deg == 360.0:
-        steps = max(steps, circle_points(R + r, 0.5 * chord_error))
-        return loft([_bend_ring(R, r, a, around) for a in np.linspace(0.0, angle, steps, endpoint=False)], closed=True)
-    profile = divided(_tube(r, wall, 0.0, R * angle, chord_error), R * angle / steps, closed=wall < r)
-    return loft([_bend_ring(R, radius, along / R, around) for radius, along in profile], closed=wall < r)
+        steps = max(steps, circle_points(R + r, detail.finer(0.5)))
+        rings = [_bend_ring(R, r, a, around) for a in np.linspace(0.0, angle, steps, endpoint=False)]
+        return loft(rings, detail, closed=True)
+    profile = divided(_tube(r, wall, 0.0, R * angle, detail), R * angle / steps, closed=wall < r)
+    if detail.is_grid:
+        profile = divided(profile, detail.edge, closed=wall < r)
+    return loft([_bend_ring(R, radius, along / R, around) for radius, along in profile], detail, closed=wall < r)
 
 
-def flange(block: Flange, key: str = "flange", chord_error: float = 1e-4):
+def flange(block: Flange, key: str = "flange", detail: Detail = DEFAULT):
     """A plate flange around z from z = 0 up, with the proportions of the DN whose pipe is nearest in radius."""
-    outer, circle, hole, count, thickness = flange_measures(block.radius)
+    outer, middle, hole, count, thickness = flange_measures(block.radius)
     b = 0.04 * thickness
     inner = BORE * block.radius
-    longest = 1.8 * (min(outer - circle - hole, circle - inner - hole) - 2.0 * SUPPORT * b)
-    rim = [(circle, thickness), (outer, thickness), (outer, 0.0), (circle, 0.0)]
-    bore = [(circle, 0.0), (inner, 0.0), (inner, thickness), (circle, thickness)]
-    eye = [(circle, 0.0), (hole, 0.0), (hole, thickness), (circle, thickness)]
     angles = 2.0 * np.pi / count * (0.5 + np.arange(count))
-    walls = [_wall(rim, 0.0, b, chord_error, longest), _wall(bore, 0.0, b, chord_error, longest)]
-    walls += [_wall(eye, circle * np.exp(1j * angle), b, chord_error, longest) for angle in angles]
+    if detail.is_grid:
+        holes = [circle(hole, detail, middle * np.array([np.cos(a), np.sin(a)])) for a in angles]
+        outlines = [circle(outer, detail), circle(inner, detail)[::-1], *(around[::-1] for around in holes)]
+        return slab(outlines, 0.0, thickness, b, detail)
+    longest = 1.8 * (min(outer - middle - hole, middle - inner - hole) - 2.0 * SUPPORT * b)
+    rim = [(middle, thickness), (outer, thickness), (outer, 0.0), (middle, 0.0)]
+    bore = [(middle, 0.0), (inner, 0.0), (inner, thickness), (middle, thickness)]
+    eye = [(middle, 0.0), (hole, 0.0), (hole, thickness), (middle, thickness)]
+    walls = [_wall(rim, 0.0, b, detail, longest), _wall(bore, 0.0, b, detail, longest)]
+    walls += [_wall(eye, middle * np.exp(1j * angle), b, detail, longest) for angle in angles]
     return _plate(walls)
 
 
@@ -85,7 +96,7 @@ def flange_measures(radius: float) -> tuple[float, float, float, int, float]:
     return outer * scale, circle * scale, hole * scale, count, 2.0 * thickness * scale
 
 
-def pipe_support(block: PipeSupport, key: str = "pipe_support", chord_error: float = 1e-4):
+def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail = DEFAULT):
     """A saddle under a pipe along y: a half-round groove in a block that widens to its foot."""
     r = block.radius
     height = 2.0 * r if block.height is None else block.height
@@ -93,15 +104,18 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", chord_error: flo
         raise InputError(f"the foot must lie at least {1.15 * r:.4g} m below the pipe's axis", key=f"{key}.height",
                          value=height, remedy="Leave it out for twice the radius.")
     half, b = 0.6 * r, 0.03 * r
-    outline, cap = _saddle(r, height, chord_error)
-    normals = _outward_normals(outline)
-    ends = rounded([(r, -half), (0.0, -half), (0.0, half), (r, half)], b, chord_error)[1:-1]
+    outline, cap = _saddle(r, height, detail)
+    if detail.is_grid:
+        vertices, faces = slab([outline], -half, half, b, detail)
+        return outward(vertices[:, [0, 2, 1]], faces)
+    normals = mitred(outline)
+    ends = rounded([(r, -half), (0.0, -half), (0.0, half), (r, half)], b, detail)[1:-1]
     rings = [outline - inset * normals for inset, _ in ends]
     return loft([np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
-                 for ring, (_, y) in zip(rings, ends, strict=True)], cap=cap)
+                 for ring, (_, y) in zip(rings, ends, strict=True)], detail, cap=cap)
 
 
-def valve(block: Valve, key: str = "valve", chord_error: float = 1e-4):
+def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
     """Two flanges and a body on a pipe along y, bonnet and stem along +z, a hand wheel with four spokes."""
     r = block.radius
     along = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # z to -y
@@ -109,17 +123,17 @@ def valve(block: Valve, key: str = "valve", chord_error: float = 1e-4):
 
     def disc(radius, low, high, bevel=0.12):
         profile = [(0.0, low), (radius, low), (radius, high), (0.0, high)]
-        return lathe(rounded(profile, bevel * min(radius, high - low), chord_error), circle_points(radius, chord_error))
+        return lathe(rounded(profile, bevel * min(radius, high - low), detail), detail, circle_points(radius, detail))
 
     body = [(1.4 * r * np.sin(a), -1.2 * r * np.cos(a))
-            for a in np.linspace(0.0, np.pi, arc_steps(1.4 * r, np.pi, chord_error, 8) + 1)[1:-1]]
-    plate = flange(Flange(kind="flange", radius=r), key, chord_error)
+            for a in np.linspace(0.0, np.pi, arc_steps(1.4 * r, np.pi, detail, 8) + 1)[1:-1]]
+    plate = flange(Flange(kind="flange", radius=r), key, detail)
     flip = np.array([1.0, -1.0, -1.0])
-    lying = [disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02), lathe(body, circle_points(1.4 * r, chord_error)),
+    lying = [disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02), lathe(body, detail, circle_points(1.4 * r, detail)),
              (plate[0] - [0.0, 0.0, 2.0 * r], plate[1]), ((plate[0] - [0.0, 0.0, 2.0 * r]) * flip, plate[1])]
     upright = [disc(0.9 * r, r, 1.8 * r), disc(1.1 * r, 1.8 * r, 2.1 * r), disc(0.18 * r, 2.0 * r, 3.6 * r)]
-    wheel = trimesh.creation.torus(1.3 * r, 0.12 * r, major_sections=circle_points(1.42 * r, 0.5 * chord_error),
-                                   minor_sections=circle_points(0.12 * r, 0.5 * chord_error))
+    wheel = trimesh.creation.torus(1.3 * r, 0.12 * r, major_sections=circle_points(1.42 * r, detail.finer(0.5)),
+                                   minor_sections=circle_points(0.12 * r, detail.finer(0.5)))
     spoke = disc(0.07 * r, -1.3 * r, 1.3 * r)
     lift = np.array([0.0, 0.0, 3.45 * r])
     pieces = [(v @ along.T, f) for v, f in lying] + upright
@@ -130,12 +144,12 @@ def valve(block: Valve, key: str = "valve", chord_error: float = 1e-4):
 # ---------------------------------------------------------------------------------------------------------------- tubes
 
 
-def _tube(r, wall, low, high, chord_error):
+def _tube(r, wall, low, high, detail):
     """Rounded profile [P, 2] of (radius, place along the pipe); that of a rod ends at the rims, not on the axis."""
     bevel = RIM * min(wall, r, high - low)
     if wall >= r:
-        return rounded([(0.0, low), (r, low), (r, high), (0.0, high)], bevel, chord_error)[1:-1]
-    return rounded([(r, low), (r, high), (r - wall, high), (r - wall, low)], bevel, chord_error, closed=True)
+        return rounded([(0.0, low), (r, low), (r, high), (0.0, high)], bevel, detail)[1:-1]
+    return rounded([(r, low), (r, high), (r - wall, high), (r - wall, low)], bevel, detail, closed=True)
 
 
 def _bend_ring(bend_radius, radius, angle, count):
@@ -148,15 +162,15 @@ def _bend_ring(bend_radius, radius, angle, count):
 # --------------------------------------------------------------------------------------------------------------- plates
 
 
-def _wall(profile, centre, bevel, chord_error, longest):
+def _wall(profile, centre, bevel, detail, longest):
     """Rings [R, m, 3] of a rounded edge around a ``centre`` (complex), from one face of a plate to the other.
 
     No edge of a ring is longer than ``longest``, twice the gap to the next ring at most: then the circle around it
     holds no other point, and the Delaunay triangulation of the faces keeps it (Gabriel and Sokal 1969).
     """
-    line = rounded(profile, bevel, chord_error)[1:-1]
+    line = rounded(profile, bevel, detail)[1:-1]
     radius = line[:, 0].max()
-    count = max(circle_points(radius, chord_error), 4 * int(np.ceil(0.5 * np.pi * radius / longest)))
+    count = max(circle_points(radius, detail), 4 * int(np.ceil(0.5 * np.pi * radius / longest)))
     around = centre + line[:, :1] * np.exp(2j * np.pi / count * np.arange(count))
     return np.stack([around.real, around.imag, np.broadcast_to(line[:, 1:], around.shape)], axis=-1)
 
@@ -182,16 +196,16 @@ def _plate(walls):
 # -------------------------------------------------------------------------------------------------------------- saddles
 
 
-def _saddle(r, height, chord_error):
+def _saddle(r, height, detail):
     """Outline [2 n, 2] of a support, seen along the pipe, and the triangles between its lower and its upper half."""
     ease = 0.2  # the groove ends so far below the pipe's axis [rad], and goes on along its tangent
-    arc = np.linspace(ease - np.pi, -ease, arc_steps(r, np.pi - 2.0 * ease, chord_error, 9) + 1)
+    arc = np.linspace(ease - np.pi, -ease, arc_steps(r, np.pi - 2.0 * ease, detail, 9) + 1)
     groove = [(-r / np.cos(ease), 0.0), *(r * np.column_stack([np.cos(arc), np.sin(arc)])), (r / np.cos(ease), 0.0)]
     shoulder, sole = 1.4 * r, 1.6 * r
     top = np.array([(-sole, -height), (-shoulder, 0.0), *groove, (shoulder, 0.0), (sole, -height)])
-    top = rounded(top, r * np.array([0.0, 0.1, 0.06, *np.zeros(len(arc)), 0.06, 0.1, 0.0]), chord_error)[1:-1]
+    top = rounded(top, r * np.array([0.0, 0.1, 0.06, *np.zeros(len(arc)), 0.06, 0.1, 0.0]), detail)[1:-1]
     foot = np.array([(-shoulder, 0.0), (-sole, -height), (sole, -height), (shoulder, 0.0)])
-    foot = rounded(foot, 0.1 * r, chord_error)[1:-1]
+    foot = rounded(foot, 0.1 * r, detail)[1:-1]
     corner = len(foot) // 2
     between = np.column_stack([sole / shoulder * top[corner:-corner, 0], np.full(len(top) - 2 * corner, -height)])
     outline = np.vstack([foot[:corner], between, foot[corner:], top[::-1]])
@@ -206,11 +220,3 @@ def _strip(lower, upper):
     triangles = [(l[:-1], l[1:], u[1:]), (l[:-1], u[1:], u[:-1]),
                  (np.full(4, l[0]), left[1:], left[:-1]), (np.full(4, l[-1]), right[:-1], right[1:])]
     return np.concatenate([np.column_stack(corners) for corners in triangles])
-
-
-def _outward_normals(outline):
-    """Mitred outward normals [N, 2] of a closed outline that runs counter-clockwise."""
-    edges = np.roll(outline, -1, axis=0) - outline
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
-    mean = normals + np.roll(normals, 1, axis=0)
-    return 2.0 * mean / np.sum(mean**2, axis=1, keepdims=True)

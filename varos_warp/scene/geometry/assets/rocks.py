@@ -4,7 +4,12 @@ import numpy as np
 import trimesh
 
 from varos_warp.scene.description.world import Boulder
+from varos_warp.scene.geometry.assets.lofts import Detail
 from varos_warp.scene.geometry.noise import fbm_vector
+
+DEFAULT = Detail(1e-3)
+WIDEST = 0.42
+"""Edges of a ball that is not subdivided, over its diameter, less what hewing takes of them on average."""
 
 LEVELS = {2: 0.06, 3: 0.024, 4: 0.0115, 5: 0.0047, 6: 0.0019, 7: 0.0009}
 """Distance of a boulder of this many subdivisions from the finest one, as a share of its radius: the largest distance
@@ -19,12 +24,15 @@ ROUNDING = 16
 """Exponent of the norm that joins its faces: its edges are round over a 16th of its radius or so."""
 
 
-def boulder(block: Boulder, key: str = "boulder", chord_error: float = 1e-3):
-    """A boulder as fine as ``chord_error`` asks for, compared with the finest there is; its form by the block."""
+def boulder(block: Boulder, key: str = "boulder", detail: Detail = DEFAULT):
+    """A boulder as fine as its chord error asks for, compared with the finest there is, and as its grid asks for."""
     jointed = block.form == "joints"
-    wanted = chord_error / (0.5 * block.diameter)
+    wanted = detail.chord_error / (0.5 * block.diameter)
     levels = JOINT_LEVELS if jointed else LEVELS
     subdivisions = next((n for n, share in levels.items() if share <= wanted), max(levels))
+    if detail.is_grid:
+        subdivisions = max(subdivisions, int(np.ceil(np.log2(WIDEST * block.diameter / detail.edge))))
+        detail.allow(20.0 * 4.0**subdivisions)
     ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     p, rng = np.asarray(ball.vertices), np.random.default_rng(block.seed)
     p = _between_joints(p, rng, block.seed) if jointed else _rounded(p, rng)

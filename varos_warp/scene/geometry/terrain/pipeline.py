@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from varos_warp.errors import InputError, warn
+from varos_warp.scene.description.placed import Placed
 from varos_warp.scene.description.survey import ENDINGS, Heights, ending
-from varos_warp.scene.description.world import Placed, Preprocess
+from varos_warp.scene.description.world import Preprocess
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
 from varos_warp.scene.geometry.joining import crop, join, median_edge, merge_equal, merge_near
