@@ -7,9 +7,9 @@ from varos_warp.scene.description.world import Metal
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry import build, scatter
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.geometry.procedural import generate_terrain
 from varos_warp.scene.geometry.terrain import write_ply
+from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.materials import lobe, textures
 
 BOULDER = {"kind": "boulder", "diameter": 0.4, "chord_error_m": 0.01}

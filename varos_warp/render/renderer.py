@@ -34,8 +34,8 @@ from varos_warp.scene.description.image_types import FLOW, WATER
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records
 from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.companions import companions

@@ -82,8 +82,6 @@ class Ground(Placed):
 
 
 class Terrain(Ground):
-
-
     """The sea floor: one mesh file, or several to join."""
 
     model_config = ConfigDict(json_schema_extra=_up_in_schema)
