@@ -121,8 +121,9 @@ def _print_meshes(facts: dict) -> None:
                    *map(_place, m["bounds_m"])] for m in facts["meshes"]])
     if relief := facts.get("relief"):
         factor = next(iter(relief.values()))["edge_factor"]
-        print(f"relief: {sum(each['triangles'] for each in relief.values())} triangles; edges are about two pixels of the "
-              f"nearest view{f', times {factor:g} to keep within render.max_triangles' if factor > 1.0 else ''}")
+        longer = f", times {factor:g} to keep within render.max_triangles" if factor > 1.0 else ""
+        print(f"relief: {sum(each['triangles'] for each in relief.values())} triangles; edges are about two pixels of "
+              f"the nearest view{longer}")
     _print_files(facts["mesh_files"])
     if survey := facts.get("survey"):
         print_survey(survey)

@@ -10,8 +10,9 @@ Relief = Literal["rock", "sand", "steel", "concrete", "none"]
 
 
 class Layered(Block):
-    """A surface with form and layers (docs/surfaces.md): displaced triangles about two pixels wide, on which film, silt
-    and wear lie where the form lets them.
+    """A surface with form and layers (docs/surfaces.md).
+
+    Its form is displaced triangles about two pixels wide, on which film, silt and wear lie where the form lets them.
     """
 
     kind: Literal["layered"]

@@ -7,5 +7,5 @@ from varos_warp.scene.geometry.relief.apply import with_relief
 
 
 def build_parts(scene: Scene) -> list[Part | Instances]:
-    """Everything solid in the scene (float64): terrain, objects in file order, bodies of companions, blocks of scatter."""
+    """Everything solid in a scene (float64): terrain, objects in file order, bodies of companions, scatter."""
     return with_relief(scene, build_base_parts(scene))

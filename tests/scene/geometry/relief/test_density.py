@@ -66,13 +66,14 @@ def test_a_touched_place_is_no_finer_than_at_the_nearest_distance():
 
 def test_a_course_that_turns_sees_all_around():
     """A turn by half about the vertical between two poses at one place."""
-    course = {"poses": [{"position": [0, 0, 0]}, {"position": [0, 0, 0], "rotation_euler_deg": [0, 0, 179], "time_s": 9}]}
-    seen = footprint(scene({}, trajectory=course), [])
+    turned = {"position": [0, 0, 0], "rotation_euler_deg": [0, 0, 179], "time_s": 9}
+    seen = footprint(scene({}, trajectory={"poses": [{"position": [0, 0, 0]}, turned]}), [])
     below(seen.distance(np.array([[0.0, 3, 0], [-3, 0, 0], [0, -3, 0]])), [3.0, 3.0, 3.0])
 
 
 def test_all_vehicles_see_the_same_world():
-    two = {"vehicles": [{"id": name, "cameras": [{**CAMERA, **DOWN}], "trajectory": {"poses": [{"position": [x, 0, 2]}]}}
+    camera = {**CAMERA, **DOWN}
+    two = {"vehicles": [{"id": name, "cameras": [camera], "trajectory": {"poses": [{"position": [x, 0, 2]}]}}
                         for name, x in (("0", 0), ("1", 50))]}
     for observer in ("0", "1"):
         seen = footprint(Scene.model_validate({**two, "observer": observer}), [])

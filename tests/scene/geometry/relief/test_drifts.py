@@ -58,6 +58,6 @@ def test_the_ground_has_no_steps_between_bodies():
     T = np.tile(np.eye(4), (3, 1, 1)) * [[[0.1]]]
     T[:, 3, 3], T[:, 0, 3] = 1.0, [1.3, 1.6, 2.4]
     group = Instances("scatter.0", MESH.vertices, np.array(MESH.faces, np.int32), Diffuse(), T)
-    clear, height = drifts.surroundings(ground(*np.column_stack([x, 0.3 + 0 * x])), [ball(0, 1), group], STILL)
+    _, height = drifts.surroundings(ground(*np.column_stack([x, 0.3 + 0 * x])), [ball(0, 1), group], STILL)
     assert np.ptp(height) > 0.03
     assert np.abs(np.diff(height)).max() < 1e-3

@@ -67,7 +67,8 @@ def _formed(scene, part, parts, base, edges, seen, factor):
     others = [other for other in parts if other is not part and not isinstance(other, Moving)]
     around = _around(scene, others) if part.name == "terrain" else None
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
-                  "look": look.model_dump(mode="json"), "cameras": [digest(seen.eyes, seen.axes, seen.cosines), seen.angle],
+                  "look": look.model_dump(mode="json"), 
+                  "cameras": [digest(seen.eyes, seen.axes, seen.cosines), seen.angle],
                   "copies": digest(part.T_w_o) if isinstance(part, Instances) else None,
                   "path": [stop.model_dump(mode="json") for stop in getattr(part, "path", ())],
                   "ground": around and [digest(*_standing(other)) for other in others],
@@ -89,8 +90,8 @@ def _doubts(part, base):
         yield (f"its mesh has holes ({open_edges} open edges): relief moves their rims, and what is thin may cross "
                "itself; close them, or choose relief: none")
     if crossed:
-        yield (f"{crossed} edges of its mesh have more than two faces: relief moves all of them one way; divide it into "
-               "closed meshes, or choose relief: none")
+        yield (f"{crossed} edges of its mesh have more than two faces: relief moves all of them one way; divide it "
+               "into closed meshes, or choose relief: none")
 
 
 def _seed(scene, part):

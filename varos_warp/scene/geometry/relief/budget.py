@@ -21,7 +21,7 @@ STEPS = 40
 
 @dataclass(frozen=True, eq=False)
 class Rough:
-    """A surface whose triangles are counted: areas of the triangles of a coarse mesh and what edges are wanted there."""
+    """A surface whose triangles are counted: areas of a coarse mesh's triangles, and what edges are wanted there."""
 
     area: np.ndarray
     """float64 [F] [m^2]"""

@@ -51,8 +51,9 @@ class Footprint:
     """The smallest of all cameras' angles of a pixel [rad]."""
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Least distance [N] [m] of any camera that sees points [N, 3], on the safe side; of those that none sees,
-        `UNSEEN` times that of the nearest.
+        """Least distance [N] [m] of any camera that sees points [N, 3], on the safe side.
+
+        Where none does, `UNSEEN` times that of the nearest.
         """
         middle = self.eyes.mean(axis=0)
         nearest, seen = (wp.empty(len(points), dtype=wp.float32, device="cpu") for _ in range(2))

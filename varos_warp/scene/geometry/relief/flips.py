@@ -78,8 +78,9 @@ def _first_of_each(one, two, key, excess, count):
 
 def _convex(vertices, a, b, c, d, normal):
     """Whether both triangles after a flip, adc and dbc, have area and face as before."""
-    return np.logical_and(*(np.einsum("ij,ij->i", np.cross(vertices[q] - vertices[p], vertices[r] - vertices[p]), normal)
-                            > 1e-9 * np.einsum("ij,ij->i", normal, normal) for p, q, r in ((a, d, c), (d, b, c))))
+    least = 1e-9 * np.einsum("ij,ij->i", normal, normal)
+    one, two = (np.cross(vertices[q] - vertices[p], vertices[r] - vertices[p]) for p, q, r in ((a, d, c), (d, b, c)))
+    return (np.einsum("ij,ij->i", one, normal) > least) & (np.einsum("ij,ij->i", two, normal) > least)
 
 
 def _angle(vertices, at, a, b):

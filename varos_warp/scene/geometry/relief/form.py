@@ -26,10 +26,10 @@ RAGGED = 0.18
 """How far noise moves that bound."""
 MEAN_EDGE = 2.0 / 3.0
 """Mean length of edges over the longest that is wanted."""
-LARGEST_FORM_M = 2.0
+LARGEST_FORM_M = 1.0
 """Size that the forms of a sea floor go by [m]."""
 MOST_OF_RADIUS = 0.4
-"""Displacement into a hollow, at most, as a share of its radius of curvature: beyond, the surface would cross itself."""
+"""Displacement into a hollow, at most, as a share of its radius of curvature: beyond, it would cross itself."""
 
 
 Around = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -106,7 +106,7 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
 
 
 def _blended(sites, look):
-    """The recipes of a material and the share of each at the vertices; one, or that of flat and that of steep ground."""
+    """The recipes of a material and the share of each at the vertices: one, or two for flat and for steep ground."""
     if look.steep is None or look.steep == look.relief:
         return [(RECIPES[look.relief], np.ones(len(sites.p)))]
     up = sites.n[:, 2] + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge)
