@@ -67,7 +67,7 @@ def _formed(scene, part, parts, base, edges, seen, factor):
     others = [other for other in parts if other is not part and not isinstance(other, Moving)]
     around = _around(scene, others) if part.name == "terrain" else None
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
-                  "look": look.model_dump(mode="json"), 
+                  "look": look.model_dump(mode="json"),
                   "cameras": [digest(seen.eyes, seen.axes, seen.cosines), seen.angle],
                   "copies": digest(part.T_w_o) if isinstance(part, Instances) else None,
                   "path": [stop.model_dump(mode="json") for stop in getattr(part, "path", ())],
