@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 
 from varos_warp.scene.geometry.noise import fbm
-from varos_warp.scene.geometry.relief.recipes.blending import domes, dots, hashed, height_blend, mix, patches, smoothstep
+from varos_warp.scene.geometry.relief.recipes.blending import (
+    domes,
+    dots,
+    hashed,
+    height_blend,
+    mix,
+    patches,
+    smoothstep,
+)
 
 
 def test_patches_cover_about_their_share():
