@@ -68,7 +68,7 @@ def test_gradient_noise_is_zero_at_the_corners_of_its_lattice():
 
 
 def test_gradient_noise_is_smooth_across_the_cells_of_its_lattice():
-    """Values and first derivatives are continuous: second differences across a border fall with the square of the step."""
+    """Values and slopes are continuous: second differences across a border fall with the square of the step."""
     p = places(5000)
     p[:, 0] = np.round(p[:, 0])
     step = np.array([1e-2, 0.0, 0.0])
@@ -77,7 +77,7 @@ def test_gradient_noise_is_smooth_across_the_cells_of_its_lattice():
 
 
 def test_noise_far_from_the_origin_is_as_smooth_as_near_it():
-    """100 km out, a step of single precision is 8 mm; neighbours 0.1 mm apart still differ by what a slope makes of it."""
+    """100 km out, a step of single precision is 8 mm; places 0.1 mm apart still differ by what a slope makes of it."""
     p = places(2000) + np.array([1e5, -1e5, 0.0])
     apart = np.abs(fbm(p + [1e-4, 0.0, 0.0], 3.0, 1, seed=1) - fbm(p, 3.0, 1, seed=1))
     assert 0.0 < np.median(apart) < apart.max() < 3e-3

@@ -23,7 +23,10 @@ HALF_DIAGONAL = wp.constant(0.70710678)
 MEAN_ABS = wp.constant(0.15569)
 """Mean of the magnitude of gradient noise (measured on 2 10^7 points; standard error 2e-5)."""
 MEAN_RIDGE = wp.constant(0.52306)
-"""Mean of an octave of ridges, likewise (6e-5).(6e-5)."""
+"""Mean of an octave of ridges, likewise (6e-5)."""
+
+MEAN_ROUGH = wp.constant(0.91399)
+"""Mean of what an octave of ridges leaves of the weight of the next, likewise (3e-5)."""
 
 
 @wp.func
@@ -139,13 +142,15 @@ def sum_octaves(
     for octave in range(octaves):
         share = band(width)
         drawn = mean
+        next_rough = float(MEAN_ROUGH)
         if share > 0.0:
-            noise = gradient_noise(seed + wp.uint32(octave) * STRIDE_OCTAVE, q)
-            drawn = mean + share * (octave_value(kind, noise) - mean)
+            whole = octave_value(kind, gradient_noise(seed + wp.uint32(octave) * STRIDE_OCTAVE, q))
+            drawn += share * (whole - mean)
+            next_rough += share * (wp.clamp(0.6 + 0.8 * whole, 0.15, 1.0) - MEAN_ROUGH)
         total += weight * rough * drawn
         weights += weight
         if kind == RIDGED:  # Musgrave's multifractal: what is low stays smooth
-            rough = wp.clamp(0.6 + 0.8 * drawn, 0.15, 1.0)
+            rough = next_rough
         weight *= gain
         width *= LACUNARITY
         q = next_octave(q)

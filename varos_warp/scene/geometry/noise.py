@@ -40,8 +40,8 @@ def fbm(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 4, seed: int = 0, ga
         octaves: How many.
         seed: Another seed is another noise.
         gain: Weight of an octave over that of the octave before.
-        edge: Length of a mesh's edges at the places, one or [N] [m]: octaves of fewer than 4 edges a wave fade, those of
-            fewer than 2 are left out. 0: all are there.
+        edge: Length of a mesh's edges at the places, one or [N] [m]: octaves of fewer than 4 edges a wave fade, those
+            of fewer than 2 are left out. 0: all are there.
         device: Where to compute, ``cpu`` or ``cuda:N``.
 
     Returns:
@@ -52,7 +52,7 @@ def fbm(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 4, seed: int = 0, ga
 
 def ridged(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 5, seed: int = 0, gain: float = 0.55,
            edge: np.ndarray | float = 0.0, device: str = "cpu") -> np.ndarray:
-    """Ridged multifractal (Musgrave): sharp crests that are rough where they are high; see `fbm`. About 0 to 1, of mean 0.5."""
+    """Ridged multifractal (Musgrave): sharp crests, rough where they are high; about 0 to 1, mean 0.5; see `fbm`."""
     return _sum(kernels.RIDGED, p, cycles_per_m, octaves, seed, gain, edge, device)
 
 
@@ -104,6 +104,10 @@ class Patterns:
     def at(self, p: np.ndarray) -> "Patterns":
         """The same noises at other places, of the same vertices."""
         return Patterns(p, self.edge, self.seed, self.device)
+
+    def scaled(self, factor: float) -> "Patterns":
+        """The same noises ``factor`` times as large."""
+        return Patterns(self.p / factor, self.edge / factor, self.seed, self.device)
 
     def moved(self, amplitude_m: float, cycles: Cycles, salt: int, octaves: int = 2) -> "Patterns":
         """The same noises at places that noise has moved by up to ``amplitude_m``."""

@@ -4,7 +4,7 @@ from surfaces import Look, ball, sheet, sites_of, vertex_normals
 
 from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel
 from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M
-from varos_warp.scene.geometry.relief.recipes.masks import convexity_of, neighbours_of, shape_of
+from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 
 NAMES = sorted(RECIPES)
@@ -193,9 +193,3 @@ def test_the_beds_of_a_rock_are_layers():
         levels.append(rock._beds(sites.patterns(1), across, 0.085, 20).level)
     assert levels[0].std() > 0.3
     assert levels[1].std() < 1e-6
-
-
-def test_masks_of_displaced_rock_are_finite():
-    p, faces, n = ball(0.5, 5)
-    found = convexity_of(p, n, neighbours_of(len(p), faces), 1e-6)
-    assert np.isfinite(found).all()

@@ -6,11 +6,11 @@ import numpy as np
 from scipy import sparse
 
 ITERATIONS = 80
-TOLERANCE = 1e-3
+TOLERANCE = 5e-3
 """Of the conjugate gradients: by how much of what is smoothed away they may be off."""
 EDGES = 4.0
 """Scale of convexity, in edges."""
-BROAD = 3.0
+BROAD = 2.0
 """Scale of what shelters, over that of convexity."""
 
 
@@ -27,7 +27,7 @@ class Shape:
     up: np.ndarray
     """float64 [N]: z of the normals."""
     exposure: np.ndarray
-    """float64 [N]: 1 where water passes freely to 0 deep in hollows of three times the scale; 0.8 on a plane."""
+    """float64 [N]: 1 where water passes freely to 0 deep in hollows of twice the scale; 0.8 on a plane."""
     neighbours: sparse.csr_array
     """float64 [N, N]: 1 where an edge joins two vertices."""
 
@@ -65,8 +65,8 @@ def convexity_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array, sca
 def smoothed(values: np.ndarray, p: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float) -> np.ndarray:
     """Values [N, K] after implicit diffusion on the mesh, q - scale^2 Laplace(q) = values.
 
-    The mean over a ring of radius e is q + e^2 / 4 Laplace(q), so the Laplacian is that of the graph, times 4 / e^2 with
-    e^2 the mean square of a vertex' edges. Conjugate gradients take as many steps as a scale has edges; averaging
+    The mean over a ring of radius e is q + e^2 / 4 Laplace(q), so the Laplacian is that of the graph, times 4 / e^2
+    with e^2 the mean square of a vertex' edges. Conjugate gradients take as many steps as a scale has edges; averaging
     again and again would take the square of that.
     """
     squares = _edge_squares(p, neighbours)

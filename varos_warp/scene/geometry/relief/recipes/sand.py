@@ -16,8 +16,10 @@ FINE_LIMIT_M = 0.035
 """Bound of ``fine`` [m]."""
 WAVELENGTH_M = 0.115
 """Of ripples."""
-AMPLITUDE_M = 0.0075
+AMPLITUDE_M = 0.0065
 """Of ripples where they are highest; half of their height."""
+BLUNT = 0.015
+"""How blunt their crests are: 0 is as sharp as a cusp."""
 FREE_M = (0.06, 0.30)
 """Ripples end where something stands nearer than the first, and are whole from the second on."""
 LEVEL = (0.80, 0.95)
@@ -57,7 +59,7 @@ class Sand:
         worked = smoothstep(-0.2, 0.35, pattern.fbm(1.1, 3, 9))
         lumps = 0.0042 * worked * (pattern.billow(13.0, 4, 10) + 0.38) + 0.0030 * pattern.fbm(36.0, 4, 11)
         grain = 0.0014 * pattern.fbm(130.0, 2, 12)
-        return np.clip(0.006 * dug.rim - 0.022 * dug.hole + lumps + grain, -FINE_LIMIT_M, FINE_LIMIT_M)
+        return np.clip(0.004 * dug.rim - 0.022 * dug.hole + lumps + grain, -FINE_LIMIT_M, FINE_LIMIT_M)
 
     def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
         """Dull sand under patches of film and silt; shell hash in troughs, few flecks; mean about 0.13."""
@@ -67,8 +69,9 @@ class Sand:
         sand = mix(DARK, PALE, smoothstep(-0.35, 0.35, pattern.fbm(0.8, 5, 20)))
         sand = mix(sand, HASH, 0.30 * _hash(pattern) * rippled * smoothstep(0.1, -0.8, profile))
         sand = mix(sand, SILT, 0.5 * _mounds(sites, pattern))
-        sand = sand * (1.0 + 0.45 * pattern.fbm(26.0, 4, 24) + 0.25 * np.clip(3.0 * shape.convexity, -1.0, 1.0))[:, None]
-        sand = filmed(sand, pattern.at(pattern.p / 4.0), shape, 0.9 * look.film)  # in patches of a metre
+        tone = 0.45 * pattern.fbm(26.0, 4, 24) + 0.25 * np.clip(3.0 * shape.convexity, -1.0, 1.0)
+        sand = sand * (1.0 + tone)[:, None]
+        sand = filmed(sand, pattern.scaled(4.0), shape, 0.9 * look.film)  # in patches of a metre
         sand, thickness = _muddy(sand, pattern, look.silt, rippled * profile)
         sand = _flecked(sand, pattern)
         sand = sand * (1.0 - 0.65 * _burrows(sites, pattern).hole)[:, None]
@@ -82,10 +85,11 @@ def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
     turn = np.random.default_rng([pattern.seed, 4]).uniform(0.0, np.pi)
     along = sites.p @ np.array([np.cos(turn), np.sin(turn), 0.0])
     # crests wander, fork and end where the phase is uneven
-    phase = along / WAVELENGTH_M + 2.4 * pattern.fbm(0.6, 2, 4) + 0.42 * pattern.fbm(3.2, 3, 5)
-    strength = smoothstep(-0.22, 0.20, pattern.fbm(0.5, 3, 3) + 0.05) * np.clip(0.75 + pattern.fbm(1.7, 3, 6), 0.2, 1.0)
+    phase = along / WAVELENGTH_M + 4.0 * pattern.fbm(0.5, 2, 4) + 0.65 * pattern.fbm(3.2, 3, 5)
+    strength = smoothstep(-0.10, 0.25, pattern.fbm(0.7, 4, 3)) * np.clip(0.75 + 1.5 * pattern.fbm(2.0, 3, 6), 0.1, 1.0)
     calm = smoothstep(*FREE_M, sites.clear) * smoothstep(*LEVEL, sites.n[:, 2])
-    return AMPLITUDE_M * strength * calm * pattern.resolved(WAVELENGTH_M), 1.0 - 2.0 * np.abs(np.sin(np.pi * phase))
+    profile = 1.0 - 2.0 * np.sqrt((np.square(np.sin(np.pi * phase)) + BLUNT) / (1.0 + BLUNT))
+    return AMPLITUDE_M * strength * calm * pattern.resolved(WAVELENGTH_M), profile
 
 
 def _mounds(sites: Sites, pattern: Patterns) -> np.ndarray:
@@ -98,8 +102,8 @@ def _mounds(sites: Sites, pattern: Patterns) -> np.ndarray:
 
 def _burrows(sites: Sites, pattern: Patterns) -> Burrows:
     """Holes 3 cm wide with a rim, in a fifth of the cells and only in some places."""
-    cells = pattern.moved(0.012, 20.0, 81).worley(5.2, 8, flat=True)
-    there = (cells.id > 0.70) * patches(pattern.fbm(0.9, 2, 82), 0.55, 0.05) * pattern.resolved(0.03)
+    cells = pattern.moved(0.03, 14.0, 81).worley(5.2, 8, flat=True)
+    there = (cells.id > 0.70) * patches(pattern.fbm(0.9, 2, 82), 0.35, 0.05) * pattern.resolved(0.03)
     size = 0.55 + 0.6 * (cells.id - 0.70) / 0.30
     return Burrows(there * np.exp(-(cells.near / (0.075 * size))**2),
                    there * np.exp(-((cells.near - 0.13 * size) / (0.06 * size))**2))

@@ -34,6 +34,8 @@ class Damage(NamedTuple):
     """1 where paint is gone, sharply edged, to 0."""
     lift: np.ndarray
     """1 at the rim of what is left, to 0 farther away."""
+    depth: np.ndarray
+    """How far inside of a bare patch, 0 to 1: there the rust is older and darker."""
     near: np.ndarray
     """1 where rust is near, to 0: what stains reach."""
     tubercles: np.ndarray
@@ -70,8 +72,8 @@ class Steel:
         """Faded paint, stains, six tones of rust, film and silt over all; mean about 0.1."""
         pattern = sites.patterns(look.seed)
         damage = _damage(sites, pattern, look)
-        paint = _faded(pattern, np.asarray(PAINT if look.paint is None else look.paint))
-        stain = np.maximum(0.75 * damage.near**1.5, _streaks(sites, pattern, look))
+        paint = _faded(pattern, np.asarray(PAINT if look.paint is None else look.paint), min(1.0, 3.0 * look.wear))
+        stain = np.maximum(0.8 * damage.near**1.5, _streaks(sites, pattern, look))
         paint = mix(paint, paint * (0.80, 0.50, 0.30) + (0.026, 0.011, 0.002), 0.85 * stain)
         steel = mix(paint, _rust(pattern, damage), 0.97 * damage.bare)
         steel = mix(steel, _rust(pattern, damage), 0.9 * np.minimum(damage.tubercles, 1.0))
@@ -83,7 +85,7 @@ def _damage(sites: Sites, pattern: Patterns, look: Look) -> Damage:
     """Where paint is gone: in patches, along edges and seams, around pits."""
     least = max(3.2, 1.5 / sites.size)
     warped = pattern.moved(min(0.03, 0.1 * sites.size), 6.0, 3, 4)
-    rough = 0.85 * warped.fbm(least, 6, 13) + 0.35 * pattern.fbm(19.0, 5, 4)
+    rough = 0.45 * pattern.fbm(0.35 * least, 2, 14) + 0.62 * warped.fbm(least, 6, 13) + 0.50 * pattern.fbm(19.0, 5, 4)
     edges = 0.25 * sites.edges + 0.20 * _seams(sites, look.seed)
     worn = rough + edges * min(1.0, 4.0 * look.wear) + 0.95 * NOISE_STD * np.clip(
         ndtri(np.clip(look.wear, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
@@ -91,8 +93,8 @@ def _damage(sites: Sites, pattern: Patterns, look: Look) -> Damage:
     cells = pattern.moved(0.006, 40.0, 5).worley(24.0, 6)
     rusting = (cells.id > 0.55) * smoothstep(-0.02, 0.14, worn + 0.15 * pattern.fbm(8.0, 3, 7))
     domed = rusting * domes(cells.near, 0.24 + 0.25 * cells.id) * (0.30 + cells.id) * pattern.resolved(0.02)
-    return Damage(bare, smoothstep(-0.07, 0.0, worn) * (1.0 - bare), smoothstep(-0.24, 0.0, worn) * (look.wear > 0.0),
-                  domed)
+    return Damage(bare, smoothstep(-0.07, 0.0, worn) * (1.0 - bare), smoothstep(0.0, 0.25, worn),
+                  smoothstep(-0.32, 0.0, worn) * (look.wear > 0.0), domed)
 
 
 def _seams(sites: Sites, seed: int) -> np.ndarray:
@@ -121,14 +123,14 @@ def _streaks(sites: Sites, pattern: Patterns, look: Look) -> np.ndarray:
     return ran * steep * smoothstep(-0.1, 0.25, pattern.fbm((38.0, 38.0, 2.5), 3, 18))
 
 
-def _faded(pattern: Patterns, paint: np.ndarray) -> np.ndarray:
-    """Paint that has bleached and chalked, [N, 3]."""
+def _faded(pattern: Patterns, paint: np.ndarray, age: float) -> np.ndarray:
+    """Paint that has bleached and, with age, chalked, [N, 3]."""
     tone = 1.0 + 0.6 * pattern.fbm(2.2, 5, 12) + 0.25 * pattern.fbm(60.0, 4, 13)
-    return mix(paint * tone[:, None], CHALK, 0.30 * patches(pattern.fbm(6.0, 5, 14), 0.4, 0.15))
+    return mix(paint * tone[:, None], CHALK, 0.30 * age * patches(pattern.fbm(6.0, 5, 14), 0.4, 0.15))
 
 
 def _rust(pattern: Patterns, damage: Damage) -> np.ndarray:
     """Rust, [N, 3]: its tones by noise, paler on tubercles."""
-    tone = np.clip(0.40 + 1.0 * pattern.fbm(11.0, 6, 19, 0.6) + 0.5 * pattern.fbm(75.0, 4, 20)
+    tone = np.clip(0.55 - 0.28 * damage.depth + 0.9 * pattern.fbm(11.0, 6, 19, 0.6) + 0.5 * pattern.fbm(75.0, 4, 20)
                    + 0.25 * damage.tubercles, 0.0, 1.0)
     return np.stack([np.interp(tone, STOPS, RUSTS[:, channel]) for channel in range(3)], axis=1)
