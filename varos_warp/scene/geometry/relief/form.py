@@ -90,7 +90,7 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
     sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if around is None else min(size, LARGEST_FORM_M),
                   height=x[:, 2] - x[:, 2].min() if around is None else np.zeros(len(x)),
                   clear=clear,
-                  sharp=shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
+                  sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
     surfaces = _blended(sites, look)
     for step in ("coarse", "fine"):
         h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
