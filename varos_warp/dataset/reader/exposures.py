@@ -5,15 +5,21 @@ from pathlib import Path
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
 from varos_warp.render.image.exposure import Statistics
+from varos_warp.scene.description.render import PercentileMeter
 
 
-def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
-    """Gain and statistics of every frame in a table of exposures.
+def exposure_columns(meter: PercentileMeter | None) -> list[str]:
+    """Columns of a table of exposures after the time: those of a frame's number, its gain and its `Statistics`."""
+    return ["frame", "gain", "log_average", "highlight", *([meter.column] if meter else [])]
+
+
+def read_exposures(path: Path, meter: PercentileMeter | None = None) -> dict[int, tuple[float, Statistics]]:
+    """Gain and statistics of every frame in a table of exposures, with what a meter reads where one is given.
 
     Raises:
         InputError: If it cannot be read, or lacks a column.
     """
-    table, names = files.read_csv(path), ("frame", "gain", "log_average", "highlight")
+    table, names = files.read_csv(path), exposure_columns(meter)
     if missing := [name for name in names if name not in table]:
         raise InputError(f"has no column {' and no column '.join(missing)}", file=path,
                          remedy="`run` again to make it anew.")

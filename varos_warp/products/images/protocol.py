@@ -111,6 +111,8 @@ class ImageProduct(Protocol):
     """Letter of another type, with whose samples, denoiser and exposure it is made."""
     denoise_key: str = ""
     """Key of ``render`` that says what denoises it."""
+    noise_key: str = ""
+    """Key of ``render`` with the sensor that it is seen by (`CameraNoise`), so that its finished image is noisy."""
     constant_gain: float | None = None
     """Its gain by ``constant`` exposure; None: that of the sequence's brightness."""
     blurs: bool = True
