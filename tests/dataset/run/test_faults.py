@@ -20,8 +20,7 @@ from benchmarks.soak import small_scene
 from varos_warp.dataset import files
 from varos_warp.dataset.run import pipeline
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.write import checksums
-from varos_warp.dataset.write import expose
+from varos_warp.dataset.write import checksums, expose
 from varos_warp.dataset.write import images as store
 from varos_warp.errors import InputError
 

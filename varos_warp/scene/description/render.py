@@ -19,8 +19,8 @@ class PercentileMeter(Block):
     meter: Literal["percentile"]
     """Tells how the light is measured."""
     percentile: Annotated[float, Field(gt=0.0, le=100.0)] = 98.5
-    """Share of the weight of the image [%] that is no brighter than ``level``. Each pixel counts by its brightest
-    channel, and in the middle of the image more than at its edges."""
+    """Share of the image in percent that is no brighter than ``level``. Each pixel counts by its brightest channel, and
+    in the middle of the image more than at its edges."""
     level: Annotated[float, Field(gt=0.0, le=1.0)] = 0.95
     """Linear value to which that percentile is exposed; 1 is white."""
     max_gain: Positive | None = Field(default=None, examples=[300.0])
