@@ -161,3 +161,17 @@ def test_a_gain_that_is_a_time_of_exposure_does_not_vary_behind_a_shutter():
             make_scene(vehicle=vehicle, render=LOOK | {"exposure": {"A": exposure}})
     for exposure in ("constant", 3.0):
         assert make_scene(vehicle=vehicle, render=LOOK | {"exposure": {"A": exposure}}).render.noise
+
+
+def test_a_word_for_a_meter_is_told_the_block():
+    with pytest.raises(InputError, match=r"render\.exposure\.A.*Give {meter: percentile}"):
+        make_scene(render={"exposure": {"A": "percentile"}})
+
+
+def test_a_dataset_that_says_no_way_to_expose_is_told_of(tmp_path):
+    out = made(tmp_path / "out", frames=slice(1))
+    (out / "checksums").unlink()
+    meta = json.loads((out / "dataset.json").read_text())
+    meta["color"]["exposure"]["A"] = {"meter": "percentile", "percentile": 200.0}
+    (out / "dataset.json").write_text(json.dumps(meta))
+    assert any("color.exposure: says no way to expose" in problem for problem in validate(out, quiet=True).problems)

@@ -1,11 +1,30 @@
 """Tables of exposures: of each frame the gain, and what it follows from."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
-from varos_warp.render.image.exposure import Statistics
-from varos_warp.scene.description.render import PercentileMeter
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.render.image.exposure import Setting, Statistics
+from varos_warp.scene.description.render import Exposure, PercentileMeter
+
+
+def exposure_setting(meta: Mapping[str, Any], letter: str, file: Path) -> Setting:
+    """How a dataset says that A, B or P is exposed.
+
+    Raises:
+        InputError: If it is no way to expose; names the dataset's ``file``.
+    """
+    try:
+        setting: Setting = getattr(Exposure(**meta["color"]["exposure"]), OUTPUTS[letter].settings)
+    except (ValidationError, KeyError, TypeError):
+        raise InputError("says no way to expose", file=file, key="color.exposure",
+                         remedy="`run` again to make it anew.") from None
+    return setting
 
 
 def exposure_columns(meter: PercentileMeter | None) -> list[str]:

@@ -11,7 +11,7 @@ from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.exposures import read_exposures
+from varos_warp.dataset.reader.exposures import exposure_setting, read_exposures
 from varos_warp.dataset.reader.points import along_axis, pixel_rays
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, objects, surfaces
@@ -29,7 +29,7 @@ from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.render.image import exposure
 from varos_warp.render.image.dither import Dither
 from varos_warp.scene.description.image_types import DEPTH, FLOW, NORMALS, SEGMENTS, WATER
-from varos_warp.scene.description.render import Exposure
+from varos_warp.scene.description.render import PercentileMeter
 from varos_warp.scene.frames import inverse
 
 BORDER_OF_C = 40
@@ -222,10 +222,9 @@ class Exposures:
         self.data, self.result, self.camera, self.output = data, result, camera, output
         self.path = data.layout.exposures(camera, output)
         self.has_noise = output == WATER and data.has_noise(WATER)
-        scene = data.meta["scene"]
-        self.setting = getattr(Exposure(**data.meta["color"]["exposure"]), OUTPUTS[output].settings)
-        self.meter = exposure.meter_of(self.setting)
-        self.dither = Dither(data.meta["seed"]) if (scene.get("render") or {}).get("dither") else None
+        self.setting: exposure.Setting = "adaptive"
+        self.meter: PercentileMeter | None = None
+        self.dither = Dither(data.meta["seed"]) if data.is_dithered else None
         self.expected: dict[str, int] = {}
         """Frame by the digest of what its PNG must be."""
         self.wrong_png: dict[int, str] = {}
@@ -234,6 +233,8 @@ class Exposures:
         self.flaw, self.table = None, {}
         """Gain and statistics by frame, or why the table cannot be used."""
         try:
+            self.setting = exposure_setting(data.meta, output, data.layout.metadata)
+            self.meter = exposure.meter_of(self.setting)
             rows = read_exposures(self.path, self.meter)
             if bad := [f for f in data.frames if f not in rows or not 0.0 < rows[f][0] < np.inf]:
                 raise InputError(f"the exposure table lacks a positive gain for frame {bad[0]}", file=self.path)
