@@ -163,6 +163,17 @@ def test_a_gain_that_is_a_time_of_exposure_does_not_vary_behind_a_shutter():
         assert make_scene(vehicle=vehicle, render=LOOK | {"exposure": {"A": exposure}}).render.noise
 
 
+def test_another_reading_of_the_meter_is_named_by_its_column(tmp_path):
+    out = made(tmp_path / "out", frames=slice(3))
+    (out / "checksums").unlink()
+    path = Dataset(out).layout.exposures("R0", "A")
+    head, row, *rest = path.read_text().splitlines()
+    before, _, last = row.rpartition(",")
+    path.write_text("\n".join([head, f"{before},{1.5 * float(last)!r}", *rest, ""]))
+    problems = validate(out, quiet=True).problems
+    assert any("camR0_exposure_A.csv:2: percentile_98.5 = " in problem and "meter" in problem for problem in problems)
+
+
 def test_a_word_for_a_meter_is_told_the_block():
     with pytest.raises(InputError, match=r"render\.exposure\.A.*Give {meter: percentile}"):
         make_scene(render={"exposure": {"A": "percentile"}})

@@ -16,6 +16,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
+from varos_warp.kernels.transport.purity import PURITY_RAYS
 from varos_warp.products.images import purity
 from varos_warp.products.images.protocol import FirstHits
 from varos_warp.products.images.registry import OUTPUTS
@@ -121,6 +122,10 @@ def test_a_frame_and_a_seed_give_the_same_and_others_other_rays():
     one, again, other = (rendered(part, frame=frame)[0] for frame in (0, 0, 1))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
+
+
+def test_the_image_type_and_the_kernel_agree_on_the_number_of_rays():
+    assert PURITY_RAYS == purity.RAYS
 
 
 def test_no_other_image_changes_for_it():

@@ -87,6 +87,14 @@ def test_no_frame_has_more_than_the_largest_gain_and_black_ones_take_that_of_oth
     np.testing.assert_array_equal(gains(meter, "A", np.zeros(1), [read[1]]), 1.0)
 
 
+def test_a_small_thing_before_nothing_is_exposed_by_its_brightest_pixel():
+    """Without water what is behind it is 0, and so is the percentile."""
+    picture = np.zeros((40, 40, 3), np.float16)
+    picture[20, 20:22] = 0.25, 0.5, 0.125
+    assert statistics(picture, METER).metered_gain(METER) == 0.95 / 0.5
+    assert np.isnan(statistics(np.zeros((4, 4, 3), np.float16), METER).metered_gain(METER))
+
+
 def test_a_scene_without_a_meter_says_what_it_said():
     assert Exposure().model_dump(mode="json") == {"A": "adaptive", "B": "constant"}
     assert METER.model_dump() == {"meter": "percentile", "percentile": 98.5, "level": 0.95}

@@ -1,6 +1,7 @@
 """Every image by itself: its size and type, what its type checks, exposure; and C, S and F against D."""
 
 import hashlib
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -292,6 +293,10 @@ class Exposures:
             return f"{exr}: is not the image that was exposed: neither its PNG nor its row of the exposure table{holds}"
         if other is not None:
             return f"{png} and {exr}: are not those of the exposure table{holds}"
+        known = self.table[frame][1]
+        if self.meter and _same(replace(statistics, metered=known.metered), known):
+            where = self.result.cell(self.path, list(self.table).index(frame), self.meter.column)
+            return f"{where}: is not what its meter reads in the EXR of frame {frame}"
         where = self.result.cell(self.path, list(self.table).index(frame), "log_average")
         return f"{where}: log_average and highlight of frame {frame} are not those of its EXR"
 

@@ -40,7 +40,7 @@ class Statistics:
     """`HIGHLIGHT_PERCENTILE` of each pixel's brightest channel."""
 
     metered: float | None = None
-    """What a meter reads; None where there is none."""
+    """What a meter reads: the percentile, or where that is black, the brightest pixel. None where there is no meter."""
 
     @property
     def target_gain(self) -> float:
@@ -62,7 +62,7 @@ def statistics(radiance: np.ndarray, meter: PercentileMeter | None = None) -> St
     # each channel by itself, with pixels side by side, takes less time
     red, green, blue = (np.maximum(radiance[..., i].astype(np.float64), 0.0) for i in range(3))
     brightest = np.maximum(np.maximum(red, green), blue)
-    metered = None if meter is None else weighted_percentile(brightest, meter.percentile)
+    metered = None if meter is None else weighted_percentile(brightest, meter.percentile) or float(brightest.max())
     highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE)) or float(brightest.max())
     if not highlight > 0.0:
         return Statistics(np.nan, np.nan, metered)
