@@ -168,10 +168,12 @@ def test_another_reading_of_the_meter_is_named_by_its_column(tmp_path):
     (out / "checksums").unlink()
     path = Dataset(out).layout.exposures("R0", "A")
     head, row, *rest = path.read_text().splitlines()
-    before, _, last = row.rpartition(",")
-    path.write_text("\n".join([head, f"{before},{1.5 * float(last)!r}", *rest, ""]))
-    problems = validate(out, quiet=True).problems
-    assert any("camR0_exposure_A.csv:2: percentile_98.5 = " in problem and "meter" in problem for problem in problems)
+    for place, name in ((-2, "percentile_98.5"), (-1, "centre_weighted_mean")):
+        cells = row.split(",")
+        cells[place] = repr(1.5 * float(cells[place]))
+        path.write_text("\n".join([head, ",".join(cells), *rest, ""]))
+        problems = validate(out, quiet=True).problems
+        assert any(f"camR0_exposure_A.csv:2: {name} = " in problem and "meter" in problem for problem in problems)
 
 
 def test_a_word_for_a_meter_is_told_the_block():

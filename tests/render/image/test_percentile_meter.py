@@ -58,7 +58,7 @@ def test_a_bright_patch_in_the_middle_counts_more_than_one_in_the_corner():
 
 
 def test_dark_water_behind_the_highlights_stays_as_dark_as_it_is():
-    """A tenth of the image bright, the rest a hundredth of that: adaptive lifts the rest, the meter does not."""
+    """A tenth of the image bright, the rest a hundredth of that."""
     picture = np.full((40, 40, 3), 0.01, np.float16)
     picture[12:25, 12:25] = 1.0
     by_meter, = gains(METER, "A", np.zeros(1), [statistics(picture, METER)])
@@ -73,18 +73,34 @@ def test_twice_the_light_means_half_the_gain():
 def test_it_is_smoothed_over_time_as_adaptive_exposure_is():
     time = np.arange(50) / 10.0
     read = np.exp(np.random.default_rng(5).normal(size=50))
-    found = gains(METER, "A", time, [Statistics(1.0, 1.0, value) for value in read])
+    found = gains(METER, "A", time, [Statistics(1.0, 1.0, value, 1.0) for value in read])
     same = gains("adaptive", "A", time, [Statistics(exposure.KEY_VALUE / 0.95 * value, 1e-9) for value in read])
     np.testing.assert_allclose(found, same, rtol=1e-12)
 
 
-def test_no_frame_has_more_than_the_largest_gain_and_black_ones_take_that_of_others():
-    meter = PercentileMeter(meter="percentile", max_gain=10.0)
-    read = [Statistics(1.0, 1.0, 1e-6), Statistics(np.nan, np.nan, 0.0), Statistics(1.0, 1.0, 0.5)]
-    found = gains(meter, "A", np.arange(3) * 100.0, read)
-    np.testing.assert_allclose(found[[0, 2]], [10.0, 1.9], rtol=1e-12)
-    assert 1.9 <= found[1] <= 10.0
-    np.testing.assert_array_equal(gains(meter, "A", np.zeros(1), [read[1]]), 1.0)
+def test_milky_water_without_highlights_comes_to_the_mean_and_highlights_to_their_level():
+    meter = PercentileMeter(meter="percentile", mean=0.1)
+    milk = statistics(np.full((20, 20, 3), 0.25, np.float16), meter)
+    assert milk.metered_gain(meter) * 0.25 == pytest.approx(0.1, rel=1e-12)
+    assert milk.metered_gain(METER) * 0.25 == pytest.approx(0.95, rel=1e-12)
+    picture = np.full((40, 40, 3), 0.01, np.float16)
+    picture[18:22, 17:23] = 0.5
+    assert statistics(picture, meter).metered_gain(meter) == 0.95 / 0.5
+
+
+def test_the_mean_is_that_of_the_luminance_by_the_weights_of_the_percentile():
+    picture = image(seed=2)
+    weight = centre_weights(48, 64)
+    expected = np.average(picture.astype(float) @ [0.2126, 0.7152, 0.0722], weights=weight)
+    assert statistics(picture, METER).mean == pytest.approx(expected, rel=1e-12)
+
+
+def test_black_frames_take_the_gain_of_others():
+    read = [Statistics(1.0, 1.0, 0.1, 0.1), Statistics(np.nan, np.nan, 0.0, 0.0), Statistics(1.0, 1.0, 0.5, 0.1)]
+    found = gains(METER, "A", np.arange(3) * 100.0, read)
+    np.testing.assert_allclose(found[[0, 2]], [9.5, 1.9], rtol=1e-12)
+    assert 1.9 <= found[1] <= 9.5
+    np.testing.assert_array_equal(gains(METER, "A", np.zeros(1), [read[1]]), 1.0)
 
 
 def test_a_small_thing_before_nothing_is_exposed_by_its_brightest_pixel():

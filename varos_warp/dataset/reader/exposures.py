@@ -12,6 +12,9 @@ from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image.exposure import Setting, Statistics
 from varos_warp.scene.description.render import Exposure, PercentileMeter
 
+MEAN = "centre_weighted_mean"
+"""Column of the mean that a meter reads."""
+
 
 def exposure_setting(meta: Mapping[str, Any], letter: str, file: Path) -> Setting:
     """How a dataset says that A, B or P is exposed.
@@ -29,7 +32,7 @@ def exposure_setting(meta: Mapping[str, Any], letter: str, file: Path) -> Settin
 
 def exposure_columns(meter: PercentileMeter | None) -> list[str]:
     """Columns of a table of exposures after the time: those of a frame's number, its gain and its `Statistics`."""
-    return ["frame", "gain", "log_average", "highlight", *([meter.column] if meter else [])]
+    return ["frame", "gain", "log_average", "highlight", *((meter.column, MEAN) if meter else ())]
 
 
 def read_exposures(path: Path, meter: PercentileMeter | None = None) -> dict[int, tuple[float, Statistics]]:

@@ -12,7 +12,7 @@ from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.exposures import exposure_setting, read_exposures
+from varos_warp.dataset.reader.exposures import MEAN, exposure_setting, read_exposures
 from varos_warp.dataset.reader.points import along_axis, pixel_rays
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, objects, surfaces
@@ -294,8 +294,9 @@ class Exposures:
         if other is not None:
             return f"{png} and {exr}: are not those of the exposure table{holds}"
         known = self.table[frame][1]
-        if self.meter and _same(replace(statistics, metered=known.metered), known):
-            where = self.result.cell(self.path, list(self.table).index(frame), self.meter.column)
+        if self.meter and _same(replace(statistics, metered=known.metered, mean=known.mean), known):
+            column = MEAN if statistics.metered == known.metered else self.meter.column
+            where = self.result.cell(self.path, list(self.table).index(frame), column)
             return f"{where}: is not what its meter reads in the EXR of frame {frame}"
         where = self.result.cell(self.path, list(self.table).index(frame), "log_average")
         return f"{where}: log_average and highlight of frame {frame} are not those of its EXR"
@@ -320,14 +321,14 @@ class Exposures:
                 return of_a, "is not that of A times what the port lets through"
         time_s = files.read_csv(self.path)[TIME] * 1e-9
         made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
-        told = "log_average and highlight" if self.meter is None else self.meter.column
+        told = "log_average and highlight" if self.meter is None else f"{self.meter.column} and {MEAN}"
         shown = setting if self.meter is None else setting.model_dump()
         return made, f"does not follow from the table's {told} by the exposure {shown!r}"
 
 
 def _same(one: exposure.Statistics, other: exposure.Statistics) -> bool:
     """Equal to the rounding of a mean of logarithms."""
-    numbers = [[known.log_average, known.highlight, known.metered or 0.0] for known in (one, other)]
+    numbers = [[known.log_average, known.highlight, known.metered or 0.0, known.mean or 0.0] for known in (one, other)]
     return np.allclose(*numbers, 1e-9, 0, equal_nan=True)
 
 

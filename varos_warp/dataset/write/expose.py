@@ -63,7 +63,7 @@ def expose(layout: Layout, scene: Any, camera: str, letter: str, frames: list[in
         if gains is None:
             gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
         list(pool.map(write, frames, gains.tolist()))
-    read = [[s.metered for s in found]] if meter else []
+    read = [[s.metered for s in found], [s.mean for s in found]] if meter else []
     files.write_csv(table, [TIME, *exposure_columns(meter)], time_ns, frames, gains,
                     [s.log_average for s in found], [s.highlight for s in found], *read)
 

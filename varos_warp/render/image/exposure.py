@@ -41,6 +41,8 @@ class Statistics:
 
     metered: float | None = None
     """What a meter reads: the percentile, or where that is black, the brightest pixel. None where there is no meter."""
+    mean: float | None = None
+    """Mean of the luminance by the weights of a meter."""
 
     @property
     def target_gain(self) -> float:
@@ -49,9 +51,9 @@ class Statistics:
 
     def metered_gain(self, meter: PercentileMeter) -> float:
         """Gain that would suit this frame alone by a meter; NaN where it reads black."""
-        if self.metered is None or not self.metered > 0.0:
+        if not (self.metered and self.mean):
             return np.nan
-        return min(meter.level / self.metered, meter.max_gain or np.inf)
+        return min(meter.level / self.metered, meter.mean / self.mean if meter.mean else np.inf)
 
 
 def statistics(radiance: np.ndarray, meter: PercentileMeter | None = None) -> Statistics:
@@ -62,14 +64,17 @@ def statistics(radiance: np.ndarray, meter: PercentileMeter | None = None) -> St
     # each channel by itself, with pixels side by side, takes less time
     red, green, blue = (np.maximum(radiance[..., i].astype(np.float64), 0.0) for i in range(3))
     brightest = np.maximum(np.maximum(red, green), blue)
-    metered = None if meter is None else weighted_percentile(brightest, meter.percentile) or float(brightest.max())
     highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE)) or float(brightest.max())
     if not highlight > 0.0:
-        return Statistics(np.nan, np.nan, metered)
+        return Statistics(np.nan, np.nan, *((0.0, 0.0) if meter else ()))
     # no matrix product: how BLAS sums depends on its threads
     luminance = red * _LUMINANCE[0] + green * _LUMINANCE[1] + blue * _LUMINANCE[2]
     log_average = float(np.exp(np.log(np.maximum(luminance, FLOOR * highlight)).mean()))
-    return Statistics(log_average, highlight, metered)
+    if meter is None:
+        return Statistics(log_average, highlight)
+    metered = weighted_percentile(brightest, meter.percentile) or float(brightest.max())
+    weight = centre_weights(*luminance.shape)
+    return Statistics(log_average, highlight, metered, float((weight * luminance).sum() / weight.sum()))
 
 
 def centre_weights(height: int, width: int) -> np.ndarray:

@@ -14,7 +14,7 @@ MOST_SPP = 1 << 24
 
 
 class PercentileMeter(Block):
-    """Exposure by highlights: what is dark stays dark, and the brightest pixels may clip."""
+    """Exposure by highlights, of which the brightest may clip; with ``mean``, dark and milky water stay dark."""
 
     meter: Literal["percentile"]
     """Tells how the light is measured."""
@@ -23,10 +23,11 @@ class PercentileMeter(Block):
     in the middle of the image more than at its edges."""
     level: Annotated[float, Field(gt=0.0, le=1.0)] = 0.95
     """Linear value to which that percentile is exposed; 1 is white."""
-    max_gain: Positive | None = Field(default=None, examples=[300.0])
-    """The largest gain, so that open water without anything in sight stays dark. Absent: no bound."""
+    mean: Annotated[float, Field(gt=0.0, le=1.0)] | None = Field(default=None, examples=[0.1])
+    """Most that the mean of the luminance becomes, by the same weights: where there are no highlights but milky water,
+    that keeps it dark. Absent: no bound."""
 
-    _written = unwritten_if_absent("max_gain")
+    _written = unwritten_if_absent("mean")
 
     @property
     def column(self) -> str:
