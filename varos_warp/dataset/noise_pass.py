@@ -11,7 +11,6 @@ import os
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -24,13 +23,12 @@ from varos_warp.dataset.reader.rows import exposure_s
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.errors import InputError
-from varos_warp.products.images.radiance import encode_color
 from varos_warp.products.sensors.protocol import Samples
 from varos_warp.products.sensors.registry import BY_ID, SENSORS
+from varos_warp.render.image.camera_noise import noisy_color
 from varos_warp.scene.block import Block
 from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.noise_profile import CameraNoise, NoiseProfile
-from varos_warp.scene.optics.camera import Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
 
 ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums", "log/validation.json")
@@ -109,13 +107,8 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
         InputError: If its EXR or its gain cannot be read.
     """
     linear, gain = data.linear(WATER, frame, camera), data.gain(WATER, frame, camera)
-    share: np.ndarray | float = 1.0
-    if profile.camera.vignetting is not None and not data.camera(camera).get("vignetting"):
-        seen = replace(data.camera_model(camera), vignetting=Vignetting(**profile.camera.vignetting.model_dump()))
-        share = seen.vignette(pixel_centres(*linear.shape[1::-1]))
-    rng = image_noise.frame_generator(seed, frame, camera)
-    numbers = image_noise.expose(profile.camera, linear, gain, rng, share, exposure_s(data.camera(camera)))
-    return encode_color(image_noise.to_linear(profile.camera, numbers), 1.0)
+    rng, open_s = image_noise.frame_generator(seed, frame, camera), exposure_s(data.camera(camera))
+    return noisy_color(profile.camera, linear, gain, data.camera_model(camera), open_s, rng)
 
 
 # ------------------------------------------------------------------------------------------------------------- checks
@@ -138,6 +131,10 @@ def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
 
 def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
     """Noise is added once, to the truth."""
+    if data.has_scene_noise:
+        raise InputError("A has noise already, of the scene", file=data.root, key="render.noise",
+                         remedy="Take it out of the scene, `run` anew into another folder, and give its "
+                                "profile here, too.")
     if data.meta.get("noise"):
         raise InputError("has the noise of a profile already", file=data.root, key="noise.profile.name",
                          value=data.meta["noise"]["profile"]["name"],
@@ -207,7 +204,7 @@ def _describe(data: Dataset, profile: NoiseProfile, seed: int, temp: Path) -> No
         meta["sensors"][name] = {**meta["sensors"][name], "noise": block.model_dump(mode="json")}
     meta["noise"] = {"profile": profile.model_dump(mode="json"), "seed": seed, "versions": writers.versions()}
     if profile.camera is not None:
-        meta["conventions"][WATER] += "; A_clean: without the noise of noise.profile.camera, which A has"
+        meta["conventions"][WATER] += writers.CLEAN
     files.write_json(temp / "dataset.json", meta)
     readme = data.root / "README.txt"
     words = readme.read_text(encoding="utf-8") if readme.is_file() else ""

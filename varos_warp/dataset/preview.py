@@ -157,7 +157,8 @@ def developed(letter: str, radiance: np.ndarray, scene: Scene) -> tuple[np.ndarr
     """Pixels uint8 [H, W, 3] of an image, exposed as a sequence of this frame alone would be, and the gain."""
     half, _ = to_half(radiance)
     setting = getattr(scene.render.exposure, letter)
-    gain = float(exposure.gains(setting, letter, np.zeros(1), [exposure.statistics(half)])[0])
+    known = exposure.statistics(half, exposure.meter_of(setting))
+    gain = float(exposure.gains(setting, letter, np.zeros(1), [known])[0])
     return encode_color(half, gain), gain
 
 

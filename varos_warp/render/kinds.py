@@ -18,6 +18,7 @@ from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
 from varos_warp.kernels.transport.first_hits import make_first_hits_kernel, make_guides_kernel, make_hidden_kernel
 from varos_warp.kernels.transport.path import make_subpath_kernel
+from varos_warp.kernels.transport.purity import make_purity_kernel
 from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
 from varos_warp.products.images.protocol import Source
@@ -132,6 +133,12 @@ def hit_kernels(spec: SceneSpec, view: Camera, rolls: bool) -> HitKernels | None
     return HitKernels(make_first_hits_kernel(spec), make_hidden_kernel(spec)) if spec.surfaces else None
 
 
+def purity_kernel(spec: SceneSpec, view: Camera, moves: bool, rolls: bool) -> wp.Kernel | None:
+    """Kernel of U; None without surfaces. ``moves``: the camera does so while its shutter is open."""
+    spec = replace(spec, optics=optics_spec(view), varies=moves, rolling=rolls)
+    return make_purity_kernel(spec) if spec.surfaces else None
+
+
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
                    ) -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
@@ -159,6 +166,8 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
+        if any(image.rays for image in wanted) and spec.surfaces:
+            hits.append(purity_kernel(spec, view, view.shutter is not None, is_rolling(view)))
     made = [image for image in images if image]
     kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
     if "field" in names:

@@ -62,7 +62,7 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
     offset_ns = in_ns(when.offset_s) if motion is not None else np.zeros(len(when.offset_s), np.int64)
     poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
-    if not pinhole:
+    if not pinhole and world.scene.lights:
         moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng,
                                                            world.carriers_at(offset_ns))
     moments.moving = world.moving_at(offset_ns)

@@ -15,6 +15,7 @@ from varos_warp.device.devices import resolve_device
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.kernels.transport.first_hits import Rows
+from varos_warp.kernels.transport.moments import Moments
 from varos_warp.products.images.depth import DepthImage
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.normals import NormalImage
@@ -25,8 +26,8 @@ from varos_warp.products.images.segments import SegmentImage, segment_table
 from varos_warp.render.image.films import Films
 from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import Frame
-from varos_warp.render.kinds import hit_kernels, kernels_needed
-from varos_warp.render.moments import Motion, NextFrame, checked_motion, poses_of_rows, times_seen
+from varos_warp.render.kinds import hit_kernels, kernels_needed, purity_kernel
+from varos_warp.render.moments import Motion, NextFrame, checked_motion, moments_of, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, RenderOptions, check_names, options_of, resolve_integrator
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
@@ -209,7 +210,8 @@ class FrameRenderer:
         planes = {plane for image in asked.values() for plane in image.planes}
         planes |= {"instance"} if FLOW in asked and self.world.moving else set()
         if planes:
-            hits = self._render_first_hits(here, planes)
+            keys = [key_of(letter) for letter, image in asked.items() if image.rays]
+            hits = self._render_first_hits(here, planes, *keys)
             images |= {letter: image.of_hits(hits) for letter, image in asked.items()
                        if image.source is Source.FIRST_HITS}
         if FLOW in asked and following is not None:
@@ -277,8 +279,8 @@ class FrameRenderer:
             rows.moving = here.world.moving_at(here.row_times())
         return rows
 
-    def _render_first_hits(self, here: Exposed, planes: Iterable[str]) -> FirstHits:
-        """Those planes of `FirstHits`."""
+    def _render_first_hits(self, here: Exposed, planes: Iterable[str], key: int = 0) -> FirstHits:
+        """Those planes of `FirstHits`; ``key`` is that of the random numbers of rays over a pixel."""
         view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
@@ -290,9 +292,25 @@ class FrameRenderer:
                 "scene": here.world.data, "camera": camera, "of_rows": self._rows(here), "normal": normal,
                 "depth": depth, "distance": distance, "instance": instance})
         arrays = {"normal": normal, "depth": depth, "distance": distance, "instance": instance}
+        if "purity" in planes:
+            arrays["purity"] = self._trace_purity(here, key)
         wanted = {name: array for name, array in arrays.items() if name in planes}
         on_host = self.launcher.fetch(*wanted.values())
         return FirstHits(dict(zip(wanted, on_host, strict=True)), self.world.water, self._material_ids)
+
+    def _trace_purity(self, here: Exposed, key: int) -> wp.array:
+        """Share float32 [H, W] of each pixel, as A is made, that shows what its centre shows."""
+        view, world = here.view, here.world
+        purity = wp.ones(view.resolution[::-1], dtype=float, device=self.device)
+        moves, moments = here.motion is not None and view.shutter is not None, Moments()
+        if kernel := purity_kernel(world.spec, view, moves, here.rolls):
+            if moves:
+                moments = moments_of(world, view, here.T_w_v, here.motion, np.random.default_rng(key), pinhole=False)
+            self.launcher.rows(kernel, purity.shape, {
+                "scene": world.data, "camera": world.camera(view, here.T_w_v),
+                "pinhole": world.camera(view, here.T_w_v, pinhole=True), "of_rows": self._rows(here),
+                "moments": moments, "key": wp.uint32(key), "purity": purity})
+        return purity
 
     def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> FlowImage:
         """F from distances and objects: in float64 on the host, and what hides on the device."""

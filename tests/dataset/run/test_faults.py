@@ -20,7 +20,7 @@ from benchmarks.soak import small_scene
 from varos_warp.dataset import files
 from varos_warp.dataset.run import pipeline
 from varos_warp.dataset.run.produce import produce
-from varos_warp.dataset.write import checksums
+from varos_warp.dataset.write import checksums, expose
 from varos_warp.dataset.write import images as store
 from varos_warp.errors import InputError
 
@@ -251,18 +251,18 @@ def test_a_writer_that_dies_loses_its_image_only_and_the_next_run_makes_it(writt
 
 
 def test_an_interruption_while_images_are_exposed_is_made_good_by_the_next_run(written, tmp_path, monkeypatch):
-    develop, count = store.develop, []
+    read, count = expose._read_half, []
 
     def interrupted(*image):
         count.append(image)
         if len(count) == 4:
             raise KeyboardInterrupt
-        return develop(*image)
+        return read(*image)
 
-    monkeypatch.setattr("varos_warp.dataset.write.expose.develop", interrupted)
+    monkeypatch.setattr(expose, "_read_half", interrupted)
     with pytest.raises(KeyboardInterrupt):
         produce(make_scene(), tmp_path, quiet=True)
-    monkeypatch.setattr("varos_warp.dataset.write.expose.develop", develop)
+    monkeypatch.setattr(expose, "_read_half", read)
     assert 0 < len(list(tmp_path.rglob("A/*.png"))) < 20
     assert produce(make_scene(), tmp_path, quiet=True).rendered == 0
     assert tree(tmp_path) == tree(written)

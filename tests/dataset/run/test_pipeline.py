@@ -14,7 +14,8 @@ from standins import FlatFloorRenderer, make_scene, plan_render
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.run.pipeline import GIVE_UP, SWITCH_S, Pipeline, Rendered, room
 from varos_warp.dataset.timing import Clock
-from varos_warp.dataset.write.images import ImageJob, Store, Stored, develop
+from varos_warp.dataset.write.develop import develop
+from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.device.devices import usable_cores
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
@@ -203,7 +204,7 @@ def test_each_image_type_is_written_by_itself(tmp_path):
             seen.append((job.frame, letter))
             return super().write(job, letter, image, clock)
 
-    noted = Noted(Layout.of(scene, tmp_path), scene.render, {"A": "none", "B": "none"})
+    noted = Noted(Layout.of(scene, tmp_path), scene, {"A": "none", "B": "none"})
     made = go(FlatFloorRenderer(scene), noted, [ImageJob(3, "L0", "ABCD")])
     assert sorted(seen) == [(3, "A"), (3, "B"), (3, "C"), (3, "D")]
     assert set(made.statistics) == {("L0", "A", 3), ("L0", "B", 3)}

@@ -37,7 +37,8 @@ def test_every_line_of_the_registry_leads_to_a_product_of_its_letter(letter):
 
 def test_pixels_are_those_of_the_papers_table_4_and_of_later_types():
     assert {k: (o.channels, np.dtype(o.dtype).itemsize * 8) for k, o in OUTPUTS.items()} == {
-        "A": (3, 8), "B": (3, 8), "C": (3, 8), "D": (1, 16), "S": (1, 16), "P": (3, 8), "F": (3, 16), "T": (3, 32)}
+        "A": (3, 8), "B": (3, 8), "C": (3, 8), "D": (1, 16), "S": (1, 16), "P": (3, 8), "F": (3, 16), "T": (3, 32),
+        "U": (1, 8)}
 
 
 def test_a_scene_may_ask_for_every_type_and_for_no_other():

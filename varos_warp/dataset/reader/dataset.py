@@ -425,6 +425,16 @@ class Dataset:
         """
         return self._samples(self.layout.states, STATES, start_ns, stop_ns)
 
+    @property
+    def has_scene_noise(self) -> bool:
+        """Whether A has the noise that its scene asks for, and not that of `varos-warp noise`."""
+        return bool((self.meta["scene"].get("render") or {}).get("noise"))
+
+    @property
+    def is_dithered(self) -> bool:
+        """Whether A, B and P were dithered before they were rounded to 8 bits."""
+        return bool((self.meta["scene"].get("render") or {}).get("dither"))
+
     def has_noise(self, name: str) -> bool:
         """Whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
         if name == WATER:

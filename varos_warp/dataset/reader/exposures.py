@@ -1,19 +1,47 @@
 """Tables of exposures: of each frame the gain, and what it follows from."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
-from varos_warp.render.image.exposure import Statistics
+from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.render.image.exposure import Setting, Statistics
+from varos_warp.scene.description.render import Exposure, PercentileMeter
+
+MEAN = "centre_weighted_mean"
+"""Column of the mean that a meter reads."""
 
 
-def read_exposures(path: Path) -> dict[int, tuple[float, Statistics]]:
-    """Gain and statistics of every frame in a table of exposures.
+def exposure_setting(meta: Mapping[str, Any], letter: str, file: Path) -> Setting:
+    """How a dataset says that A, B or P is exposed.
+
+    Raises:
+        InputError: If it is no way to expose; names the dataset's ``file``.
+    """
+    try:
+        setting: Setting = getattr(Exposure(**meta["color"]["exposure"]), OUTPUTS[letter].settings)
+    except (ValidationError, KeyError, TypeError):
+        raise InputError("says no way to expose", file=file, key="color.exposure",
+                         remedy="`run` again to make it anew.") from None
+    return setting
+
+
+def exposure_columns(meter: PercentileMeter | None) -> list[str]:
+    """Columns of a table of exposures after the time: those of a frame's number, its gain and its `Statistics`."""
+    return ["frame", "gain", "log_average", "highlight", *((meter.column, MEAN) if meter else ())]
+
+
+def read_exposures(path: Path, meter: PercentileMeter | None = None) -> dict[int, tuple[float, Statistics]]:
+    """Gain and statistics of every frame in a table of exposures, with what a meter reads where one is given.
 
     Raises:
         InputError: If it cannot be read, or lacks a column.
     """
-    table, names = files.read_csv(path), ("frame", "gain", "log_average", "highlight")
+    table, names = files.read_csv(path), exposure_columns(meter)
     if missing := [name for name in names if name not in table]:
         raise InputError(f"has no column {' and no column '.join(missing)}", file=path,
                          remedy="`run` again to make it anew.")

@@ -16,6 +16,7 @@ from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError, counted
 from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.optics.distortion import lens_of
 
 MOST_WARNINGS = 40
@@ -205,9 +206,10 @@ def provenance(data: Dataset) -> Raw:
 
 def _noise(data: Dataset) -> str:
     """Of which profile, or of the scene."""
-    if added := data.meta.get("noise"):
+    added = data.meta.get("noise")
+    if added and not data.has_scene_noise:
         return f"of the profile {added['profile']['name']}, seed {added['seed']}"
-    noisy = [name for name, sensor in data.meta["sensors"].items() if sensor["noise"]]
+    noisy = [name for name in (*data.meta["sensors"], WATER) if data.has_noise(name)]
     return f"of the scene, in {', '.join(noisy)}" if noisy else "none"
 
 

@@ -31,6 +31,8 @@ SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9}}
 """For a pixel of what first hits tell, all such images together, and of F: on one core (3dab77d); beside a GPU, where
 encoding takes longest, what that takes on 16 such cores."""
+RAY_S = {"cpu": 0.5e-6, "cuda": 1e-9}
+"""For each of the rays over a pixel that an image has of its own: on one core, and on a large GPU."""
 COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0}
 """To compile what each image needs, which is done side by side, and for A to solve for the field: seconds on one
 device, however many cores."""
@@ -113,7 +115,9 @@ def _pixel_seconds(scene: Scene, device: str) -> float:
     sources = [OUTPUTS[letter].source for letter in scene.render.outputs]
     of_water = sources.count(Source.WATER) * (_samples(scene)["spp"] or 0) * SAMPLE_S[device]
     of_b = sources.count(Source.AMBIENT) * scene.render.spp_b * SAMPLE_B_S[device]
-    return of_water + of_b + sum(seconds[device] for source, seconds in PIXEL_S.items() if source in sources)
+    rays = sum(OUTPUTS[letter].rays for letter in scene.render.outputs)
+    of_hits = sum(seconds[device] for source, seconds in PIXEL_S.items() if source in sources)
+    return of_water + of_b + rays * RAY_S[device] + of_hits
 
 
 def _samples_to_plan(scene: Scene, frames: int) -> int:

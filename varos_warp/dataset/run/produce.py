@@ -182,7 +182,7 @@ class _Run:
         self.plan = Plan.from_dict(before["plan"]) if before.get("plan") else None
         self.recorded_device = previous and previous["device"]
         self.denoisers = {letter: before.get(key) for letter, key in DENOISE_KEYS.items()}
-        self.store = Store(self.layout, self.scene.render, self.denoisers, self.record.has)
+        self.store = Store(self.layout, self.scene, self.denoisers, self.record.has)
 
     def clean_up(self) -> None:
         """Remove what killed runs left, and files that are not as a run wrote them, which are then made again.
@@ -414,6 +414,8 @@ class _Run:
             content["relief"] = relief or self.previous["relief"]
         if self.previous and self.previous["device"]:  # versions stay those that the first frame was rendered with
             content["versions"] = self.previous["versions"]
+            if "noise" in content and self.previous.get("noise"):
+                content["noise"]["versions"] = self.previous["noise"]["versions"]
         files.write_json(self.layout.metadata, content)
         if SEGMENTS in self.outputs and self.renderer is not None:
             files.write_json(self.layout.segments, {"0": "nothing", "segments": self.renderer.segments})
@@ -501,8 +503,7 @@ class _Run:
             for camera in self.scene.vehicle.cameras:
                 for letter in colors(self.outputs):  # A before P
                     frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
-                    setting = getattr(self.scene.render.exposure, OUTPUTS[letter].settings)
-                    expose(self.layout, setting, camera.id, letter, frames, self.simulation.frames.time_ns[frames],
+                    expose(self.layout, self.scene, camera.id, letter, frames, self.simulation.frames.time_ns[frames],
                            self.made.statistics, self.record.has, camera_model(camera).axis_weight)
             from varos_warp.dataset.report import contact_sheet
 

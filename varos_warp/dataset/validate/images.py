@@ -1,6 +1,7 @@
 """Every image by itself: its size and type, what its type checks, exposure; and C, S and F against D."""
 
 import hashlib
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -11,12 +12,13 @@ from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.exposures import read_exposures
+from varos_warp.dataset.reader.exposures import MEAN, exposure_setting, read_exposures
 from varos_warp.dataset.reader.points import along_axis, pixel_rays
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, objects, surfaces
 from varos_warp.dataset.validate.completeness import Pending
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.write.develop import dithered
 from varos_warp.dataset.write.expose import twin_gains
 from varos_warp.errors import InputError
 from varos_warp.products.images.depth import DEPTH_LEVELS
@@ -26,7 +28,9 @@ from varos_warp.products.images.protocol import ImageProduct
 from varos_warp.products.images.radiance import encode_color
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.render.image import exposure
+from varos_warp.render.image.dither import Dither
 from varos_warp.scene.description.image_types import DEPTH, FLOW, NORMALS, SEGMENTS, WATER
+from varos_warp.scene.description.render import PercentileMeter
 from varos_warp.scene.frames import inverse
 
 BORDER_OF_C = 40
@@ -219,6 +223,9 @@ class Exposures:
         self.data, self.result, self.camera, self.output = data, result, camera, output
         self.path = data.layout.exposures(camera, output)
         self.has_noise = output == WATER and data.has_noise(WATER)
+        self.setting: exposure.Setting = "adaptive"
+        self.meter: PercentileMeter | None = None
+        self.dither = Dither(data.meta["seed"]) if data.is_dithered else None
         self.expected: dict[str, int] = {}
         """Frame by the digest of what its PNG must be."""
         self.wrong_png: dict[int, str] = {}
@@ -227,7 +234,9 @@ class Exposures:
         self.flaw, self.table = None, {}
         """Gain and statistics by frame, or why the table cannot be used."""
         try:
-            rows = read_exposures(self.path)
+            self.setting = exposure_setting(data.meta, output, data.layout.metadata)
+            self.meter = exposure.meter_of(self.setting)
+            rows = read_exposures(self.path, self.meter)
             if bad := [f for f in data.frames if f not in rows or not 0.0 < rows[f][0] < np.inf]:
                 raise InputError(f"the exposure table lacks a positive gain for frame {bad[0]}", file=self.path)
             self.table = rows
@@ -245,16 +254,22 @@ class Exposures:
         if frame not in self.table:
             return
         gain, known = self.table[frame]
-        if not _same(exposure.statistics(linear), known):
-            self.wrong_statistics[frame] = exposure.statistics(linear)
+        if not _same(found := exposure.statistics(linear, self.meter), known):
+            self.wrong_statistics[frame] = found
         if self.has_noise:
             if is_repeatable(data) and not np.array_equal(noisy_pixels(data, *noise_of(data), frame, camera), pixels):
                 images.tell(images.file(WATER).name, "is not its EXR with the noise of dataset.json")
             pixels = data.pixels(WATER, frame, camera, truth=True)
-        made = encode_color(linear, gain)
+        made = self._developed(linear, gain, frame)
         self.expected.setdefault(_digest(made), frame)
         if not np.array_equal(made, pixels):
             self.wrong_png[frame] = _digest(pixels)
+
+    def _developed(self, linear: np.ndarray, gain: float, frame: int) -> np.ndarray:
+        """What the PNG of linear radiance must be."""
+        if self.dither is None:
+            return encode_color(linear, gain)
+        return dithered(linear.astype(np.float16), gain, self.dither, self.camera, self.output, frame)
 
     def verdicts(self) -> list[str]:
         """What is wrong, once all frames are read."""
@@ -278,6 +293,11 @@ class Exposures:
             return f"{exr}: is not the image that was exposed: neither its PNG nor its row of the exposure table{holds}"
         if other is not None:
             return f"{png} and {exr}: are not those of the exposure table{holds}"
+        known = self.table[frame][1]
+        if self.meter and _same(replace(statistics, metered=known.metered, mean=known.mean), known):
+            column = MEAN if statistics.metered == known.metered else self.meter.column
+            where = self.result.cell(self.path, list(self.table).index(frame), column)
+            return f"{where}: is not what its meter reads in the EXR of frame {frame}"
         where = self.result.cell(self.path, list(self.table).index(frame), "log_average")
         return f"{where}: log_average and highlight of frame {frame} are not those of its EXR"
 
@@ -293,7 +313,7 @@ class Exposures:
 
     def _expected_gains(self) -> tuple[np.ndarray, str]:
         """What the gains of the table should be, and what is wrong with others."""
-        setting = self.data.meta["color"]["exposure"][OUTPUTS[self.output].settings]
+        setting = self.setting
         if OUTPUTS[self.output].like:
             weight = self.data.camera_model(self.camera).axis_weight
             of_a = twin_gains(self.data.layout, setting, self.camera, list(self.table), weight)
@@ -301,13 +321,15 @@ class Exposures:
                 return of_a, "is not that of A times what the port lets through"
         time_s = files.read_csv(self.path)[TIME] * 1e-9
         made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
-        return made, ("does not follow from the table's log_average and highlight by the exposure "
-                      f"{setting!r}")
+        told = "log_average and highlight" if self.meter is None else f"{self.meter.column} and {MEAN}"
+        shown = setting if self.meter is None else setting.model_dump()
+        return made, f"does not follow from the table's {told} by the exposure {shown!r}"
 
 
 def _same(one: exposure.Statistics, other: exposure.Statistics) -> bool:
     """Equal to the rounding of a mean of logarithms."""
-    return np.allclose([one.log_average, one.highlight], [other.log_average, other.highlight], 1e-9, 0, equal_nan=True)
+    numbers = [[known.log_average, known.highlight, known.metered or 0.0, known.mean or 0.0] for known in (one, other)]
+    return np.allclose(*numbers, 1e-9, 0, equal_nan=True)
 
 
 def _digest(pixels: np.ndarray) -> str:

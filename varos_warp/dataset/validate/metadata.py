@@ -37,6 +37,8 @@ def check_metadata(data: Dataset, result: Validation) -> None:
                             denoisers={letter: samples[key] for letter, key in DENOISE_KEYS.items()})
     for key in ("versions", "sources", "conventions"):  # not of the scene alone
         del made[key]
+    if "noise" in made:
+        del made["noise"]["versions"]
     if known is not scene:
         made["scene"] = scene_to_dict(scene)
         for key in ("phase", "g", "phase_function"):

@@ -197,8 +197,9 @@ def recorded(scene, layout: Layout) -> dict | None:
     """
     if not layout.metadata.exists():
         return None
-    meta = Dataset(layout.root).meta
-    if meta.get("noise"):
+    data = Dataset(layout.root)
+    meta = data.meta
+    if meta.get("noise") and not data.has_scene_noise:
         raise InputError("noise was added to the dataset in this folder, which cannot go on without it",
                          file=layout.metadata, key="noise.profile.name", value=meta["noise"]["profile"]["name"],
                          remedy="`run` into the folder of the dataset that it was made of, and add the noise anew.")

@@ -12,14 +12,13 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.timing import Clock
+from varos_warp.dataset.write.develop import Developer
 from varos_warp.errors import InputError
-from varos_warp.products.images.radiance import encode_color, to_half
+from varos_warp.products.images.radiance import to_half
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image import exposure
 from varos_warp.render.image.denoise import denoise_image
 
-_EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
-"""By its bits; 0 for what is not a number, which no image has."""
 _oidn_turn = threading.Lock()
 """Images wait here for each other, outside of the clock; the filter itself takes one at a time (oidn.py)."""
 
@@ -50,12 +49,16 @@ class Store:
     """Writes images, from any thread."""
 
     layout: Layout
-    render: Any
-    """The scene's block of that name."""
+    scene: Any
     denoisers: dict[str, str | None]
     """What denoises A (and P) and B on the host, where the renderer did not."""
     has: Callable[[Path], bool] = files.is_complete
     """Whether an image file is there already, and good."""
+
+    @property
+    def render(self) -> Any:
+        """The scene's block of that name."""
+        return self.scene.render
 
     def missing(self, frames: list[int]) -> Iterator[ImageJob]:
         """What there is to render of these frames."""
@@ -94,10 +97,10 @@ class Store:
         with clock("encode"):
             half, clamped = to_half(denoised)
             files.write_exr(paths["_exr"], {"RGB": half})
-            gain = exposure.known_gain(getattr(self.render.exposure, product.settings), letter)
-            if gain is not None:
-                files.write_png(paths[""], develop(half, gain))
-            return Stored(clamped, exposure.statistics(half))
+            setting = getattr(self.render.exposure, product.settings)
+            if (gain := exposure.known_gain(setting, letter)) is not None:
+                Developer(self.layout, self.scene).write(camera, letter, frame, half, gain)
+            return Stored(clamped, exposure.statistics(half, exposure.meter_of(setting)))
 
     def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
         method = self.denoisers[OUTPUTS[letter].settings]
@@ -113,11 +116,3 @@ class Store:
             else:
                 files.write_image(path, product.pixels(image, self.render))
         return product.is_empty(image, self.render)
-
-
-def develop(half: np.ndarray, gain: float) -> np.ndarray:
-    """Pixels of A, B or P, uint8 [H, W, 3], of half floats: the curve of every half float, looked up.
-
-    That is what `encode_color` makes of them, in a sixth of its time at 1280 x 720.
-    """
-    return np.take(encode_color(_EVERY_HALF, gain), half.view(np.uint16))

@@ -20,12 +20,13 @@ from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.products.images.depth import DEPTH_LEVELS
-from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.protocol import Samples, SensorProduct, xyz
 from varos_warp.products.sensors.registry import BY_ID, SENSORS, mounted
 from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.image_types import AMBIENT, WATER
+from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES, SlopeBlend
 from varos_warp.scene.file.load import scene_to_dict
@@ -275,6 +276,10 @@ def with_models(plan: Plan, scene, outputs: list[str], denoisers: dict[str, str 
     return replace(plan, models={letter: words[letter] for letter in outputs})
 
 
+CLEAN = "; A_clean: without the noise of noise.profile.camera, which A has"
+DITHERED = "; dithered with triangular noise before it is rounded to 8 bits (A with the noise of a sensor is not)"
+
+
 def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
              device: dict | None, denoisers: dict[str, str | None], moving: Sequence[dict] = ()) -> dict:
     """Everything that dataset.json says.
@@ -296,6 +301,10 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
     absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
     conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
+    if scene.render.noise is not None and WATER in outputs:
+        conventions[WATER] += CLEAN
+    if scene.render.dither is not None:
+        conventions |= {letter: conventions[letter] + DITHERED for letter in colors(outputs)}
     start, end = render.depth_range_m
     return {
         "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
@@ -314,8 +323,17 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "water": describe_water(scene),
         **({"moving": list(moving)} if moving else {}),
         "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
+        **describe_noise(scene, outputs),
         "sources": sources(scene), "scene": scene_to_dict(scene),
     }
+
+
+def describe_noise(scene, outputs: Sequence[str]) -> dict:
+    """The noise that A has of the scene, as `add_noise` describes that of a profile; nothing if it has none."""
+    if scene.render.noise is None or WATER not in outputs:
+        return {}
+    profile = NoiseProfile(name="scene", camera=scene.render.noise)
+    return {"noise": {"profile": profile.model_dump(mode="json"), "seed": scene.seed, "versions": versions()}}
 
 
 def _conventions(vehicle, outputs: Sequence[str]) -> dict[str, str]:
@@ -353,6 +371,7 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     more = [_text(f"{key}_readme.txt") for key in ("moving", "companions") if getattr(scene, key)]
+    more += [_text("camera_noise_readme.txt")] * bool(describe_noise(scene, outputs))
     bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"SENSORS": "\n".join([*(sensor.chapter for sensor in _noted(scene.vehicle)), *more]),
              "LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,

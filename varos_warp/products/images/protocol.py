@@ -31,7 +31,8 @@ class FirstHits(NamedTuple):
     planes: Mapping[str, np.ndarray]
     """Those of ``planes`` that were asked for: ``normal`` float32 [H, W, 3] in the world, towards the camera;
     ``depth`` and ``distance`` float32 [H, W] [m], along the camera's axis from the lens and along the ray from where it
-    enters the water; ``instance`` int32 [H, W], from 1. Where nothing is hit: 0, inf, inf, 0."""
+    enters the water; ``instance`` int32 [H, W], from 1. Where nothing is hit: 0, inf, inf, 0. ``purity`` float32
+    [H, W]: of rays spread over the pixel as samples of A, the share that hits the instance of its centre."""
     water: OpticalProperties
     """Of the scene."""
     material_ids: np.ndarray
@@ -85,6 +86,9 @@ class ImageProduct(Protocol):
     planes: tuple[str, ...] = ()
     """Which planes of `FirstHits` it needs."""
 
+    rays: int = 0
+    """Rays of its own for each pixel, besides that of the centre; for planes that need them."""
+
     channels: int
     """Of a pixel of the finished image: 1, [H, W], or 3, [H, W, 3]."""
     dtype: type
@@ -111,6 +115,8 @@ class ImageProduct(Protocol):
     """Letter of another type, with whose samples, denoiser and exposure it is made."""
     denoise_key: str = ""
     """Key of ``render`` that says what denoises it."""
+    noise_key: str = ""
+    """Key of ``render`` with the sensor that it is seen by (`CameraNoise`), so that its finished image is noisy."""
     constant_gain: float | None = None
     """Its gain by ``constant`` exposure; None: that of the sequence's brightness."""
     blurs: bool = True

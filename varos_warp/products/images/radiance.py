@@ -148,6 +148,7 @@ class Water(Radiance):
 
     letter, content, method, released = WATER, "RGB image with water", "{water}", True
     source, denoise_key, bytes_a_pixel, parts = Source.WATER, "denoise", 4.0, ("radiance",)
+    noise_key = "noise"
     folders: Mapping[str, str] = {"_linear": "linear_exr", "_exr": "", "": ""}
     convention = ("8 bit sRGB of linear radiance times the gain of camXX_exposure_A.csv; A_exr: linear, half float, "
                   "denoised")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.scene.description.render import PercentileMeter
 
 KEY_VALUE = 0.18
 """Linear value that the log-average luminance of a frame is exposed to (Reinhard et al. 2002)."""
@@ -18,6 +19,12 @@ FLOOR = 1e-3
 """Luminance, as a share of the highlights, below which darkness no longer asks for more gain."""
 TIME_CONSTANT_S = 1.0
 """Standard deviation [s] of the Gaussian that smooths the logarithm of the gain over time."""
+
+EDGE_WEIGHT = 0.25
+"""What a pixel in the middle of an edge of the image counts for a meter, beside one in the centre; one in a corner
+counts the square of it."""
+Setting = str | float | PercentileMeter
+"""What a scene's ``render.exposure`` says of an image type."""
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709."""
@@ -32,51 +39,96 @@ class Statistics:
     highlight: float
     """`HIGHLIGHT_PERCENTILE` of each pixel's brightest channel."""
 
+    metered: float | None = None
+    """What a meter reads: the percentile, or where that is black, the brightest pixel. None where there is no meter."""
+    mean: float | None = None
+    """Mean of the luminance by the weights of a meter."""
+
     @property
     def target_gain(self) -> float:
         """Gain that would suit this frame alone: the key value, unless the highlights would burn out."""
         return min(KEY_VALUE / self.log_average, 1.0 / self.highlight)
 
+    def metered_gain(self, meter: PercentileMeter) -> float:
+        """Gain that would suit this frame alone by a meter; NaN where it reads black."""
+        if not (self.metered and self.mean):
+            return np.nan
+        return min(meter.level / self.metered, meter.mean / self.mean if meter.mean else np.inf)
 
-def statistics(radiance: np.ndarray) -> Statistics:
+
+def statistics(radiance: np.ndarray, meter: PercentileMeter | None = None) -> Statistics:
     """Statistics of one frame of linear radiance [H, W, 3] (the contents of its half-float EXR).
 
-    Both scale with the radiance, so that twice the light means exactly half the gain.
+    All scale with the radiance, so that twice the light means exactly half the gain.
     """
     # each channel by itself, with pixels side by side, takes less time
     red, green, blue = (np.maximum(radiance[..., i].astype(np.float64), 0.0) for i in range(3))
     brightest = np.maximum(np.maximum(red, green), blue)
     highlight = float(np.percentile(brightest, HIGHLIGHT_PERCENTILE)) or float(brightest.max())
     if not highlight > 0.0:
-        return Statistics(np.nan, np.nan)
+        return Statistics(np.nan, np.nan, *((0.0, 0.0) if meter else ()))
     # no matrix product: how BLAS sums depends on its threads
     luminance = red * _LUMINANCE[0] + green * _LUMINANCE[1] + blue * _LUMINANCE[2]
-    return Statistics(float(np.exp(np.log(np.maximum(luminance, FLOOR * highlight)).mean())), highlight)
+    log_average = float(np.exp(np.log(np.maximum(luminance, FLOOR * highlight)).mean()))
+    if meter is None:
+        return Statistics(log_average, highlight)
+    metered = weighted_percentile(brightest, meter.percentile) or float(brightest.max())
+    weight = centre_weights(*luminance.shape)
+    return Statistics(log_average, highlight, metered, float((weight * luminance).sum() / weight.sum()))
 
 
-def known_gain(setting: str | float, output: str) -> float | None:
+def centre_weights(height: int, width: int) -> np.ndarray:
+    """What each pixel counts for a meter [H, W]: parabolas from 1 in the centre to `EDGE_WEIGHT` at the edges.
+
+    Products and sums only, which every machine rounds alike.
+    """
+    def along(count: int) -> np.ndarray:
+        place = (2.0 * np.arange(count) + 1.0 - count) / count
+        return 1.0 - (1.0 - EDGE_WEIGHT) * place * place
+
+    return along(height)[:, None] * along(width)
+
+
+def weighted_percentile(values: np.ndarray, percentile: float) -> float:
+    """The least of some values [H, W], those of half floats from 0 on, that leaves no more weight above than asked.
+
+    Half floats from 0 on are in the order of their bits, of which there are few: that takes a tenth of sorting's time.
+    """
+    bits = values.astype(np.float16).view(np.uint16).ravel()
+    weight = np.cumsum(np.bincount(bits, centre_weights(*values.shape).ravel()))
+    number = np.searchsorted(weight, percentile / 100.0 * weight[-1])
+    return float(np.uint16(min(number, len(weight) - 1)).view(np.float16))
+
+
+def known_gain(setting: Setting, output: str) -> float | None:
     """The gain, where it is known before any frame is rendered: a number, or ``constant`` for B; P follows A."""
     if OUTPUTS[output].like:
         return None
-    if not isinstance(setting, str):
+    if isinstance(setting, float | int):
         return float(setting)
     return OUTPUTS[output].constant_gain if setting == "constant" else None
 
 
-def gains(setting: str | float, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:
+def meter_of(setting: Setting) -> PercentileMeter | None:
+    """The meter by which a setting exposes; None if it does so by the brightness of the frames, or not at all."""
+    return setting if isinstance(setting, PercentileMeter) else None
+
+
+def gains(setting: Setting, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:
     """Gain [N] of every frame of one camera.
 
     Args:
         setting: A number: that gain. ``constant``: 1 for B, the median over the sequence for A. ``adaptive``:
-            follows the light, smoothed over time.
+            follows the light, smoothed over time. A meter: as it reads, smoothed over time.
         output: ``A``, ``B`` or ``P``.
         time_s: Time [N] of each frame, ascending [s].
-        frames: Statistics [N] of each frame.
+        frames: Statistics [N] of each frame, by the meter if there is one.
     """
     count, known = len(time_s), known_gain(setting, output)
     if known is not None:
         return np.full(count, known)
-    target = np.log([frame.target_gain for frame in frames])
+    meter = meter_of(setting)
+    target = np.log([frame.metered_gain(meter) if meter else frame.target_gain for frame in frames])
     if np.isnan(target).all():
         return np.ones(count)
     if setting == "constant":

@@ -15,7 +15,7 @@ from varos_warp.files import absolute
 from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.fleet import FleetVehicle
-from varos_warp.scene.description.image_types import TWIN
+from varos_warp.scene.description.image_types import TWIN, WATER
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.render import Render
@@ -137,6 +137,24 @@ class Scene(Block):
         if TWIN in self.render.outputs and not any(map(has_twin, cameras)):
             raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
                              "has any; leave out P, or give a camera one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _sensor_fits_shutters(self):
+        """As `noise_pass` asks of a dataset: a time of exposure is that of the camera's shutter, in every frame."""
+        noise, exposure = self.render.noise, self.render.exposure.A
+        if noise is None or WATER not in self.render.outputs:
+            return self
+        varies = exposure != "constant" and not isinstance(exposure, float)
+        for camera in (camera for vehicle in self._places.values() for camera in vehicle.cameras):
+            open_s = camera.shutter.exposure_s if camera.shutter else 0.0
+            if noise.dark_current_electrons_per_s and not open_s:
+                raise ValueError(f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no shutter with "
+                                 "exposure_s, in which it gathers; give it one, or leave the dark current out")
+            if noise.electrons_per_dn is not None and open_s and varies:
+                raise ValueError("render.noise.electrons_per_dn: takes the gain of a frame for its time of exposure, "
+                                 f"but camera {camera.id} is exposed for {open_s:g} s in every frame; give "
+                                 "electrons_per_radiance in a block of render.noise, or render.exposure.A: constant")
         return self
 
     @model_validator(mode="after")

@@ -20,17 +20,17 @@ class CameraNoise(Block):
     same in every frame, and its gain is an amplifier's, which amplifies the noise as well.
     """
 
-    electrons_per_dn: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
+    electrons_per_dn: Annotated[float, Field(gt=0.0, le=1e9)] | None = Field(default=None, examples=[2.6])
     """Conversion, the reciprocal of the system gain K [e-/DN]"""
-    electrons_per_radiance: Annotated[float, Field(gt=0.0, le=1e12)] | None = None
-    """[e- per W/sr/m^2]"""
-    full_well_electrons: Positive | None = None
+    electrons_per_radiance: Annotated[float, Field(gt=0.0, le=1e12)] | None = Field(default=None, examples=[2e6])
+    """Electrons that a radiance gives, with a time of exposure that is the same in every frame [e- per W/sr/m^2]"""
+    full_well_electrons: Positive | None = Field(default=None, examples=[10500])
     """Electrons at which a pixel saturates [e-]; absent: above white"""
     shot_noise: bool = True
     """Poisson noise of the electrons"""
     read_noise_electrons: NonNegative = 0.0
     """Standard deviation, per pixel [e-]"""
-    dark_current_electrons_per_s: NonNegative | None = None
+    dark_current_electrons_per_s: NonNegative | None = Field(default=None, examples=[20])
     """Electrons that gather without light while a pixel is exposed [e-/s]; for cameras whose ``shutter`` has an
     ``exposure_s``"""
     row_noise_electrons: NonNegative = 0.0
@@ -40,6 +40,7 @@ class CameraNoise(Block):
     black_level: Annotated[int, Field(ge=0)] = 0
     """DN of no light; noise below it is kept until it is taken off"""
     vignetting: Vignetting | None = None
+    """Fall of light towards the corners, of cameras of which the scene states none"""
 
     _written = unwritten_if_absent("dark_current_electrons_per_s")
 

@@ -7,18 +7,41 @@ from pydantic import BeforeValidator, Field, field_validator
 
 from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unwritten_if_absent
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
+from varos_warp.scene.description.noise_profile import CameraNoise
 
 MOST_SPP = 1 << 24
 """Most samples per pixel: their numbers have 32 bits, and more would take days."""
 
 
+class PercentileMeter(Block):
+    """Exposure by highlights, of which the brightest may clip; with ``mean``, dark and milky water stay dark."""
+
+    meter: Literal["percentile"]
+    """Tells how the light is measured."""
+    percentile: Annotated[float, Field(gt=0.0, le=100.0)] = 98.5
+    """Share of the image in percent that is no brighter than ``level``. Each pixel counts by its brightest channel, and
+    in the middle of the image more than at its edges."""
+    level: Annotated[float, Field(gt=0.0, le=1.0)] = 0.95
+    """Linear value to which that percentile is exposed; 1 is white."""
+    mean: Annotated[float, Field(gt=0.0, le=1.0)] | None = Field(default=None, examples=[0.1])
+    """Most that the mean of the luminance becomes, by the same weights: where there are no highlights but milky water,
+    that keeps it dark. Absent: no bound."""
+
+    _written = unwritten_if_absent("mean")
+
+    @property
+    def column(self) -> str:
+        """Name of what is measured, in tables of exposures."""
+        return f"percentile_{self.percentile!r}"
+
+
 class Exposure(Block):
     """Exposure correction before 8-bit output (paper 3.2.1)."""
 
-    A: Literal["adaptive", "constant"] | Positive = "adaptive"
+    A: Literal["adaptive", "constant"] | Positive | PercentileMeter = "adaptive"
     """``adaptive``: each frame by its own brightness, smoothed over time (paper 3.2.1); ``constant``: one gain for the
-    sequence; or the gain itself."""
-    B: Literal["adaptive", "constant"] | Positive = "constant"
+    sequence; the gain itself; or ``{meter: percentile}``: by the highlights, smoothed likewise."""
+    B: Literal["adaptive", "constant"] | Positive | PercentileMeter = "constant"
     """As for A; with ``constant``, a reflectance of 0.5 becomes the same grey in every frame."""
 
 
@@ -30,6 +53,17 @@ def field_by_old_name(name):
 def sees_water(outputs: Iterable[str]) -> bool:
     """Whether there is an image of light in water among the outputs, A or P: only those need lights and a plan."""
     return not {WATER, TWIN}.isdisjoint(outputs)
+
+
+def _is_read(noise: Any) -> Any:
+    """Profiles are read where a scene is loaded, for paths are relative to its folder."""
+    if isinstance(noise, str):
+        raise ValueError(f"is a profile, which load_scene and scene_from_dict read; here give the block: '{noise}'")
+    return noise
+
+
+def _or_name(schema: dict[str, Any]) -> None:
+    schema["anyOf"].insert(1, {"type": "string"})
 
 
 class Render(Block):
@@ -65,6 +99,13 @@ class Render(Block):
     """Denoiser of B."""
     exposure: Exposure = Exposure()
     """Exposure of the 8-bit images A and B."""
+    dither: Literal["tpdf"] | None = Field(default=None, examples=["tpdf"])
+    """Noise of triangular density that is added to A, B and P before they are rounded to 8 bits, so that water has no
+    bands (docs/dataset.md). Absent: none."""
+    noise: Annotated[CameraNoise | None, BeforeValidator(_is_read), Field(
+        json_schema_extra=_or_name, examples=["machine_vision"])] = None
+    """The image sensor that sees A: a profile of docs/noise.md by its name or file, or the block ``camera`` of one. A
+    has its noise, and A_clean has none. Absent: A has none; ``varos-warp noise`` adds noise later."""
     depth_kind: Literal["z", "range"] = "z"
     """D's depth: along the optical axis (z), or along the ray (range)."""
     depth_range_m: tuple[NonNegative, Positive] = (0.0, 25.0)
@@ -79,7 +120,7 @@ class Render(Block):
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
 
-    _written = unwritten_if_absent("max_triangles")
+    _written = unwritten_if_absent("max_triangles", "dither", "noise")
 
     @field_validator("depth_range_m")
     @classmethod

@@ -13,6 +13,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.block import keys_without_effect
 from varos_warp.scene.description import Scene
+from varos_warp.scene.file.camera_noise import with_camera_noise
 from varos_warp.scene.file.imu_files import with_noise_files
 from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
@@ -112,7 +113,7 @@ def _child(block, part, path, where):
 
 def _validate(source: Source, base_dir: Path) -> Scene:
     folder = Path(base_dir).resolve()
-    scene = validated(with_noise_files(source, folder), base_dir)
+    scene = validated(with_camera_noise(with_noise_files(source, folder), folder), base_dir)
     scene._base_dir, scene._source = folder, source
     return scene
 

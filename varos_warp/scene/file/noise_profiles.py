@@ -6,17 +6,10 @@ from varos_warp.errors import InputError, warn
 from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.angles import odd_gyroscope
 from varos_warp.scene.description.noise_profile import NoiseProfile
+from varos_warp.scene.file.camera_noise import WHAT, named_profiles, profile_path
 from varos_warp.scene.file.imu_files import file_and_imu, noise_in, tells_of_imu
-from varos_warp.scene.file.load import DATA, validated
+from varos_warp.scene.file.load import validated
 from varos_warp.scene.file.yaml_files import parse_file
-
-FOLDER = DATA / "noise"
-"""Profiles that come with the package."""
-
-
-def named_profiles() -> list[str]:
-    """Names of the profiles that come with the package."""
-    return sorted(Path(entry.name).stem for entry in FOLDER.iterdir() if entry.name.endswith(".yaml"))
 
 
 def load_profile(name: str | Path, imu_rate_hz: float | None = None) -> NoiseProfile:
@@ -29,9 +22,8 @@ def load_profile(name: str | Path, imu_rate_hz: float | None = None) -> NoisePro
     Raises:
         InputError: There is none, or it is not what a profile may be.
     """
-    known = named_profiles()
-    path, imu = file_and_imu(Path(str(FOLDER / f"{name}.yaml")) if str(name) in known else Path(name))
-    source = parse_file(path, "noise profile", f"Give a file, or one of: {', '.join(known)}.", NoiseProfile)
+    path, imu = file_and_imu(profile_path(name))
+    source = parse_file(path, WHAT, f"Give a file, or one of: {', '.join(named_profiles())}.", NoiseProfile)
     if imu or tells_of_imu(source.data):
         profile = NoiseProfile(name=path.stem, imu=noise_in(source, imu, imu_rate_hz))
     else:

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError, counted, did_you_mean, same_name
 from varos_warp.scene.description import LAMPS
+from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.file.schema import (
     KIND_KEYS,
     Entry,
@@ -61,6 +62,7 @@ UNITS = {"mm": 0.001, "millimetre": 0.001, "millimeter": 0.001, "cm": 0.01, "cen
 MEANT = {
     **{(key, f"-{axis}"): f"Give {axis} and turn it upside down: rotation_euler_deg: [180, 0, 0]."
        for key in ("up", "up_axis") for axis in "xyz"},
+    **{(key, "percentile"): "Give {meter: percentile}." for key in (WATER, AMBIENT)},
     ("frame", "nwu"): "Give enu, which leaves the axes as they are: x of the scene is then north, and y west.",
 }
 """What to give for values of a key that are none of its choices, but have a meaning."""

@@ -126,7 +126,7 @@ class Job:
         if name not in (*self.data.meta["sensors"], WATER) or not self.data.has_noise(name):
             return NO_NOISE
         about = self.data.meta.get("noise")
-        if about and about["profile"].get(PROFILE_BLOCKS[name]):
+        if about and about["profile"].get(PROFILE_BLOCKS[name]) and not self.data.has_scene_noise:
             return f"with the noise of profile {about['profile']['name']}, seed {about['seed']}"
         return "with the noise of the scene"
 

@@ -1,0 +1,31 @@
+"""Image A as a noisy sensor sees it: 8 bits of linear radiance, a model of the sensor and a seed."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from varos_warp.products.images.radiance import encode_color
+from varos_warp.scene.description.noise_profile import CameraNoise
+from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centres
+from varos_warp.sim.sensors import image_noise
+
+
+def noisy_color(model: CameraNoise, radiance: np.ndarray, gain: float, view: CameraModel, exposure_s: float,
+                rng: np.random.Generator) -> np.ndarray:
+    """Pixels uint8 [H, W, 3] of A.
+
+    Args:
+        model: The sensor. Its vignetting is left out where the camera has one, which is in the radiance.
+        radiance: Linear [H, W, 3].
+        gain: Exposure gain of the frame.
+        view: The camera.
+        exposure_s: How long dark current gathers [s].
+        rng: Of the frame (`image_noise.frame_generator`).
+    """
+    share: np.ndarray | float = 1.0
+    if model.vignetting is not None and view.vignetting is None:
+        seen = replace(view, vignetting=Vignetting(**model.vignetting.model_dump()))
+        share = seen.vignette(pixel_centres(*radiance.shape[1::-1]))
+    numbers = image_noise.expose(model, radiance, gain, rng, share, exposure_s)
+    return encode_color(image_noise.to_linear(model, numbers), 1.0)
+
