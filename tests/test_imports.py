@@ -21,7 +21,7 @@ ORDER = {
     "products": ["sensors", "images"],
     "kernels": ["world", "mesh", "film", "field", "transport"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
-    "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
+    "scene.geometry": ["survey", "files", "terrain", "assets", "growth"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
     "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],

@@ -119,6 +119,10 @@ def _print_meshes(facts: dict) -> None:
                  [[m["name"], str(m["vertices"]), str(m["triangles"]),
                    " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
                    *map(_place, m["bounds_m"])] for m in facts["meshes"]])
+    print_table(["growth", "kind", "copies", "triangles", "on", "smaller than a pixel, left out"],
+                [[g["name"], g["kind"], str(g["copies"]), str(g["triangles"]),
+                  ", ".join(f"{name}: {count}" for name, count in g["on"].items()),
+                  f"about {g['smaller_than_a_pixel']}"] for g in facts.get("growth", [])])
     _print_files(facts["mesh_files"])
     if survey := facts.get("survey"):
         print_survey(survey)

@@ -292,7 +292,10 @@ class FrameRenderer:
         arrays = {"normal": normal, "depth": depth, "distance": distance, "instance": instance}
         wanted = {name: array for name, array in arrays.items() if name in planes}
         on_host = self.launcher.fetch(*wanted.values())
-        return FirstHits(dict(zip(wanted, on_host, strict=True)), self.world.water, self._material_ids)
+        found = dict(zip(wanted, on_host, strict=True))
+        if "instance" in found and len(self.world.segment_of) > len(self._material_ids):  # else all have their own
+            found["instance"] = self.world.segment_of[found["instance"]]
+        return FirstHits(found, self.world.water, self._material_ids)
 
     def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> FlowImage:
         """F from distances and objects: in float64 on the host, and what hides on the device."""

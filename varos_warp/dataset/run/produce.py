@@ -355,7 +355,9 @@ class _Run:
             give_back_large_arrays()
         if SEGMENTS in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
-                             key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer.")
+                             key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer" + (
+                                 ", or leave out render.segments: fine." if self.scene.render.segments == "fine" else
+                                 "."))
 
     def settle(self) -> None:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive
+from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, written_otherwise
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 
 MOST_SPP = 1 << 24
@@ -73,8 +73,12 @@ class Render(Block):
     """Also write A (and P) before denoising and exposure as float32 EXR, with its standard error."""
     depth_exr: bool = False
     """Also write planar depth and range as float32 EXR (channels Z and range)."""
+    segments: Literal["host", "fine"] = "host"
+    """What S calls a copy of `growth`: the number of what it grows on, or one of its own (fine)."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
+
+    _written = written_otherwise(lambda render: ("segments",) if render.segments == "host" else ())
 
     @field_validator("depth_range_m")
     @classmethod
