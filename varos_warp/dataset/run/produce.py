@@ -356,8 +356,7 @@ class _Run:
         if SEGMENTS in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
                              key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer" + (
-                                 ", or leave out render.segments: fine." if self.scene.render.segments == "fine" else
-                                 "."))
+                                 "; or leave out render.segments: fine" * (self.scene.render.segments == "fine")) + ".")
 
     def settle(self) -> None:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""

@@ -78,8 +78,8 @@ def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
             ``vehicles.ID``.
 
     Returns:
-        Rows of ``id`` (from 1; 0 is nothing), ``key``, ``kind`` (``terrain``, ``mesh``, ``pipe``, ``barnacle`` ...), ``material``
-        and ``material_id`` (its place among the scene file's materials, from 1; 0: none).
+        Rows of ``id`` (from 1; 0 is nothing), ``key``, ``kind`` (``terrain``, ``mesh``, ``pipe``, ``barnacle``
+        ...), ``material`` and ``material_id`` (its place among the scene file's materials, from 1; 0: none).
     """
     materials = list(scene.materials)
     rows = []

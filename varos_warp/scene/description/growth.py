@@ -23,7 +23,7 @@ class Growth(Block):
     kind: GrowthKind = Field(examples=["barnacle"])
     """What it is: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp, seagrass."""
     per_m2: Annotated[NonNegative, Field(le=1e5)] | None = Field(default=None, examples=[230])
-    """How many there are on a square metre of the surface where they may be, in the mean [1/m^2]; fewer are left where
+    """How many there are on a square metre of the surface where they may be, in the mean; fewer are left where
     bodies would overlap. Absent: the kind's own (docs/growth.md)."""
     cluster: Annotated[NonNegative, Field(le=20.0)] | None = Field(default=None, examples=[11])
     """How much they keep together: 0 is even chance everywhere, 11 is dense clusters and bare places between them.
@@ -67,7 +67,8 @@ def problem_of(blocks: Iterable[Growth], hosts: dict[str, str | None]) -> str | 
         for j, host in enumerate(block.on):
             key = f"growth.{i}.on.{j}"
             if host not in hosts:
-                near = did_you_mean(host, hosts) or f"There are: {', '.join(hosts) or 'none'}"
+                still = [name for name, reason in hosts.items() if reason is None]
+                near = did_you_mean(host, still) or f"There are: {', '.join(still) or 'none'}"
                 return f"{key}: there is no surface '{host}' to grow on. {near}"
             if reason := hosts[host]:
                 return f"{key}: '{host}' {reason}; name what stands still"

@@ -11,7 +11,8 @@ from varos_warp.scene.geometry.scatter import Ground, scatter
 def build_parts(scene: Scene) -> list[Part | Instances]:
     """Everything solid in the scene (float64): terrain, objects in file order, bodies of companions, copies.
 
-    Blocks of scatter come before those of growth. Copies are strewn without regard to bodies: they stand alike whichever vehicle sees them.
+    Blocks of scatter come before those of growth. Copies are strewn without regard to bodies: they stand alike
+    whichever vehicle sees them.
     """
     single = build_single_parts(scene)
     parts = [*single, *(moving_part(scene, key) for key in scene.moving if key in scene.companions),

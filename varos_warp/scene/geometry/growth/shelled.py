@@ -76,5 +76,6 @@ def mussel(rng: np.random.Generator) -> Solid:
     x, y, z = both.vertices.T
     up = np.column_stack([x * np.cos(turn) - z * np.sin(turn), y * np.cos(lean), 0.3 + y * np.sin(lean) + 0.4 * (
         x * np.sin(turn) + z * np.cos(turn))])
+    up[:, 2] -= up[:, 2].min() + 0.08
     edge = np.clip(1.2 - np.abs(y + 0.1), 0.3, 1.0)[:, None]
     return Solid(up, both.faces, both.colours * edge * [0.055, 0.052, 0.07])
