@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.file.load import scene_from_dict
@@ -65,7 +64,7 @@ def test_fine_s_names_each_copy(host, fine):
     T_w_c = camera_pose(renderer.scene.vehicle.cameras[0], AT)
     rows, cols = np.nonzero(np.vectorize(lambda n: n in names and names[n].startswith("growth"))(seen.S.instance))
     assert len(rows) > 300
-    on_host = np.array([next((row["id"] for row in renderer.segments if row["key"] == parts[names[n]][2]))
+    on_host = np.array([next(row["id"] for row in renderer.segments if row["key"] == parts[names[n]][2])
                         for n in seen.S.instance[rows, cols]])
     np.testing.assert_array_equal(host[1].S.instance[rows, cols], on_host)
     for row, col in zip(rows[::7], cols[::7], strict=True):

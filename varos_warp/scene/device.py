@@ -302,9 +302,9 @@ class DeviceScene:
         records, start = np.repeat(unplaced, [len(group) for group in groups]), 0
         for group in groups:
             own = records[start:start + len(group)]
-            own["part"], own["scale"] = self._numbers[group.first_name], group.scale
-            scale = own["scale"].astype(float)[:, None, None]  # as the kernels have it
-            own["R"], own["p"] = group.T_w_o[:, :3, :3] / scale, group.T_w_o[:, :3, 3] - self.origin
+            scale = group.scale
+            own["part"], own["scale"] = self._numbers[group.first_name], scale
+            own["R"], own["p"] = group.T_w_o[:, :3, :3] / scale[:, None, None], group.T_w_o[:, :3, 3] - self.origin
             start += len(group)
         return records
 

@@ -113,14 +113,17 @@ def test_the_ranges_of_slope_and_depth_are_kept():
     _, _, face = trimesh.proximity.closest_point_naive(mesh, points)
     assert len(points) > 20
     up = mesh.face_normals[face][:, 2]
-    assert (up > -0.2 - 1e-9).all() and (up < 0.6 + 1e-9).all()
-    assert (points[:, 2] > 0.2 - 1e-9).all() and (points[:, 2] < 0.6 + 1e-9).all()
+    assert (up > -0.2 - 1e-9).all()
+    assert (up < 0.6 + 1e-9).all()
+    assert (points[:, 2] > 0.2 - 1e-9).all()
+    assert (points[:, 2] < 0.6 + 1e-9).all()
 
 
 def test_sizes_are_those_asked_for():
     small, large = 0.05, 0.15
     size = sizes(grown({"on": ["terrain"], "kind": "shell", "per_m2": 20, "size_m": [small, large]}))
-    assert small * (1 - 1e-9) < size.min() < 0.06 and 0.12 < size.max() < large * (1 + 1e-9)
+    assert small * (1 - 1e-9) < size.min() < 0.06
+    assert 0.12 < size.max() < large * (1 + 1e-9)
 
 
 def test_the_places_do_not_depend_on_what_else_there_is():
@@ -148,7 +151,8 @@ def test_bodies_do_not_overlap():
     points, size = roots(groups), sizes(groups)
     gap = np.linalg.norm(points[:, None] - points, axis=2) - 0.5 * (size[:, None] + size)
     np.fill_diagonal(gap, np.inf)
-    assert len(points) > 100 and gap.min() >= -1e-12
+    assert len(points) > 100
+    assert gap.min() >= -1e-12
 
 
 def test_thinning_is_that_of_one_after_the_other():
@@ -204,7 +208,8 @@ def test_prototypes_are_of_unit_size_and_dull_as_the_sea_is(kind):
     for shape in shapes:
         height, wide = shape.vertices[:, 2].max(), np.ptp(shape.vertices, axis=0).max()
         assert abs((height if KINDS[kind].tall else wide) - 1.0) < 1e-9
-        assert (shape.colours >= 0.0).all() and shape.colours.mean() < 0.35
+        assert (shape.colours >= 0.0).all()
+        assert shape.colours.mean() < 0.35
         assert shape.vertices[:, 2].min() < 0.0, "nothing shows under its foot"
 
 
