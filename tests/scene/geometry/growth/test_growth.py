@@ -6,6 +6,7 @@ import trimesh
 from scipy.stats import chi2
 
 from varos_warp.errors import InputError
+from varos_warp.scene.description.growth import Growth
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.growth import placing
@@ -124,6 +125,16 @@ def test_sizes_are_those_asked_for():
     size = sizes(grown({"on": ["terrain"], "kind": "shell", "per_m2": 20, "size_m": [small, large]}))
     assert small * (1 - 1e-9) < size.min() < 0.06
     assert 0.12 < size.max() < large * (1 + 1e-9)
+
+
+def test_sizes_follow_a_power_law():
+    for kind in ("kelp", "barnacle", "tube_worm"):
+        wanted = placing.Wanted(Growth(on=["terrain"], kind=kind), "growth.0", 1, 0.0)
+        sizes = wanted.sizes(np.linspace(0.0, 1.0, 1001))
+        np.testing.assert_allclose(wanted.share_above(sizes), np.linspace(1.0, 0.0, 1001), atol=1e-12)
+        density = -np.diff(wanted.share_above(sizes := np.geomspace(*wanted.size_m, 200))) / np.diff(sizes)
+        slope = np.polyfit(np.log(0.5 * (sizes[1:] + sizes[:-1])), np.log(density), 1)[0]
+        assert abs(slope + KINDS[kind].small) < 0.01
 
 
 def test_the_places_do_not_depend_on_what_else_there_is():

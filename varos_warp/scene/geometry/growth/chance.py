@@ -16,6 +16,8 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 WAVES = 24
 SPREAD = 0.2
 """Standard deviation of the noise that ``cluster`` multiplies, that of gradient noise of four octaves."""
+OCTAVES = (0.35, 1.0, 5.0)
+"""Wavelengths of clumps, clusters and groups, in those of clusters."""
 MOST_CROWDED = 30.0
 """No place has more copies in the mean than so many times ``per_m2``: bodies fill it."""
 BARE_BELOW, FULL_ABOVE = -0.7, -0.1
@@ -84,12 +86,12 @@ def field_of(key: np.uint64, wavelength: float) -> Field:
 class Crowding:
     """How much more or less than ``per_m2`` there is at places of one host: 1 in the mean over all fields.
 
-    Clusters stand in larger groups, and all kinds of a host leave the same scars bare.
+    Clumps make clusters, which stand in larger groups, and all kinds of a host leave the same scars bare.
     """
 
     cluster: float
-    fine: Field
-    coarse: Field
+    octaves: tuple[Field, ...]
+    """Of clumps, clusters and groups; the sum of all is as of one field."""
     scars: Field | None
 
     @property
@@ -102,7 +104,8 @@ class Crowding:
         if self.cluster == 0.0:
             return np.ones(len(points))
         peak, mean = _crowding(self.cluster, self.scars is not None)
-        weight = _clusters(self.cluster, 0.8 * self.fine(points) + 0.6 * self.coarse(points))
+        noise = sum(field(points) for field in self.octaves) / np.sqrt(len(self.octaves))
+        weight = _clusters(self.cluster, noise)
         return np.minimum((weight if self.scars is None else weight * _left_by_scars(self.scars(points))) / mean, peak)
 
 
@@ -115,15 +118,15 @@ def crowding(cluster: float, wavelength: float, own: np.uint64, scars: np.uint64
         own: Key of the kind, the host and the seeds.
         scars: Key of the host alone, or None for what leaves no scars.
     """
-    fine, coarse = field_of(mixed(own, np.uint64(1)), wavelength), field_of(mixed(own, np.uint64(2)), 5.0 * wavelength)
+    octaves = tuple(field_of(mixed(own, np.uint64(k)), times * wavelength) for k, times in enumerate(OCTAVES))
     bare = None if scars is None or cluster == 0.0 else field_of(scars, 0.7)
-    return Crowding(cluster, fine, coarse, bare)
+    return Crowding(cluster, octaves, bare)
 
 
 def _clusters(cluster, noise):
     """Lognormal with mean 1, cut off where bodies fill the place."""
     s = SPREAD * cluster
-    return np.minimum(np.exp(s * noise - 0.5 * s * s), min(MOST_CROWDED, np.exp(3.0 * s - 0.5 * s * s)))
+    return np.minimum(np.exp(s * noise - 0.5 * s * s), min(MOST_CROWDED, np.exp(2.5 * s - 0.5 * s * s)))
 
 
 def _left_by_scars(noise):

@@ -44,9 +44,19 @@ class Wanted:
         """Sizes [N] [m] of uniform numbers [N], by the power law of the kind."""
         low, high = self.size_m
         s = 1.0 - self.kind.small
-        if abs(s) < 1e-9:
+        if s == 0.0:
             return low * (high / low) ** u
         return (low**s + u * (high**s - low**s)) ** (1.0 / s)
+
+    def share_above(self, size: np.ndarray) -> np.ndarray:
+        """Share [N] of the copies that are larger than sizes [N] [m]."""
+        low, high = self.size_m
+        s, size = 1.0 - self.kind.small, np.clip(size, low, high)
+        if low == high:
+            return (size >= high).astype(float)
+        if s == 0.0:
+            return np.log(high / size) / np.log(high / low)
+        return (high**s - size**s) / (high**s - low**s)
 
 
 @dataclass(frozen=True)
@@ -93,8 +103,9 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
     up = area_normals[:, 2] / np.where(area > 0.0, area, 1.0)
     may = np.flatnonzero((area > 0.0) & (up >= wanted.up[0]) & (up <= wanted.up[1]))
     mean = wanted.per_m2 * area[may]
-    shows = footprint.angle * host.gap[may] <= wanted.size_m[1]
-    if (expected := mean[shows].sum()) > MOST_COPIES:
+    pixel = footprint.angle * host.gap[may]
+    shows = pixel <= wanted.size_m[1]
+    if (expected := (mean * wanted.share_above(pixel))[shows].sum()) > MOST_COPIES:
         raise InputError(f"puts about {expected:.3g} copies on {host.name} within {REACH_M:g} m of the course; "
                          f"{MOST_COPIES} are the most", key=f"{wanted.key}.per_m2", value=wanted.per_m2,
                          remedy="Lower it, or choose a smaller surface, a range of depth_m or of up.")
@@ -121,23 +132,31 @@ def _few(number, count, too_small):
 
 def _kept(wanted, host, number, faces, keys, crowd, footprint):
     """Of candidates, by their triangles and keys [N], those that chance, depth and pixels leave."""
-    u, v = uniform(keys, 1), uniform(keys, 2)
-    over = u + v > 1.0
-    u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
-    a, b, c = np.moveaxis(host.corners[faces], 1, 0)
-    points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-    keep = uniform(keys, 3) * crowd.peak < crowd(points - host.origin)
-    keep &= footprint.distance(points) <= REACH_M
+    size = wanted.sizes(uniform(keys, 3))
+    few = np.flatnonzero(size >= footprint.angle * host.gap[faces])  # what no view shows is sorted out first: it is most
+    too_small = (len(keys) - len(few)) / crowd.peak
+    faces, keys, size = faces[few], keys[few], size[few]
+    weights, points = _within(host.corners[faces], keys)
+    keep = uniform(keys, 4) * crowd.peak < crowd(points - host.origin)
     if wanted.block.depth_m is not None:
         depth = wanted.surface_depth_m - points[:, 2]
         keep &= (depth >= wanted.block.depth_m[0]) & (depth <= wanted.block.depth_m[1])
     kept = np.flatnonzero(keep)
-    size = wanted.sizes(uniform(keys[kept], 4))
-    wide = size >= footprint(points[kept])
-    few, size = kept[wide], size[wide]
-    weights = np.column_stack([1.0 - u - v, u, v])[few]
-    flat = np.cross(b - a, c - a)[few]  # where corners' normals cancel
-    normals = np.einsum("ni,nij->nj", weights, host.normals[faces[few]]) + 1e-6 * flat / np.linalg.norm(
+    kept = kept[footprint.distance(points[kept]) <= REACH_M]
+    wide = size[kept] >= footprint(points[kept])
+    few = kept[wide]
+    a, b, c = np.moveaxis(host.corners[faces[few]], 1, 0)
+    flat = np.cross(b - a, c - a)  # where corners' normals cancel
+    normals = np.einsum("ni,nij->nj", weights[few], host.normals[faces[few]]) + 1e-6 * flat / np.linalg.norm(
         flat, axis=1, keepdims=True)
-    return Rooted(np.full(len(few), number, np.int32), points[few], normals, size, keys[few],
-                  float(len(kept) - len(few)))
+    return Rooted(np.full(len(few), number, np.int32), points[few], normals, size[few], keys[few],
+                  too_small + np.count_nonzero(~wide))
+
+
+def _within(corners, keys):
+    """Barycentric weights [N, 3], and points [N, 3], of places by chance in triangles [N, 3, 3]."""
+    u, v = uniform(keys, 1), uniform(keys, 2)
+    over = u + v > 1.0
+    u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.column_stack([1.0 - u - v, u, v]), a + u[:, None] * (b - a) + v[:, None] * (c - a)

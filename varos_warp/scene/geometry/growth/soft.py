@@ -48,18 +48,18 @@ def _tentacle(rng):
 def hydroid(rng: np.random.Generator) -> Solid:
     """A tuft of thin bent stems with side branches, as of Obelia or turf; of unit height."""
     solids = []
-    for _ in range(rng.integers(9, 15)):
-        t, length, out = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.45, 1.0), abs(rng.normal(0.0, 0.5))
+    for _ in range(rng.integers(13, 20)):
+        t, length, out = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.45, 1.0), abs(rng.normal(0.0, 0.36))
         root = np.append(rng.normal(0.0, 0.09, 2), -0.05)
         s, outwards = np.linspace(0.0, 1.0, 6)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
         path = root + outwards * out * length * s**1.5 + UP * length * (s - 0.25 * out * s**2)
         path = path + 0.018 * np.cumsum(rng.standard_normal((6, 3)), axis=0)
         tone = rng.uniform(0.7, 1.3)
-        solids.append(_blade(path, 0.013, tone, rng))
+        solids.append(_blade(path, 0.011, tone, rng))
         for k in (2, 3, 4):
             away = rng.standard_normal(3) * [1.0, 1.0, 0.4] + [0.0, 0.0, 0.6]
             reach = 0.22 * length * away / np.linalg.norm(away) * np.linspace(0.0, 1.0, 3)[:, None]
-            solids.append(_blade(path[k] + reach, 0.011, 1.15 * tone, rng))
+            solids.append(_blade(path[k] + reach, 0.009, 1.15 * tone, rng))
     return together(solids)
 
 
