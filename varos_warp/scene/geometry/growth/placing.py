@@ -133,7 +133,7 @@ def _few(number, count, too_small):
 def _kept(wanted, host, number, faces, keys, crowd, footprint):
     """Of candidates, by their triangles and keys [N], those that chance, depth and pixels leave."""
     size = wanted.sizes(uniform(keys, 3))
-    few = np.flatnonzero(size >= footprint.angle * host.gap[faces])  # what no view shows is sorted out first: it is most
+    few = np.flatnonzero(size >= footprint.angle * host.gap[faces])  # what no view shows goes first: it is most
     too_small = (len(keys) - len(few)) / crowd.peak
     faces, keys, size = faces[few], keys[few], size[few]
     weights, points = _within(host.corners[faces], keys)
