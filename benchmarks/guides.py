@@ -30,7 +30,7 @@ from varos_warp.device.launcher import Launcher
 from varos_warp.render.image.denoise import PART_QUALITY, Denoiser, denoise_image
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]

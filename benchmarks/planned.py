@@ -24,7 +24,7 @@ from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
 from varos_warp.scene.file.load import demo_scene_path, load_scene
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
 
 EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"

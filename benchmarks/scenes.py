@@ -18,7 +18,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.file.load import demo_scene_path, load_scene
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
 
 HERE = Path(__file__).parent

@@ -24,7 +24,7 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.file.schema import find_key
 from varos_warp.scene.file.templates import TEMPLATES
 from varos_warp.scene.frames import camera_pose, euler_to_matrix
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

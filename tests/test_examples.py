@@ -13,7 +13,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lens import NoDistortion
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.templates import TEMPLATES
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.sim.trajectory import simulate
 

@@ -21,8 +21,8 @@ from benchmarks.light.shapes import BLUE, PAPER, RED, box, ground, room, soft_la
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import look_at_matrix, transform
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.geometry.world import build_parts
 
 TWINS = ("textured", "plain")
 """With mesh files' textures, and the same as triangles with a reflectance."""

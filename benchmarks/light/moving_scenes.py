@@ -16,8 +16,8 @@ from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.description.optics import Shutter
 from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.frames import inverse, transform
-from varos_warp.scene.geometry.build import moving_part, object_part
 from varos_warp.scene.geometry.parts import Moving, Part
+from varos_warp.scene.geometry.placed import moving_part, object_part
 
 NOW_S = 0.5
 """Time of the frame, half way along every course of a second."""

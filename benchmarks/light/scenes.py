@@ -28,8 +28,8 @@ from benchmarks.light.shapes import (
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import look_at_matrix, transform
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.geometry.world import build_parts
 
 RESOLUTION = (96, 56)
 TALL_MM, FOCAL_MM = 3.5, 4.0

@@ -8,7 +8,7 @@ import typer
 from benchmarks import peers
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False)

@@ -16,8 +16,8 @@ from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.schema import KIND_KEYS, blocks_in, entries, facts, find_key, json_schema, kind_of, names_in
 
 ROOT = Path(__file__).parents[2]
-PAGES_OF_KEYS = ("terrain", "objects", "scatter", "materials", "water", "current", "vehicle", "vehicle.lights",
-                 "vehicle.cameras", "trajectory", "vehicles", "render")
+PAGES_OF_KEYS = ("terrain", "objects", "scatter", "growth", "materials", "water", "current", "vehicle",
+                 "vehicle.lights", "vehicle.cameras", "trajectory", "vehicles", "render")
 """Keys of scene files with a page of their own."""
 AS_ELSEWHERE = {"trajectory": "trajectory", "body": "objects"}
 """Pages of the blocks under ``vehicles``; those of all others are under ``vehicle``."""

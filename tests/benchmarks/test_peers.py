@@ -21,8 +21,8 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse, Metal
 from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.optics.camera import pixel_centres
 
 ROOT = Path(__file__).parents[2]

@@ -17,7 +17,7 @@ from varos_warp.dataset.view import view
 from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.file.load import scene_to_dict
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 
 FLOOR = {"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 5, "position": [0, 0, -3]}
 """That of the stand-in that renders."""

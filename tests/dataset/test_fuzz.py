@@ -24,9 +24,9 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.file.load import load_scene, scene_from_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.survey import read_survey
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.lights.distribution import of_profile
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.materials.textures import read_image

@@ -173,7 +173,7 @@ def test_a_dvl_sees_the_terrain_of_its_scene_and_without_one_no_mesh_is_loaded(m
     read = simulate(Scene(**scene, vehicle={"dvl": {"rate_hz": 29.97}}, render={"frame_rate_hz": 10})).dvl
     assert read.time_ns.tolist() == [0]
     np.testing.assert_allclose(read.altitude, 2.0, rtol=ROUNDING)
-    monkeypatch.setattr("varos_warp.scene.geometry.world.build_parts", lambda scene: pytest.fail("loaded"))
+    monkeypatch.setattr("varos_warp.scene.geometry.build.build_parts", lambda scene: pytest.fail("loaded"))
     assert simulate(Scene(**scene)).dvl is None
 
 

@@ -24,8 +24,8 @@ from scipy import stats
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.frames import camera_pose, intrinsics, pose_matrix
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.normals import corner_normals
-from varos_warp.scene.geometry.world import build_parts
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 REF1 = BENCHMARKS / "scenes" / "ref1"

@@ -9,7 +9,7 @@ from test_shutters import FOCAL, LAMPS, SIZE
 from varos_warp.products.sensors.dvl import beam_directions
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.companions import companions
 from varos_warp.sim.trajectory import simulate
 

@@ -12,7 +12,7 @@ from varos_warp.render.moments import NextFrame
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.device import DeviceScene, foretold_spec
 from varos_warp.scene.file.load import DATA, demo_scene_path, load_scene
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

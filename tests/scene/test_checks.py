@@ -5,9 +5,9 @@ import pytest
 
 from varos_warp.scene.checks import check_scene, looks_like_transmission, vehicle_radius
 from varos_warp.scene.file.load import demo_scene_path, load_scene, scene_from_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.info import camera_info, scene_info
 from varos_warp.sim.vehicle.body import sphere
 

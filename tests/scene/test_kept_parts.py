@@ -6,10 +6,10 @@ import pytest
 from varos_warp.scene.description.world import Metal
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.geometry import build, scatter
+from varos_warp.scene.geometry import placed, scatter
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.procedural import generate_terrain
 from varos_warp.scene.geometry.terrain import write_ply
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.materials import lobe, textures
 
 BOULDER = {"kind": "boulder", "diameter": 0.4, "chord_error_m": 0.01}
@@ -54,7 +54,7 @@ def test_a_scene_is_made_of_what_is_kept(scene, monkeypatch):
     with pytest.warns(UserWarning, match="decimation adds none"):
         first = made(scene)
     forget()
-    for module, name in ((build.terrain, "preprocess"), (scatter, "_places"), (textures, "tile_pyramid"),
+    for module, name in ((placed.terrain, "preprocess"), (scatter, "_places"), (textures, "tile_pyramid"),
                          (lobe, "_table")):
         monkeypatch.setattr(module, name, never)
     with pytest.warns(UserWarning, match="decimation adds none"):

@@ -5,8 +5,8 @@ import pytest
 
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene, scene_from_dict, scene_to_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Moving
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import REST_S, Knots, poses_along, through_poses

@@ -10,8 +10,8 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.courses.recorded import RecordedCourse, read_course
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.course import local_origin, standpoints
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.info import scene_info
 from varos_warp.sim import poses
 from varos_warp.sim.companions import companions, motions

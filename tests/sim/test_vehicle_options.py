@@ -12,9 +12,9 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.frames import attitudes
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.course import find_course
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.info import scene_info
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.thrusters import PITCH, ROLL, thrusters

@@ -12,8 +12,8 @@ from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.world import Diffuse, MeshObject
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import intrinsics, look_at_matrix, transform
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Part
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.sim.trajectory import simulate
 
 TILT = 0.3

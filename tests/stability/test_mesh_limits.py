@@ -8,10 +8,10 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry import terrain
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.geometry.procedural import generate_terrain
-from varos_warp.scene.geometry.world import build_parts
 
 TILT = 0.3
 SHEET = generate_terrain(20.0, 17, 2.0, seed=3)

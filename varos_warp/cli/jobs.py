@@ -34,7 +34,7 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     from varos_warp.scene.file.load import load_scene
     from varos_warp.scene.file.named_files import require_files
     from varos_warp.scene.file.source import located
-    from varos_warp.scene.geometry.world import build_parts
+    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.sim.clock import select
     from varos_warp.sim.trajectory import path_samples
 

@@ -82,7 +82,7 @@ def _facts(scene, quiet: bool) -> dict:
     from varos_warp.dataset.run.produce import simulated
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.file.source import located
-    from varos_warp.scene.geometry.world import build_parts
+    from varos_warp.scene.geometry.build import build_parts
     from varos_warp.scene.info import scene_info
     from varos_warp.sim.trajectory import course_facts, path_samples
 

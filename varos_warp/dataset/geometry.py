@@ -19,7 +19,7 @@ def rebuilt(data: Dataset) -> tuple[Scene, list]:
 
 
 def _rebuilt(data):
-    from varos_warp.scene.geometry.world import build_parts
+    from varos_warp.scene.geometry.build import build_parts
 
     scene = scene_from_dict(data.meta["scene"])
     changed = [name for name, digest in writers.sources(scene).items()

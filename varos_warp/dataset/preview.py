@@ -49,7 +49,7 @@ NOT_SOLID = {"name", "sequence", "water", "surface_depth_m", "gravity", "current
              "vehicles", "observer"}
 """Blocks that terrain, objects and materials do not depend on."""
 NOT_MOVING: dict[str, Any] = dict.fromkeys(
-    ("name", "sequence", "terrain", "objects", "scatter", "materials", "water"), True)
+    ("name", "sequence", "terrain", "objects", "scatter", "growth", "materials", "water"), True)
 NOT_MOVING["vehicle"] = {"lights", "cameras"}
 """Blocks that the course does not depend on."""
 
@@ -57,6 +57,10 @@ NOT_MOVING["vehicle"] = {"lights", "cameras"}
 def _solid(scene: Scene) -> dict[str, Any]:
     """What terrain, objects and materials depend on."""
     solid = scene.model_dump(exclude=NOT_SOLID)
+    if scene.growth:  # none of it is placed that the course does not come near to
+        solid["seen"] = scene.model_dump(include={"surface_depth_m": True, "trajectory": True, "vehicles": True,
+                                                  "vehicle": {"cameras"}})
+        solid["segments"] = scene.render.segments
     if bodies := [vehicle.body.model_dump() for vehicle in scene.companions.values() if vehicle.body]:
         solid["bodies"] = bodies
     return solid | {"files": files_named(scene, solid)}

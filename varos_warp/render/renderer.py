@@ -35,8 +35,8 @@ from varos_warp.scene.description.image_types import FLOW, WATER
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, camera_records
 from varos_warp.scene.frames import camera_pose, checked_pose, inverse, numeric
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.companions import companions
@@ -296,7 +296,10 @@ class FrameRenderer:
             arrays["purity"] = self._trace_purity(here, key)
         wanted = {name: array for name, array in arrays.items() if name in planes}
         on_host = self.launcher.fetch(*wanted.values())
-        return FirstHits(dict(zip(wanted, on_host, strict=True)), self.world.water, self._material_ids)
+        found = dict(zip(wanted, on_host, strict=True))
+        if "instance" in found and len(self.world.segment_of) > len(self._material_ids):  # else all have their own
+            found["instance"] = self.world.segment_of[found["instance"]]
+        return FirstHits(found, self.world.water, self._material_ids)
 
     def _trace_purity(self, here: Exposed, key: int) -> wp.array:
         """Share float32 [H, W] of each pixel, as A is made, that shows what its centre shows."""

@@ -15,7 +15,7 @@ from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.parts import Grown, Instances, Moving, Part
 from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
@@ -49,7 +49,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
             it heads for, int [N]. Absent: only the waypoints or poses are checked.
     """
     made = [f"{part.name}: {words}" for part in parts for words in part.doubts]
-    parts = [part.before or part for part in parts]
+    # what grows is so small that nothing is in its way
+    parts = [part.before or part for part in parts if not isinstance(part, Grown)]
     find_course(scene, parts)
     looked_at = _looked_at(scene)
     stops = places(scene.trajectory)[looked_at]
@@ -78,7 +79,7 @@ def _gather(scene, parts, poses, path):
         if isinstance(part, Part):
             solids.append(part)
             continue
-        boxes = np.array([[box.vertices.min(axis=0), box.vertices.max(axis=0)] for box in part.boxes()])
+        boxes = part.extents()
         close = tree.query(boxes.mean(axis=1))[0] <= margin + 0.5 * np.linalg.norm(np.diff(boxes, axis=1)[:, 0], axis=1)
         copies = replace(part, T_w_o=part.T_w_o[close]).parts()
         if copies:
@@ -293,7 +294,7 @@ def _check_sight(scene, parts, poses):
     if not parts or scene.moving:
         return []
     warnings, reach = [], scene.render.depth_range_m[1]
-    boxes = np.array([[box.vertices.min(axis=0), box.vertices.max(axis=0)] for part in parts for box in part.boxes()])
+    boxes = np.concatenate([part.extents() for part in parts])
     chosen, numbers = np.unique(np.linspace(0, len(poses) - 1, MOST_STOPS).astype(int)), _looked_at(scene)
     for i, camera in enumerate(scene.vehicle.cameras):
         fixed = camera.mount == "world"

@@ -21,10 +21,10 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
-from varos_warp.scene.geometry.build import may_have_colours
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
-from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.parts import Grown, Instances, Moving, Part
+from varos_warp.scene.geometry.placed import may_have_colours
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import (
@@ -56,15 +56,15 @@ def foretold_spec(scene: Scene, device: str) -> SceneSpec:
     """What a `DeviceScene` will find present, by the scene file alone.
 
     Wrong where a mesh file that may have colours of its own has none, or masks that cut holes, or so many copies are
-    scattered that they do not join the mesh on a GPU.
+    scattered or grow that they do not join the mesh on a GPU, or nothing grows though something is to.
     """
     blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
     blocks = [block for block in blocks if block is not None]
     textured = [may_have_colours(block) if block.material is None
                 else not isinstance(scene.materials[block.material], Diffuse) for block in blocks]
-    copies = bool(scene.scatter) and MOST_JOINED_FACES[kind_of(device)] == 0
+    copies = bool(scene.scatter or scene.growth) and MOST_JOINED_FACES[kind_of(device)] == 0
     return SceneSpec(medium=bool(optical_properties(scene).sigma_s.any()), surfaces=bool(blocks),
-                     instances=copies or bool(scene.moving), textures=any(textured))
+                     instances=copies or bool(scene.moving), textures=any(textured) or bool(scene.growth))
 
 
 def _whole_first(shapes: list) -> list:
@@ -106,6 +106,8 @@ class DeviceScene:
         self.lights = Lights(scene, device)
         self.moving = [part for part in parts if isinstance(part, Moving)]
         self.part_names = self._names(parts)
+        """Of all that S numbers, in the order of their numbers, which begin at 1."""
+        self._numbers, self.segment_of = self._numbered(parts)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
         self.spec = SceneSpec(
@@ -169,30 +171,58 @@ class DeviceScene:
     def _names(self, parts: list[Part | Instances]) -> list[str]:
         """Of all that has a number, in their order; the observer's own body, which nobody sees here, among them."""
         names = [part.name for part in parts if isinstance(part, Part)]
-        names += [f"{group.name}.{i}" for group in parts if isinstance(group, Instances) for i in range(len(group))]
+        names += [name for group in parts if isinstance(group, Instances) and self._has_numbers(group)
+                  for name in group.names]
         if own := self.scene.own_body:
             names.insert(self.scene.number_of(own) - 1, own)
         return names
+
+    def _has_numbers(self, group: Instances) -> bool:
+        """Whether S has a number for each copy; else each has that of its host."""
+        return not isinstance(group, Grown) or self.scene.render.segments == "fine"
+
+    def _numbered(self, parts: list[Part | Instances]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Numbers of parts as kernels know them, which materials go by, and the numbers in S that they stand for.
+
+        Copies on one host that have its number share one of their own beyond those of ``part_names``, as their material
+        is not the host's.
+
+        Returns:
+            The number of each part, or of each copy of a group, int32 [N], by its name or that of its first copy; and
+            the numbers in S, int32 [M + 1], by one more than those of the kernels; 0 stands for itself.
+        """
+        by_name = {name: number for number, name in enumerate(self.part_names)}
+        numbers, hosts = {}, [np.arange(len(by_name) + 1, dtype=np.int32)]
+        count = len(by_name)
+        for part in parts:
+            if isinstance(part, Part):
+                numbers[part.name] = np.array([by_name[part.name]], np.int32)
+            elif self._has_numbers(part):
+                numbers[part.first_name] = by_name[part.first_name] + np.arange(len(part), dtype=np.int32)
+            else:
+                used, of = np.unique(part.host, return_inverse=True)
+                numbers[part.first_name] = (count + of).astype(np.int32)
+                hosts.append(np.array([by_name[part.hosts[k]] + 1 for k in used], np.int32))
+                count += len(used)
+        return numbers, np.concatenate(hosts)
 
     def _upload_geometry(self, parts: list[Part | Instances]):
         """The mesh of what stands still and those of instances, with arrays per face."""
         single = [part for part in parts if isinstance(part, Part)]
         copied = [part for part in parts if isinstance(part, Instances)]
-        numbers = {name: number for number, name in enumerate(self.part_names)}
         still = [part for part in single if not isinstance(part, Moving)]
         shapes = _whole_first([*still, *copied]) if self.joins_copies else [*_whole_first(still), *copied]
-        in_mesh = [part for shape in shapes if self.joins_copies or isinstance(shape, Part)
-                   for part in ([shape] if isinstance(shape, Part) else shape.parts())]
+        once = [shape for shape in shapes if self.joins_copies or isinstance(shape, Part)]
+        in_mesh = [shape if isinstance(shape, Part) else shape.joined() for shape in once]
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
             jobs = [pool.submit(self._upload_mesh, in_mesh), pool.submit(self._upload_materials, single, copied),
                     pool.submit(self._upload_normals, [*shapes, *self.moving])]
         for job in jobs:
             job.result()
-        counts = [len(part.faces) for part in in_mesh]
-        in_order = np.array([numbers[part.name] for part in in_mesh], np.int32)
-        self.data.face_part = self._array(np.repeat(in_order, counts), wp.int32)
+        face_part = [np.repeat(self._numbers[shape.first_name], len(shape.faces)) for shape in once]
+        self.data.face_part = self._array(np.concatenate([np.zeros(0, np.int32), *face_part]), wp.int32)
         if self.spec.instances:
-            self._upload_instances([] if self.joins_copies else copied, sum(counts), numbers)
+            self._upload_instances([] if self.joins_copies else copied, sum(map(len, face_part)))
         with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
         self.data.corner_values = self._array(corner_values(with_faces), wp.vec3)
         face_tint, tints = tints_of(with_faces)
@@ -221,7 +251,7 @@ class DeviceScene:
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):
         # by their boxes, joined or not, so that a copy looks the same on every device
-        placed = [*single, *(box for group in copied for box in group.boxes())]
+        placed = [*single, *(box for group in copied if not isinstance(group, Grown) for box in group.boxes())]
         self.textures = Textures(self.scene, self.device)
         # of what moves, patterns are in the axes of its mesh
         origins = [part.origin if isinstance(part, Moving) else self.origin for part in placed]
@@ -229,7 +259,13 @@ class DeviceScene:
                      for part, origin in zip(placed, origins, strict=True)]
         if own := self.scene.own_body:
             materials.insert(self.part_names.index(own), Material())
-        self.data.materials = self._array(materials, Material)
+        which = list(range(len(materials)))
+        for group in (group for group in copied if isinstance(group, Grown)):  # colours alone: one for all its copies
+            first = replace(group, T_w_o=group.T_w_o[:1]).boxes()[0]
+            which += [len(materials)] * len(np.unique(self._numbers[group.first_name]))
+            materials.append(device_material(first, self.scene, self.origin, self.textures))
+        on_host = wp.array(materials, dtype=Material, device="cpu").numpy()
+        self.data.materials = self._array(on_host[which], Material)
         if any(has_lobe(part.material) for part in [*single, *copied]):
             self.data.lobe_albedo = self._array(lobe_albedo_table(), float)
 
@@ -246,29 +282,31 @@ class DeviceScene:
                        indices=self._array(faces.ravel().astype(np.int32), wp.int32),
                        bvh_leaf_size=LEAF_SIZE[self.kind])
 
-    def _upload_instances(self, groups: list[Instances], first_face: int, numbers: dict[str, int]):
+    def _upload_instances(self, groups: list[Instances], first_face: int):
         """The meshes of what stands there many times or moves, a record for each, and boxes around the copies."""
         in_own_axes = [part.vertices - part.origin for part in self.moving]
         self.instanced_meshes = [self._meshes(vertices, shape.faces, shape.whole_faces) for vertices, shape in zip(
             [*(group.vertices for group in groups), *in_own_axes], [*groups, *self.moving], strict=True)]
-        records, boxes = [], []
-        for group, mesh in zip(groups, self.instanced_meshes, strict=False):
-            for i, (T, scale, box) in enumerate(zip(group.T_w_o, group.scale, group.boxes(), strict=True)):
-                record = self._record(mesh, first_face, numbers[f"{group.name}.{i}"])
-                record.scale = float(scale)
-                record.R = wp.mat33(*(T[:3, :3] / record.scale).ravel())
-                record.p = wp.vec3(*(T[:3, 3] - self.origin))
-                records.append(record)
-                boxes.append((box.vertices.min(axis=0) - self.origin, box.vertices.max(axis=0) - self.origin))
-            first_face += len(group.faces)
-        self.copy_boxes = np.array(boxes).reshape(-1, 2, 3)
-        self.data.instances = self._array(records, InstanceData)
         unplaced = []
-        for part, mesh in zip(self.moving, self.instanced_meshes[len(groups):], strict=True):
-            unplaced.append(self._record(mesh, first_face, numbers[part.name]))
-            first_face += len(part.faces)
-        self._unplaced = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
+        for shape, mesh in zip([*groups, *self.moving], self.instanced_meshes, strict=True):
+            unplaced.append(self._record(mesh, first_face, int(self._numbers[shape.first_name][0])))
+            first_face += len(shape.faces)
+        blank = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
+        self.data.instances = self._array(self._copies(groups, blank[:len(groups)]), InstanceData)
+        self.copy_boxes = np.concatenate([np.zeros((0, 2, 3)), *(group.extents() - self.origin for group in groups)])
+        self._unplaced = blank[len(groups):]
         self._place(np.array([transform(part.R_w_o, part.origin) for part in self.moving]).reshape(1, -1, 4, 4))
+
+    def _copies(self, groups: list[Instances], unplaced: np.ndarray) -> np.ndarray:
+        """Records of all copies of groups, given one of each that is not placed yet."""
+        records, start = np.repeat(unplaced, [len(group) for group in groups]), 0
+        for group in groups:
+            own = records[start:start + len(group)]
+            scale = group.scale
+            own["part"], own["scale"] = self._numbers[group.first_name], scale
+            own["R"], own["p"] = group.T_w_o[:, :3, :3] / scale[:, None, None], group.T_w_o[:, :3, 3] - self.origin
+            start += len(group)
+        return records
 
     def _record(self, meshes: tuple[wp.Mesh, wp.Mesh | None], first_face: int, number: int) -> InstanceData:
         """Of an instance that is not placed yet."""

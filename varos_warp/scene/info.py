@@ -6,9 +6,9 @@ from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.frames import attitude, intrinsics, opencv_intrinsics
-from varos_warp.scene.geometry.build import object_part
 from varos_warp.scene.geometry.course import find_course
-from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.parts import Grown, Instances, Part
+from varos_warp.scene.geometry.placed import object_part
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.camera import camera_model
@@ -28,7 +28,8 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "cameras": [camera_info(camera) for camera in scene.vehicle.cameras],
         "stereo": _pairs(scene.vehicle.cameras),
         "lights": [light_info(light, scene) for light in scene.vehicle.lights],
-        "meshes": _mesh_info(parts),
+        "meshes": _mesh_info([part for part in parts if not isinstance(part, Grown)]),
+        **_growth_info(parts),
         "mesh_files": _file_info(parts),
         **({"relief": relief} if (relief := {part.name: part.relief for part in parts if part.relief}) else {}),
         **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
@@ -57,12 +58,19 @@ def _mesh_info(parts):
     """Name, counts and bounds of every mesh, copies of a scatter together."""
     info = []
     for part in parts:
-        boxes = part.boxes()
-        corners = np.concatenate([box.vertices for box in boxes])
-        info.append({"name": part.name + (f" ({len(boxes)} copies)" if isinstance(part, Instances) else ""),
-                     "vertices": len(boxes) * len(part.vertices), "triangles": len(boxes) * len(part.faces),
-                     "bounds_m": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()]})
+        corners, count = part.extents(), len(part) if isinstance(part, Instances) else 1
+        info.append({"name": part.name + (f" ({count} copies)" if isinstance(part, Instances) else ""),
+                     "vertices": count * len(part.vertices), "triangles": count * len(part.faces),
+                     "bounds_m": [corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()]})
     return info
+
+
+def _growth_info(parts):
+    """Of every block of growth that placed any: kind, copies, their triangles in all, on what, what is too small."""
+    groups = [part for part in parts if isinstance(part, Grown)]
+    facts = [group.facts | {"triangles": sum(len(other) * len(other.faces) for other in groups
+                                             if other.name == group.name)} for group in groups if group.facts]
+    return {"growth": facts} if facts else {}
 
 
 def _file_info(parts):

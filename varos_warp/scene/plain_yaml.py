@@ -15,6 +15,7 @@ MOST_NODES = 1_000_000
 """Values of a file, each alias counted with all that it stands for; a scene of 100 000 poses has 800 000."""
 DEEPEST = 100
 """Blocks within blocks."""
+BOOL, TEXT = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:str"
 
 
 class PlainLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # libyaml where it is there
@@ -138,12 +139,14 @@ def _check_size(text: str) -> None:
 
 
 def _check_keys(node: yaml.Node | None, seen: set[int]) -> None:
-    """Keys of all blocks are words, before anything looks at them."""
+    """Keys of all blocks are words, before anything looks at them; ``on`` is one too, though YAML 1.1 calls it true."""
     if not isinstance(node, yaml.CollectionNode) or id(node) in seen:
         return
     seen.add(id(node))
     for item in node.value:
         if isinstance(item, tuple) and not isinstance(item[0], yaml.ScalarNode):
             raise yaml.constructor.ConstructorError(None, None, "a key is a word, not a block", item[0].start_mark)
+        if isinstance(item, tuple) and item[0].tag == BOOL:
+            item[0].tag = TEXT
         for inner in item if isinstance(item, tuple) else (item,):
             _check_keys(inner, seen)

@@ -129,6 +129,6 @@ def geometry_of(scene: Scene, parts: list | None) -> list | None:
     """The scene's geometry, which is built only where some sensor meets it and it is not there yet."""
     if parts is not None or not needs_solids(scene.vehicle):
         return parts
-    from varos_warp.scene.geometry.world import build_parts  # meshes are loaded only where a sensor needs them
+    from varos_warp.scene.geometry.build import build_parts  # meshes are loaded only where a sensor needs them
 
     return build_parts(scene)

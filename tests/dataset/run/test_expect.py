@@ -5,7 +5,7 @@ import pytest
 
 from varos_warp.dataset.run.expect import shutter_facts
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene, scene_from_dict
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
-from varos_warp.scene.geometry.build import object_part
+from varos_warp.scene.geometry.placed import object_part
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.sim.clock import select

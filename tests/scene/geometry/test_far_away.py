@@ -13,9 +13,9 @@ from varos_warp.cli import app
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh, write_ply
 from varos_warp.scene.geometry.procedural import grid_mesh
-from varos_warp.scene.geometry.world import build_parts
 
 FAR = np.array([surveys.EAST, surveys.NORTH, 0.0])
 X, Y = np.arange(0, 6, 0.125), np.arange(0, 4, 0.125)

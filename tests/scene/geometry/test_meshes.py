@@ -9,9 +9,9 @@ import trimesh
 
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene, scene_from_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh, write_ply
 from varos_warp.scene.geometry.terrain import write_ply
-from varos_warp.scene.geometry.world import build_parts
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "munkholmen"
 UTM = np.array([569_012.345678, 7_035_678.901234, -50.0])

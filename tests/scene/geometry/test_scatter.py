@@ -5,12 +5,11 @@ from scipy.spatial.distance import pdist
 from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.geometry.build import build_instances, build_single_parts
+from varos_warp.scene.geometry.build import build_instances, build_parts, build_single_parts
 from varos_warp.scene.geometry.parts import Instances
 from varos_warp.scene.geometry.query import heights_at
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.info import scene_info
 
 NUT = {"kind": "nut", "size": "M64", "chord_error_m": 2e-3}

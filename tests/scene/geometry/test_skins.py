@@ -15,8 +15,8 @@ from trimesh.visual.material import PBRMaterial
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
 from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.images import srgb_to_linear
 
 QUADRANTS = np.array([[[200, 40, 10], [20, 180, 60]], [[30, 60, 220], [240, 240, 120]]], np.uint8)

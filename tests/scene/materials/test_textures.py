@@ -7,7 +7,7 @@ from PIL import Image
 from varos_warp.errors import InputError
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.geometry.world import build_parts
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.images import decode_image, linear
 from varos_warp.scene.materials.textures import (
     Textures,

@@ -9,7 +9,7 @@ import numpy as np
 from varos_warp.dataset.geometry import rebuilt
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.parts import Grown, Instances, Part
 
 MARGIN_M = 12.0
 """How far the ground is drawn around the course."""
@@ -62,7 +62,7 @@ def course_pictures(data: Dataset, scene: SceneParts) -> dict[str, str]:
 def ground_points(parts: list[Part | Instances], course: np.ndarray) -> np.ndarray:
     """Vertices [N, 3] of all parts near the course, some by chance; of copies, the places where they stand."""
     points = np.concatenate([part.T_w_o[:, :3, 3] if isinstance(part, Instances) else part.vertices
-                             for part in parts] or [np.zeros((0, 3))])
+                             for part in parts if not isinstance(part, Grown)] or [np.zeros((0, 3))])
     low, high = course.min(axis=0)[:2] - MARGIN_M, course.max(axis=0)[:2] + MARGIN_M
     points = points[((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)]
     # every n-th vertex of a grid would draw stripes

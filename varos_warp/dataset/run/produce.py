@@ -334,7 +334,7 @@ class _Run:
 
     def build(self) -> list:
         """Everything solid in the scene."""
-        from varos_warp.scene.geometry.world import build_parts
+        from varos_warp.scene.geometry.build import build_parts
 
         return build_parts(self.scene)
 
@@ -355,7 +355,8 @@ class _Run:
             give_back_large_arrays()
         if SEGMENTS in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
             raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
-                             key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer.")
+                             key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer" + (
+                                 "; or leave out render.segments: fine" * (self.scene.render.segments == "fine")) + ".")
 
     def settle(self) -> None:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""

@@ -26,7 +26,7 @@ from varos_warp.scene.description.image_types import DEPTH, SEGMENTS
 from varos_warp.scene.description.world import MeshObject
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import transform
-from varos_warp.scene.geometry.build import object_part
+from varos_warp.scene.geometry.placed import object_part
 from varos_warp.scene.optics.camera import CameraModel
 from varos_warp.scene.optics.shutter import in_ns
 from varos_warp.sim.clock import TICK_NS, frame_time_ns

@@ -74,11 +74,12 @@ def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
 
     Args:
         scene: The scene.
-        part_names: Keys in the scene file: ``terrain``, ``objects.3``, ``scatter.0.17``; ``vehicles.ID`` of a body.
+        part_names: Keys in the scene file: ``terrain``, ``objects.3``, ``scatter.0.17``, ``growth.2.17``; of a body
+            ``vehicles.ID``.
 
     Returns:
-        Rows of ``id`` (from 1; 0 is nothing), ``key``, ``kind`` (``terrain``, ``mesh``, ``pipe`` ...), ``material`` and
-        ``material_id`` (its place among the scene file's materials, from 1; 0: none).
+        Rows of ``id`` (from 1; 0 is nothing), ``key``, ``kind`` (``terrain``, ``mesh``, ``pipe``, ``barnacle``
+        ...), ``material`` and ``material_id`` (its place among the scene file's materials, from 1; 0: none).
     """
     materials = list(scene.materials)
     rows = []
@@ -98,7 +99,9 @@ def _block(scene: Scene, key: str) -> Any:
         return scene.terrain
     if group == "vehicles":
         return next((vehicle.body for vehicle in scene.vehicles or () if vehicle.key == key), None)
-    blocks = {"objects": scene.objects, "scatter": [block.object for block in scene.scatter]}.get(group, [])
+    groups: dict[str, Any] = {"objects": scene.objects, "scatter": [block.object for block in scene.scatter],
+                              "growth": scene.growth}
+    blocks = groups.get(group, [])
     known = bool(numbers) and numbers[0].isdigit() and int(numbers[0]) < len(blocks)
     return blocks[int(numbers[0])] if known else None
 

@@ -15,6 +15,7 @@ from varos_warp.files import absolute
 from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.fleet import FleetVehicle
+from varos_warp.scene.description.growth import Growth, problem_of
 from varos_warp.scene.description.image_types import TWIN, WATER
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
@@ -47,6 +48,8 @@ class Scene(Block):
     """What stands on the sea floor or in the water: meshes, and objects made from their measures."""
     scatter: list[Scatter] = []
     """Blocks that strew many copies of an object over the terrain."""
+    growth: list[Growth] = []
+    """Blocks that put animals, plants and stones on surfaces (docs/growth.md)."""
     materials: dict[str, Material] = {}
     """Materials by name; terrain and objects choose one by ``material: NAME``."""
     water: Water | Literal["none"] = "none"
@@ -76,7 +79,8 @@ class Scene(Block):
     _source: Any = PrivateAttr(default=None)
     """Where its keys stand in the file (scene/file/source.py)."""
     _written = written_otherwise(
-        lambda scene: ("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer"))
+        lambda scene: [*(("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer")),
+                       *(() if scene.growth else ("growth",))])
 
     @model_validator(mode="before")
     @classmethod
@@ -108,6 +112,16 @@ class Scene(Block):
     def _scatter_has_ground(self):
         if self.scatter and self.terrain is None:
             raise ValueError("scatter.0: there is no terrain to scatter anything on")
+        return self
+
+    @model_validator(mode="after")
+    def _growth_has_hosts(self):
+        moves = "moves, and nothing grows on what moves as yet"
+        hosts: dict[str, str | None] = {"terrain": None} if self.terrain is not None else {}
+        hosts |= {f"objects.{i}": moves if block.path else None for i, block in enumerate(self.objects)}
+        hosts |= {f"scatter.{i}": None for i in range(len(self.scatter))}
+        if problem := problem_of(self.growth, hosts | {vehicle.key: moves for vehicle in self.vehicles or ()}):
+            raise ValueError(problem)
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unwritten_if_absent
+from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unwritten_if_absent, written_otherwise
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 from varos_warp.scene.description.noise_profile import CameraNoise
 
@@ -117,10 +117,14 @@ class Render(Block):
     max_triangles: Annotated[int, Field(ge=1000)] | None = Field(default=None, examples=[8_000_000])
     """Most triangles of surfaces with relief (docs/surfaces.md); where they would take more, their edges are longer by
     one factor, which is told. Absent: 3 million."""
+    segments: Literal["host", "fine"] = "host"
+    """What S calls a copy of `growth`: the number of what it grows on, or one of its own (fine)."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
 
-    _written = unwritten_if_absent("max_triangles", "dither", "noise")
+    _written = written_otherwise(lambda render: [
+        *(key for key in ("max_triangles", "dither", "noise") if getattr(render, key) is None),
+        *(["segments"] if render.segments == "host" else [])])
 
     @field_validator("depth_range_m")
     @classmethod

@@ -309,6 +309,17 @@ class Scatter(Block):
     """Only where the terrain is no steeper than this [degrees]."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)
     """Smallest and largest scale; all between are equally likely."""
+    shapes: Annotated[int, Field(ge=1, le=64)] | None = Field(default=None, examples=[12])
+    """How many shapes of a boulder there are, of seeds that follow its own; copies have them in turn. Absent: 1."""
+
+    _written = unwritten_if_absent("shapes")
+
+    @model_validator(mode="after")
+    def _only_boulders_differ(self):
+        if (self.shapes or 1) > 1 and not isinstance(self.object, Boulder):
+            raise ValueError(f"shapes: the form of a {self.object.kind} does not follow from a seed; leave it out, or "
+                             "scatter a boulder")
+        return self
 
     @model_validator(mode="after")
     def _one_area(self):

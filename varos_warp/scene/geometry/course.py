@@ -15,8 +15,8 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.vehicle import Trajectory
 from varos_warp.scene.frames import attitudes, look_at_matrix
-from varos_warp.scene.geometry.build import object_part, terrain_part
 from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.placed import object_part, terrain_part
 from varos_warp.scene.geometry.query import is_inside
 from varos_warp.scene.geometry.surface import Surface
 
@@ -87,10 +87,8 @@ def local_origin(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
     positions = standpoints(scene, parts)
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
     if parts:
-        boxes = [box.vertices for part in parts for box in part.boxes()]
-        low = np.min([box.min(axis=0) for box in boxes], axis=0)
-        high = np.max([box.max(axis=0) for box in boxes], axis=0)
-        middle = np.clip(middle, low, high)
+        boxes = np.concatenate([part.extents() for part in parts])
+        middle = np.clip(middle, boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0))
     return np.round(middle)
 
 

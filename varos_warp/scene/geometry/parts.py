@@ -1,6 +1,6 @@
 """The parts of a world as plain arrays: what mesh loading, terrain and assets make, and the device scene uploads."""
 
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
@@ -59,6 +59,12 @@ class Skin:
     def has_holes(self) -> bool:
         """Whether masks cut holes."""
         return self.cut is not None and bool(self.cut.any())
+
+    def repeated(self, count: int) -> "Skin":
+        """The skin of so many copies, one after another."""
+        page, tints, cut = (None if values is None else np.concatenate([values] * count)
+                            for values in (self.page, self.tints, self.cut))
+        return Skin(np.concatenate([self.corners] * count), self.pages, page, tints, cut)
 
     def of_faces(self, chosen: np.ndarray) -> "Skin":
         """The skin of some of the faces, by their numbers or bool [F]."""
@@ -151,9 +157,18 @@ class Part(Shape):
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """The object's position [m]; seeds its procedural material."""
 
+    @property
+    def first_name(self) -> str:
+        """Its name, as if it were the first of copies."""
+        return self.name
+
     def boxes(self) -> list["Part"]:
         """The part itself, as what encloses it."""
         return [self]
+
+    def extents(self) -> np.ndarray:
+        """Least and greatest coordinates, float64 [1, 2, 3]."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])[None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,23 +187,67 @@ class Instances(Shape):
 
     T_w_o: np.ndarray
     """float64 [N, 4, 4]: poses of the copies in the world, their uniform scale folded in."""
+    first: int = 0
+    """Number of the first copy within its block: copies of a block's other prototypes come before."""
 
     def __len__(self):
         return len(self.T_w_o)
+
+    @property
+    def first_name(self) -> str:
+        """Of the first of the copies; no other part or group has it."""
+        return f"{self.name}.{self.first}"
 
     @property
     def scale(self) -> np.ndarray:
         """How many times the prototype's size each copy is [N]."""
         return np.cbrt(np.linalg.det(self.T_w_o[:, :3, :3]))
 
+    @property
+    def names(self) -> list[str]:
+        """Of every copy, ``scatter.0.17``."""
+        return [f"{self.name}.{i}" for i in range(self.first, self.first + len(self))]
+
     def parts(self) -> list[Part]:
-        """Every copy as a part, ``scatter.0.17``, with its position as the seed of its material."""
-        return [Part(f"{self.name}.{i}", self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
+        """Every copy as a part, with its position as the seed of its material."""
+        return [Part(name, self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
                      tuple(T[:3, 3].tolist()), smooth_angle=self.smooth_angle, smooth_shading=self.smooth_shading,
-                     skin=self.skin) for i, T in enumerate(self.T_w_o)]
+                     skin=self.skin) for name, T in zip(self.names, self.T_w_o, strict=True)]
+
+    def joined(self) -> Part:
+        """All copies as one part, the faces of one after those of another."""
+        skin = None if self.skin is None else self.skin.repeated(len(self))
+        starts = np.int32(len(self.vertices)) * np.arange(len(self), dtype=np.int32)
+        return Part(self.name, self._placed(self.vertices).reshape(-1, 3),
+                    (self.faces[None] + starts[:, None, None]).reshape(-1, 3), self.material,
+                    smooth_angle=self.smooth_angle, smooth_shading=self.smooth_shading, skin=skin)
 
     def boxes(self) -> list[Part]:
         """Every copy as the corners of its bounding box, turned with it, without faces."""
+        return replace(self, vertices=self._corners(), faces=np.zeros((0, 3), np.int32)).parts()
+
+    def extents(self) -> np.ndarray:
+        """Least and greatest coordinates of every copy's box, turned with it, float64 [N, 2, 3]."""
+        corners = self._placed(self._corners())
+        return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+
+    def _placed(self, points: np.ndarray) -> np.ndarray:
+        """Points [M, 3] of the prototype where every copy has them [N, M, 3]."""
+        return points @ self.T_w_o[:, :3, :3].swapaxes(1, 2) + self.T_w_o[:, None, :3, 3]
+
+    def _corners(self) -> np.ndarray:
+        """Of the prototype's bounding box [8, 3]."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
-        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        return replace(self, vertices=corners, faces=np.zeros((0, 3), np.int32)).parts()
+        return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grown(Instances):
+    """Copies of one shape and tint that grow on other parts: what a block of ``growth`` makes."""
+
+    hosts: tuple[str, ...]
+    """Names of what they grow on: of parts, and of copies of a scatter."""
+    host: np.ndarray
+    """int32 [N]: which of ``hosts`` carries each copy."""
+    facts: dict = field(default_factory=dict)
+    """Of the whole block, with its first shape, for `varos-warp info`."""

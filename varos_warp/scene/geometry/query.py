@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.geometry.joining import join
-from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.parts import Grown, Instances, Moving, Part
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.topology import compact, extents
 
@@ -115,11 +115,11 @@ class Solids:
     """Everything solid, for rays from here and there: each BVH is built when first asked for, and kept.
 
     Args:
-        parts: From ``build_parts``.
+        parts: From ``build_parts``. What grows on them is left out: beams of sound are wider than it.
     """
 
     def __init__(self, parts: list[Part | Instances]):
-        self.parts = parts
+        self.parts = [part for part in parts if not isinstance(part, Grown)]
         self._surfaces: dict[tuple, Surface] = {}
 
     def first_met(self, points: np.ndarray, directions: np.ndarray, reach: float, T_w_o: dict[str, np.ndarray]

@@ -47,21 +47,26 @@ class Ground:
         return digest(*meshes, self.centre, self.radius)
 
 
-def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int) -> Instances:
+def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, seed: int) -> list[Instances]:
     """Place the copies of one block, and mark their ground as taken.
 
     Args:
         block: The block ``scatter`` of the scene file.
         key: Where it stands, ``scatter.0``: the name of the result, and for messages.
-        prototype: The object that is copied, its scale and rotation applied, around its origin.
+        prototypes: The shapes of the object that is copied, scale and rotation applied, around its origin. Copies have
+            them in turn, and all keep the distance that the largest needs.
         ground: The terrain and what stands there.
         seed: Seed of the scene.
+
+    Returns:
+        The copies of each shape that has any.
 
     Raises:
         InputError: The area has no extent, or no room for so many copies.
     """
-    lowest = prototype.vertices[:, 2].min() + block.sink_m
-    vertices = prototype.vertices - [0.0, 0.0, lowest]
+    lowest = [prototype.vertices[:, 2].min() + block.sink_m for prototype in prototypes]
+    shapes = [own.vertices - [0.0, 0.0, low] for own, low in zip(prototypes, lowest, strict=True)]
+    vertices = np.concatenate(shapes) if len(shapes) > 1 else shapes[0]
     reach = np.linalg.norm(vertices if block.max_tilt_deg else vertices[:, :2], axis=1).max()
     depends_on = {"block": block.model_dump(mode="json", exclude={"object"}), "seed": seed, "ground": ground.digest(),
                   "copy": digest(vertices), "code": code_hash(__name__, (__name__.rpartition(".")[0],))}
@@ -72,8 +77,15 @@ def scatter(block: Scatter, key: str, prototype: Part, ground: Ground, seed: int
     for pose, (x, y, z, scale, yaw, dzdx, dzdy) in zip(T, places, strict=True):
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
         pose[:3, :3], pose[:3, 3] = scale * turned.as_matrix(), (x, y, z)
-    return Instances(key, vertices, prototype.faces, prototype.material, T, smooth_angle=prototype.smooth_angle,
-                     smooth_shading=prototype.smooth_shading, skin=prototype.skin, files=prototype.files)
+    groups, first = [], 0
+    for k, (own, prototype) in enumerate(zip(shapes, prototypes, strict=True)):
+        of_shape = T[k::len(shapes)]
+        if len(of_shape):
+            groups.append(Instances(
+                key, own, prototype.faces, prototype.material, of_shape, first, smooth_angle=prototype.smooth_angle,
+                smooth_shading=prototype.smooth_shading, skin=prototype.skin, files=prototype.files))
+        first += len(of_shape)
+    return groups
 
 
 def _places(block, key, vertices, reach, ground, seed):

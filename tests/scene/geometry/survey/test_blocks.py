@@ -27,10 +27,10 @@ from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
 from varos_warp.scene.description.survey import ENDINGS, FOR
 from varos_warp.scene.file.load import load_scene, scene_from_dict, scene_to_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.foreign import REMEDIES
 from varos_warp.scene.geometry.mesh_files import FORMATS, write_ply
 from varos_warp.scene.geometry.terrain import mesh_facts
-from varos_warp.scene.geometry.world import build_parts
 from varos_warp.scene.info import scene_info
 
 

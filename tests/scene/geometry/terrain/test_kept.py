@@ -42,7 +42,7 @@ def test_a_thin_shell_is_refused_by_the_verb_and_nothing_is_written(tmp_path):
 
 
 def test_a_thin_shell_is_refused_as_the_key_of_a_scene(tmp_path):
-    from varos_warp.scene.geometry.world import build_parts
+    from varos_warp.scene.geometry.build import build_parts
 
     terrain.write_ply(tmp_path / "a.ply", *shell())
     scene = scene_from_dict({"terrain": {"file": str(tmp_path / "a.ply"), "preprocess": {"shrinkwrap_resolution": 65}},

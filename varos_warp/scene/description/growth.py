@@ -1,0 +1,78 @@
+"""What grows and lies on surfaces: animals, plants and stones, as copies on the triangles of their hosts."""
+
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from varos_warp.errors import did_you_mean
+from varos_warp.scene.block import Block, NonNegative
+
+GrowthKind = Literal["barnacle", "tube_worm", "hydroid", "anemone", "coralline", "mussel", "starfish", "shell",
+                     "pebble", "kelp", "seagrass"]
+SizeM = Annotated[float, Field(ge=1e-4, le=20.0)]
+Cosine = Annotated[float, Field(ge=-1.0, le=1.0)]
+Depth = Annotated[float, Field(ge=-1e4, le=1.2e4)]
+
+
+class Growth(Block):
+    """Copies of one kind of animal, plant or stone on surfaces of the scene, by chance and in clusters."""
+
+    on: Annotated[list[str], Field(min_length=1)] = Field(examples=[["objects.0", "terrain"]])
+    """What carries it: ``terrain``, objects (``objects.0``) and blocks of scatter (``scatter.0``, on each copy)."""
+    kind: GrowthKind = Field(examples=["barnacle"])
+    """What it is: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp, seagrass."""
+    per_m2: Annotated[NonNegative, Field(le=1e5)] | None = Field(default=None, examples=[230])
+    """How many there are on a square metre of the surface where they may be, in the mean; fewer are left where
+    bodies would overlap. Absent: the kind's own (docs/growth.md)."""
+    cluster: Annotated[NonNegative, Field(le=20.0)] | None = Field(default=None, examples=[11])
+    """How much they keep together: 0 is even chance everywhere, 11 is dense clusters and bare places between them.
+    Absent: the kind's own."""
+    up: tuple[Cosine, Cosine] | None = Field(default=None, examples=[[-1, 1]])
+    """Least and largest vertical part of the surface's normal where they may be: -1 is an underside, 0 a wall, 1 level
+    ground. Absent: the kind's own."""
+    size_m: tuple[SizeM, SizeM] | None = Field(default=None, examples=[[0.007, 0.024]])
+    """Smallest and largest size [m]: how wide it is, of anemones, hydroids and plants how high. Absent: the kind's
+    own."""
+    depth_m: tuple[Depth, Depth] | None = Field(default=None, examples=[[0, 20]])
+    """Only between these depths below the sea surface [m]. Absent: at all depths."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    """The places depend on it and on the scene's seed."""
+
+    @model_validator(mode="after")
+    def _ranges_ascend(self):
+        for key in ("up", "size_m", "depth_m"):
+            value = getattr(self, key)
+            if value is not None and value[0] > value[1]:
+                raise ValueError(f"{key}: {list(value)} begins above its end; give [low, high]")
+        return self
+
+    @model_validator(mode="after")
+    def _each_host_once(self):
+        for i, host in enumerate(self.on):
+            if host in self.on[:i]:
+                raise ValueError(f"on.{i}: '{host}' is named twice; name it once, with a larger per_m2")
+        return self
+
+
+def problem_of(blocks: Iterable[Growth], hosts: dict[str, str | None]) -> str | None:
+    """What is wrong with the hosts of blocks, after the key that it is wrong with; None: nothing.
+
+    Args:
+        blocks: Those of a scene.
+        hosts: Keys of all that things may grow on, each with the reason why nothing can, or None.
+    """
+    taken: dict[tuple, str] = {}
+    for i, block in enumerate(blocks):
+        for j, host in enumerate(block.on):
+            key = f"growth.{i}.on.{j}"
+            if host not in hosts:
+                still = [name for name, reason in hosts.items() if reason is None]
+                near = did_you_mean(host, still) or f"There are: {', '.join(still) or 'none'}"
+                return f"{key}: there is no surface '{host}' to grow on. {near}"
+            if reason := hosts[host]:
+                return f"{key}: '{host}' {reason}; name what stands still"
+            if (first := taken.setdefault((host, block.kind, block.seed), f"growth.{i}")) != f"growth.{i}":
+                return (f"growth.{i}.seed: {block.seed} is that of {first}, which puts the same kind on {host}: the "
+                        "copies would stand in the same places; give another seed")
+    return None

@@ -1,0 +1,37 @@
+"""What lies on the ground or is part of it: pebbles, and crusts of coralline algae."""
+
+import numpy as np
+import trimesh
+
+from varos_warp.scene.geometry.growth.solids import Solid, around, grid_faces, solid, waves
+
+
+def pebble(rng: np.random.Generator) -> Solid:
+    """A worn stone with blunt edges, a third of it in the ground; of unit width."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    p = np.asarray(ball.vertices)
+    n = rng.standard_normal((9, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    # soft-edged: the high norm of the distances to planes
+    reach = (np.maximum(p @ n.T / rng.uniform(0.62, 1.0, 9), 0.1) ** 10).sum(axis=1) ** -0.1
+    p = p * np.minimum(reach, 1.15)[:, None] * (1.0 + 0.03 * waves(p, 0.9, rng))[:, None]
+    p = p * np.sort(rng.uniform(0.5, 1.0, 3))[::-1]
+    p /= np.ptp(p[:, :2], axis=0).max()
+    p[:, 2] += np.ptp(p[:, 2]) * rng.uniform(0.1, 0.35)
+    shade = 1.0 + 0.12 * waves(p, 0.5, rng) + 0.1 * rng.standard_normal(len(p))
+    return solid(p, np.asarray(ball.faces), np.outer(np.clip(shade, 0.5, 1.5), [0.15, 0.138, 0.12]))
+
+
+def coralline(rng: np.random.Generator) -> Solid:
+    """A thin crust with a lobed rim and holes in its tone; of unit width."""
+    rings, sides = 9, 44
+    t, s = around(sides), np.linspace(0.02, 1.0, rings)[:, None]
+    rim = 1.0 + sum(rng.normal(0.0, 0.16 / k**0.7) * np.cos(k * t + rng.uniform(0.0, 6.3)) for k in range(2, 9))
+    rim = np.clip(rim, 0.35, 1.4)
+    x, y = 0.42 * s * rim * np.cos(t), 0.42 * s * rim * np.sin(t)
+    z = 0.022 * (1.0 - s**6) - 0.012 + 0.0 * x
+    vertices = np.stack([x, y, z], -1).reshape(-1, 3)
+    mottle = waves(vertices, 0.22, rng)
+    vertices[:, 2] += 0.003 * mottle * np.repeat(1.0 - s.ravel() ** 4, sides)
+    tone = 0.8 + 0.16 * mottle + 0.35 * np.repeat(s.ravel() ** 5, sides)  # the growing edge is pale
+    return solid(vertices, grid_faces(rings, sides)[:, ::-1], np.outer(np.clip(tone, 0.3, 1.5), [0.19, 0.105, 0.105]))

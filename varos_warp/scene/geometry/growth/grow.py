@@ -1,0 +1,106 @@
+"""Blocks of ``growth`` become copies on the parts of a scene."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from varos_warp.errors import warn
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.geometry.growth.chance import uniform
+from varos_warp.scene.geometry.growth.hosts import REACH_M, Carrier, Host
+from varos_warp.scene.geometry.growth.kinds import Kind, prototypes
+from varos_warp.scene.geometry.growth.placing import Rooted, Wanted, joined, rooted
+from varos_warp.scene.geometry.growth.spacing import apart
+from varos_warp.scene.geometry.parts import Grown, Instances, Part, Skin
+from varos_warp.scene.geometry.relief.density import Footprint, footprint
+
+NOTHING = Rooted(np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint64))
+
+
+def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
+    """Copies for every block of ``growth``, those of one shape and tint together; none without blocks.
+
+    Args:
+        scene: The scene.
+        parts: All that things may grow on.
+
+    Raises:
+        InputError: A block asks for too many.
+    """
+    if not scene.growth:
+        return []
+    near = footprint(scene, parts)
+    named = {name for block in scene.growth for name in block.on}
+    carriers = {part.name: [] for part in parts if part.name in named}
+    for part in parts:
+        if part.name in named:
+            carriers[part.name].append(Carrier(part, near))
+    groups = []
+    for i, block in enumerate(scene.growth):
+        wanted = Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m)
+        groups += _groups(wanted, (host for name in block.on for carrier in carriers[name] for host in carrier.hosts()),
+                          near)
+    return groups
+
+
+def _groups(wanted: Wanted, hosts: Iterable[Host], near: Footprint) -> list[Grown]:
+    """The copies of one block, by their shapes and tints."""
+    names, found = [], [NOTHING]
+    for number, host in enumerate(hosts):
+        names.append(host.name)
+        found.append(rooted(wanted, host, number, near))
+    copies = joined(found)
+    copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, copies.keys))
+    facts = _facts(wanted, names, copies)
+    if not len(copies.size):
+        why = (f"all of about {copies.too_small:.0f} would be smaller than a pixel" if copies.too_small >= 1.0 else
+               f"no surface of its hosts within {REACH_M:g} m of the course is as it asks, or chance leaves none")
+        warn(f"{wanted.key}: no {wanted.block.kind} is placed: {why}")
+        return []
+    shapes, groups, first = prototypes(wanted.block.kind), [], 0
+    which, poses = (uniform(copies.keys, 5) * len(shapes)).astype(int), _poses(copies, wanted.kind)
+    for k, shape in enumerate(shapes):
+        chosen = np.flatnonzero(which == k)
+        if len(chosen):
+            groups.append(Grown(wanted.key, shape.vertices, shape.faces, Diffuse(), poses[chosen], first,
+                                smooth_angle=np.pi, smooth_shading=True, skin=Skin(shape.corners), hosts=tuple(names),
+                                host=copies.host[chosen], facts={} if groups else facts))
+            first += len(chosen)
+    return groups
+
+
+def _facts(wanted: Wanted, names: list[str], copies: Rooted) -> dict:
+    """What there is to say of a block: how many copies, on what, and how many are too small to be seen."""
+    by_name = dict.fromkeys(wanted.block.on, 0)
+    for host, count in zip(names, np.bincount(copies.host, minlength=len(names)).tolist(), strict=True):
+        by_name[next(name for name in by_name if f"{host}.".startswith(f"{name}."))] += count
+    return {"name": wanted.key, "kind": wanted.block.kind, "copies": len(copies.size), "on": by_name,
+            "smaller_than_a_pixel": round(copies.too_small)}
+
+
+def _poses(copies: Rooted, kind: Kind) -> np.ndarray:
+    """Poses [N, 4, 4]: roots at the origin, z along the normal but for what stands up and for chance."""
+    u = [uniform(copies.keys, dimension) for dimension in (6, 7, 8)]
+    radius = kind.jitter * np.sqrt(-2.0 * np.log1p(-u[0]))  # Box and Muller 1958
+    z = copies.normals / np.linalg.norm(copies.normals, axis=1, keepdims=True) + [0.0, 0.0, kind.straight]
+    x, y = _across(z)
+    z = z + radius[:, None] * (np.cos(2.0 * np.pi * u[1])[:, None] * x + np.sin(2.0 * np.pi * u[1])[:, None] * y)
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    x, y = _across(z)
+    spin = 2.0 * np.pi * u[2][:, None]
+    x, y = np.cos(spin) * x + np.sin(spin) * y, np.cos(spin) * y - np.sin(spin) * x
+    T = np.tile(np.eye(4), (len(z), 1, 1))
+    T[:, :3, :3] = copies.size[:, None, None] * np.stack([x, y, z], axis=2)
+    T[:, :3, 3] = copies.points
+    return T
+
+
+def _across(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors [N, 3] across directions [N, 3], which x, y and z make a right-handed system with."""
+    axis = np.where((np.abs(z[:, :1]) < 0.7 * np.linalg.norm(z, axis=1, keepdims=True)), [[1.0, 0.0, 0.0]],
+                    [[0.0, 1.0, 0.0]])
+    x = np.cross(axis, z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    y = np.cross(z, x)
+    return x, y / np.linalg.norm(y, axis=1, keepdims=True)

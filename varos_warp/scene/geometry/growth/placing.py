@@ -1,0 +1,162 @@
+"""Where copies stand on a host: a Poisson process on its triangles, denser where they cluster."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from varos_warp.errors import InputError
+from varos_warp.scene.description.growth import Growth
+from varos_warp.scene.geometry.growth.chance import crowding, key_of, mixed, poisson_counts, uniform
+from varos_warp.scene.geometry.growth.hosts import REACH_M, Host
+from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
+from varos_warp.scene.geometry.relief.density import Footprint
+
+MOST_COPIES = 1_000_000
+"""Of one block."""
+BATCH = 1 << 19
+"""Candidates that are looked at together; the copies do not depend on it."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a block asks for, with what its kind has by default."""
+
+    block: Growth
+    key: str
+    """Where it stands in the scene file: ``growth.0``."""
+    seed: int
+    """Of the scene."""
+    surface_depth_m: float
+    kind: Kind = field(init=False)
+    per_m2: float = field(init=False)
+    cluster: float = field(init=False)
+    up: tuple[float, float] = field(init=False)
+    size_m: tuple[float, float] = field(init=False)
+
+    def __post_init__(self):
+        kind = KINDS[self.block.kind]
+        object.__setattr__(self, "kind", kind)
+        for name in ("per_m2", "cluster", "up", "size_m"):
+            given = getattr(self.block, name)
+            object.__setattr__(self, name, getattr(kind, name) if given is None else given)
+
+    def sizes(self, u: np.ndarray) -> np.ndarray:
+        """Sizes [N] [m] of uniform numbers [N], by the power law of the kind."""
+        low, high = self.size_m
+        s = 1.0 - self.kind.small
+        if s == 0.0:
+            return low * (high / low) ** u
+        return (low**s + u * (high**s - low**s)) ** (1.0 / s)
+
+    def share_above(self, size: np.ndarray) -> np.ndarray:
+        """Share [N] of the copies that are larger than sizes [N] [m]."""
+        low, high = self.size_m
+        s, size = 1.0 - self.kind.small, np.clip(size, low, high)
+        if low == high:
+            return (size >= high).astype(float)
+        if s == 0.0:
+            return np.log(high / size) / np.log(high / low)
+        return (high**s - size**s) / (high**s - low**s)
+
+
+@dataclass(frozen=True)
+class Rooted:
+    """Copies on one host, or on several."""
+
+    host: np.ndarray
+    """int32 [N]: number of the host."""
+    points: np.ndarray
+    """float64 [N, 3]: roots, on the surface [m]."""
+    normals: np.ndarray
+    """float64 [N, 3]: of the surface, smoothed."""
+    size: np.ndarray
+    """float64 [N] [m]."""
+    keys: np.ndarray
+    """uint64 [N]: what else there is of chance in them."""
+    too_small: float = 0.0
+    """About how many more there would be if they were not smaller than a pixel."""
+
+    def of(self, chosen: np.ndarray) -> "Rooted":
+        """Some of the copies."""
+        return Rooted(self.host[chosen], self.points[chosen], self.normals[chosen], self.size[chosen],
+                      self.keys[chosen], self.too_small)
+
+
+def joined(some: list[Rooted]) -> Rooted:
+    """All copies of several hosts."""
+    columns = ("host", "points", "normals", "size", "keys")
+    return Rooted(*(np.concatenate([getattr(each, name) for each in some]) for name in columns),
+                  sum(each.too_small for each in some))
+
+
+def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Rooted:
+    """Copies of a block on a host, some of which may overlap.
+
+    Raises:
+        InputError: There would be too many.
+    """
+    own = key_of(wanted.seed, wanted.block.seed, wanted.block.kind, host.name)
+    scars = key_of(wanted.seed, host.name) if wanted.kind.scars else None
+    crowd = crowding(wanted.cluster, wanted.kind.wavelength, own, scars)
+    area_normals = host.area_normals
+    area = np.linalg.norm(area_normals, axis=1)
+    up = area_normals[:, 2] / np.where(area > 0.0, area, 1.0)
+    may = np.flatnonzero((area > 0.0) & (up >= wanted.up[0]) & (up <= wanted.up[1]))
+    mean = wanted.per_m2 * area[may]
+    pixel = footprint.angle * host.gap[may]
+    shows = pixel <= wanted.size_m[1]
+    if (expected := (mean * wanted.share_above(pixel))[shows].sum()) > MOST_COPIES:
+        raise InputError(f"puts about {expected:.3g} copies on {host.name} within {REACH_M:g} m of the course; "
+                         f"{MOST_COPIES} are the most", key=f"{wanted.key}.per_m2", value=wanted.per_m2,
+                         remedy="Lower it, or choose a smaller surface, a range of depth_m or of up.")
+    small = mean[~shows].sum()
+    may, mean = may[shows], mean[shows]
+    face_keys = mixed(own, host.keys[may])
+    counts = poisson_counts(uniform(face_keys, 0), crowd.peak * mean)
+    some = [_few(number, 0, 0.0)]
+    ends = np.cumsum(counts)
+    starts = np.searchsorted(ends, np.arange(0, int(counts.sum()) + 1, BATCH), side="right")
+    for begin, end in zip(starts, [*starts[1:], len(may)], strict=True):
+        faces = np.repeat(np.arange(begin, end), counts[begin:end])
+        turn = np.arange(len(faces)) - np.repeat(np.cumsum(counts[begin:end]) - counts[begin:end], counts[begin:end])
+        some.append(_kept(wanted, host, number, may[faces], mixed(face_keys[faces], turn.astype(np.uint64) + np.uint64(
+            1)), crowd, footprint))
+    found = joined(some)
+    return Rooted(found.host, found.points, found.normals, found.size, found.keys, found.too_small + small)
+
+
+def _few(number, count, too_small):
+    return Rooted(np.full(count, number, np.int32), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count),
+                  np.zeros(count, np.uint64), too_small)
+
+
+def _kept(wanted, host, number, faces, keys, crowd, footprint):
+    """Of candidates, by their triangles and keys [N], those that chance, depth and pixels leave."""
+    size = wanted.sizes(uniform(keys, 3))
+    few = np.flatnonzero(size >= footprint.angle * host.gap[faces])  # what no view shows goes first: it is most
+    too_small = (len(keys) - len(few)) / crowd.peak
+    faces, keys, size = faces[few], keys[few], size[few]
+    weights, points = _within(host.corners[faces], keys)
+    keep = uniform(keys, 4) * crowd.peak < crowd(points - host.origin)
+    if wanted.block.depth_m is not None:
+        depth = wanted.surface_depth_m - points[:, 2]
+        keep &= (depth >= wanted.block.depth_m[0]) & (depth <= wanted.block.depth_m[1])
+    kept = np.flatnonzero(keep)
+    kept = kept[footprint.distance(points[kept]) <= REACH_M]
+    wide = size[kept] >= footprint(points[kept])
+    few = kept[wide]
+    a, b, c = np.moveaxis(host.corners[faces[few]], 1, 0)
+    flat = np.cross(b - a, c - a)  # where corners' normals cancel
+    normals = np.einsum("ni,nij->nj", weights[few], host.normals[faces[few]]) + 1e-6 * flat / np.linalg.norm(
+        flat, axis=1, keepdims=True)
+    return Rooted(np.full(len(few), number, np.int32), points[few], normals, size[few], keys[few],
+                  too_small + np.count_nonzero(~wide))
+
+
+def _within(corners, keys):
+    """Barycentric weights [N, 3], and points [N, 3], of places by chance in triangles [N, 3, 3]."""
+    u, v = uniform(keys, 1), uniform(keys, 2)
+    over = u + v > 1.0
+    u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.column_stack([1.0 - u - v, u, v]), a + u[:, None] * (b - a) + v[:, None] * (c - a)

@@ -1,0 +1,81 @@
+"""Animals with shells: barnacles, mussels, tube worms, and empty valves on the ground."""
+
+import numpy as np
+
+from varos_warp.scene.geometry.growth.solids import Solid, around, grid_faces, revolved, solid, together, tube
+
+PLATES, SIDES = 6, 30
+
+
+def barnacle(rng: np.random.Generator) -> Solid:
+    """A truncated cone of six ribbed plates about a sunken mouth; of unit width."""
+    height, mouth = rng.uniform(0.32, 0.6), rng.uniform(0.19, 0.27)
+    s, t = np.array([0.0, 0.25, 0.55, 0.8, 1.0]), around(SIDES)
+    radius = np.concatenate([[0.53], 0.51 + (mouth - 0.51) * s**0.8, [0.84 * mouth, 0.75 * mouth, 0.4 * mouth, 0.01]])
+    z = np.concatenate([[-0.06], height * s, [0.92 * height, 0.45 * height, 0.55 * height, 0.62 * height]])
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    oval = 1.0 + rng.uniform(0.03, 0.1) * np.cos(2.0 * t + phase)
+    seam = np.exp(-(np.sin(0.5 * PLATES * t + phase) / 0.3) ** 2)
+    ribs = 0.05 * np.cos(2.5 * PLATES * t + 1.0)
+    outside = np.array([1, 1, 1, 1, 0.7, 0.3, 0, 0, 0, 0])[:, None]
+    girth = oval * (1.0 + outside * (ribs - 0.14 * seam))
+    vertices = revolved(radius, z, girth)
+    # the rim is ragged: tips of the plates between the seams
+    tips = np.outer([0, 0, 0, 0.3, 0.7, 1, 1, 0, 0, 0], 0.16 * height * (0.4 - seam) * rng.uniform(0.6, 1.4))
+    vertices[:, 2] += tips.ravel()
+    shade = np.array([0.35, 0.5, 0.75, 0.9, 1.0, 1.05, 0.6, 0.09, 0.14, 0.2])[:, None] * (1.0 - 0.45 * outside * seam)
+    shade = shade.ravel() * rng.uniform(0.9, 1.1, len(vertices))
+    return solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.43, 0.40, 0.34]))
+
+
+def tube_worm(rng: np.random.Generator) -> Solid:
+    """A chalky tube that winds over the ground and lifts its mouth (Spirobranchus); of unit length."""
+    count = 22
+    bend = np.cumsum(rng.normal(0.0, 0.3, count)) + np.linspace(0.0, rng.uniform(-3.5, 3.5), count)
+    flat = np.cumsum(np.column_stack([np.cos(bend), np.sin(bend)]), axis=0) / count
+    s = np.linspace(0.0, 1.0, count)
+    path = np.column_stack([flat - flat.mean(axis=0), 0.01 + 0.05 * s**7])
+    vertices, faces = tube(path, 0.01 + 0.024 * s, 7)
+    shade = np.repeat(0.7 + 0.3 * rng.random(count), 7)
+    shade[-7:] *= 0.25
+    return solid(vertices, faces, np.outer(shade, [0.40, 0.37, 0.31]))
+
+
+def valve(rng: np.random.Generator, width: float, depth: float, rings: float) -> Solid:
+    """One valve of a bivalve, hollow side down, with growth rings; of unit length along y, its hinge at -y."""
+    a, b = 20, 14
+    u, w = np.linspace(-1.0, 1.0, a), np.linspace(0.03, 1.0, b)[:, None]
+    r = w * (1.0 - 0.12 * u**2 + 0.01 * np.cos(9.0 * u + rng.uniform(0.0, 6.0)))
+    x, y = r * np.sin(1.2 * u) * width, r * np.cos(1.2 * u) - 0.5
+    z = depth * np.sin(0.92 * np.pi * w) ** 0.7 * np.cos(1.35 * u) ** 0.8 + 0.006 * np.cos(2.0 * np.pi * rings * w) * w
+    shade = (0.85 + 0.15 * np.cos(2.0 * np.pi * (1.3 * rings) * w)) * np.ones(a) * rng.uniform(0.9, 1.1, (b, a))
+    vertices = np.stack([x, y * np.ones_like(x), z - 0.02], -1).reshape(-1, 3)
+    return solid(vertices, grid_faces(b, a, closed=False), shade.reshape(-1, 1) * np.ones(3))
+
+
+def shell(rng: np.random.Generator) -> Solid:
+    """An empty valve on the ground, now and then upside down, or a piece of one."""
+    whole = valve(rng, rng.uniform(0.5, 0.66), rng.uniform(0.18, 0.3), rng.uniform(4.0, 8.0))
+    vertices, faces = whole.vertices.copy(), whole.faces
+    if rng.random() < 0.3:
+        vertices[:, 1:] *= -1.0
+        vertices[:, 2] += vertices[:, 2].max() * 0.5 + 0.1
+    if rng.random() < 0.35:  # broken off
+        middle = vertices[faces].mean(axis=1)
+        faces = faces[middle @ [np.cos(a := rng.uniform(0, 6.28)), np.sin(a), 0.0] < rng.uniform(0.0, 0.25)]
+    return Solid(vertices, faces, whole.colours * [0.42, 0.39, 0.34])
+
+
+def mussel(rng: np.random.Generator) -> Solid:
+    """Two valves closed, on edge, hinge down among its byssus; of unit length."""
+    half = valve(rng, 0.3, 0.2, 7.0)
+    across = half.vertices * [1.0, 1.0, rng.uniform(0.9, 1.1)]
+    mirrored = Solid(across * [1.0, 1.0, -1.0], half.faces[:, ::-1], half.colours)
+    both = together([Solid(across, half.faces, half.colours), mirrored])
+    lean, turn = rng.uniform(0.3, 1.2), rng.uniform(-0.5, 0.5)
+    x, y, z = both.vertices.T
+    up = np.column_stack([x * np.cos(turn) - z * np.sin(turn), y * np.cos(lean), 0.3 + y * np.sin(lean) + 0.4 * (
+        x * np.sin(turn) + z * np.cos(turn))])
+    up[:, 2] -= up[:, 2].min() + 0.08
+    edge = np.clip(1.2 - np.abs(y + 0.1), 0.3, 1.0)[:, None]
+    return Solid(up, both.faces, both.colours * edge * [0.055, 0.052, 0.07])

@@ -1,0 +1,87 @@
+"""Soft animals: anemones, hydroids and starfish."""
+
+import numpy as np
+
+from varos_warp.scene.geometry.growth.solids import (
+    UP,
+    Solid,
+    around,
+    grid_faces,
+    revolved,
+    ribbon,
+    solid,
+    together,
+    tube,
+    waves,
+)
+
+
+def anemone(rng: np.random.Generator) -> Solid:
+    """A plumose anemone (Metridium): a leaning column and a crown of thin tentacles, or drawn in; of unit height."""
+    open_ = rng.random() < 0.75
+    z = np.array([-0.05, 0.0, 0.05, 0.2, 0.4, 0.55, 0.66, 0.72, 0.70, 0.68])
+    r = np.array([0.34, 0.36, 0.31, 0.22, 0.19, 0.21, 0.27, 0.31, 0.24, 0.02])
+    if not open_:
+        z, r = z * 0.55, r * np.array([1, 1, 1, 1.2, 1.3, 1.2, 0.85, 0.45, 0.25, 0.3])
+    column = revolved(r, z, 1.0 + 0.05 * np.cos(2.0 * around(18) + rng.uniform(0.0, 6.0)))
+    column += 0.008 * waves(column, 0.15, rng)[:, None]
+    shade = np.repeat(np.interp(z, [-0.05, 0.1, 0.5, 0.75], [0.5, 0.7, 1.0, 1.1]), 18) * rng.uniform(0.9, 1.1, 180)
+    solids = [solid(column, grid_faces(10, 18), np.outer(shade, [0.30, 0.17, 0.09]))]
+    for _ in range(44 if open_ else 0):
+        solids.append(_tentacle(rng))
+    whole = together(solids)
+    vertices = whole.vertices.copy()
+    vertices[:, :2] += np.outer(np.maximum(vertices[:, 2], 0.0) ** 2, rng.normal(0.0, 0.25, 2))
+    return Solid(vertices, whole.faces, whole.colours)
+
+
+def _tentacle(rng):
+    t, start = rng.uniform(0.0, 2.0 * np.pi), 0.3 * np.sqrt(rng.uniform(0.15, 1.0))
+    length, out = rng.uniform(0.2, 0.36), rng.uniform(0.4, 1.1) * start / 0.3
+    s, outwards = np.linspace(0.0, 1.0, 5)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
+    path = [0.0, 0.0, 0.69] + outwards * (start + length * out * s) + UP * (
+        length * (s - 0.6 * out * s**2)) + 0.012 * np.cumsum(rng.standard_normal((5, 3)), axis=0)
+    vertices, faces = tube(path, np.linspace(0.02, 0.006, 5), 4)
+    return solid(vertices, faces, np.array([0.40, 0.28, 0.18]) * rng.uniform(0.8, 1.15))
+
+
+def hydroid(rng: np.random.Generator) -> Solid:
+    """A tuft of thin bent stems with side branches, as of Obelia or turf; of unit height."""
+    solids = []
+    for _ in range(rng.integers(13, 20)):
+        t, length, out = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.45, 1.0), abs(rng.normal(0.0, 0.36))
+        root = np.append(rng.normal(0.0, 0.09, 2), -0.05)
+        s, outwards = np.linspace(0.0, 1.0, 6)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
+        path = root + outwards * out * length * s**1.5 + UP * length * (s - 0.25 * out * s**2)
+        path = path + 0.018 * np.cumsum(rng.standard_normal((6, 3)), axis=0)
+        tone = rng.uniform(0.7, 1.3)
+        solids.append(_blade(path, 0.011, tone, rng))
+        for k in (2, 3, 4):
+            away = rng.standard_normal(3) * [1.0, 1.0, 0.4] + [0.0, 0.0, 0.6]
+            reach = 0.22 * length * away / np.linalg.norm(away) * np.linspace(0.0, 1.0, 3)[:, None]
+            solids.append(_blade(path[k] + reach, 0.009, 1.15 * tone, rng))
+    return together(solids)
+
+
+def _blade(path, half_width, tone, rng):
+    """A ribbon that narrows to its tip."""
+    across = np.cross(path[-1] - path[0], rng.standard_normal(3))
+    across /= max(np.linalg.norm(across), 1e-9)
+    s = np.linspace(0.0, 1.0, len(path))
+    vertices, faces = ribbon(path, np.outer(half_width * (1.0 - 0.7 * s), across))
+    return solid(vertices, faces, np.outer(np.repeat(tone * (0.55 + 0.6 * s), 2), [0.17, 0.125, 0.07]))
+
+
+def starfish(rng: np.random.Generator) -> Solid:
+    """Five arms, one or two of them bent, that lie on the ground; of unit width."""
+    rings, sides = 10, 110
+    t, s = around(sides), np.linspace(0.0, 1.0, rings)[:, None]
+    arm = np.abs(np.cos(2.5 * t)) ** 2.4
+    reach = 0.5 * (0.26 + 0.74 * arm) * (1.0 + 0.1 * np.cos(t + rng.uniform(0.0, 6.0)))
+    bend = rng.uniform(-0.35, 0.35) * s**2 * np.cos(t + rng.uniform(0.0, 6.0)) * arm
+    x, y = s * reach * np.cos(t + bend), s * reach * np.sin(t + bend)
+    z = 0.085 * np.sqrt(np.maximum(1.0 - s**2, 0.0)) * (0.5 + 0.5 * np.clip(0.15 / reach, 0.0, 1.0)) - 0.012
+    knobs = rng.random((rings, sides)) * (1.0 - s**4)
+    vertices = np.stack([x, y, z + 0.008 * knobs], -1).reshape(-1, 3)
+    shade = (0.75 + 0.35 * knobs).reshape(-1, 1)
+    return solid(vertices, grid_faces(rings, sides)[:, ::-1], shade * [0.27, 0.10, 0.045])
