@@ -61,7 +61,7 @@ def test_what_is_moved_is_moved_no_farther_than_is_said(name):
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"none"}))
 def test_surfaces_have_form_and_tones(name):
-    _, coarse, fine, colour, _ = dressed(name)
+    _, coarse, fine, colour, _ = dressed(name, Look(wear=0.6))
     assert coarse.std() > 5e-4
     assert fine.std() > 2e-4
     assert colour.mean(axis=1).std() > 0.1 * colour.mean()
@@ -117,12 +117,12 @@ def test_paint_without_wear_film_and_silt_is_nearly_the_paint(name):
     assert np.all(colour[:, 0] > 1.5 * colour[:, 1])  # no rust, film or silt anywhere
 
 
-def test_wear_is_the_share_of_bare_steel():
-    look = [Look(wear=wear, film=0.0, silt=0.0) for wear in (0.0, 0.2, 0.5, 1.0)]
+def test_the_share_of_bare_steel_is_the_square_of_wear():
+    look = [Look(wear=wear, film=0.0, silt=0.0) for wear in (0.0, 0.5, 0.7, 1.0)]
     p, faces, n = ball(2.0, 6)
     sites = sites_of(p, faces, n, size=4.0, edge=np.full(len(p), 0.004))
     bare = [steel._damage(sites, sites.patterns(1), one).bare.mean() for one in look]
-    np.testing.assert_allclose(bare, [0.0, 0.2, 0.5, 1.0], atol=0.1)
+    np.testing.assert_allclose(bare, [0.0, 0.25, 0.49, 1.0], atol=0.1)
     assert bare[0] == 0.0
     assert bare[3] == 1.0
 

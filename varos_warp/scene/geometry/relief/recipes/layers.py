@@ -42,9 +42,9 @@ def filmed(colour: np.ndarray, pattern: Patterns, shape: Shape, film: float, ton
     warped = pattern.moved(0.03, 6.0, SALT + 1)
     where = warped.fbm(4.5, 5, SALT + 5) + 0.08 * shape.up + 0.10 * shape.hollow - 0.12 * np.clip(
         3.0 * shape.convexity, 0.0, 1.0)
-    dense = patches(where, 0.95 * film, 0.16)
+    dense = patches(where, 0.95 * film, 0.24)
     own = tone * (1.0 + 0.9 * pattern.fbm(50.0, 4, SALT + 6) + 0.5 * pattern.fbm(3.0, 2, SALT + 7))[:, None]
-    return mix(colour, own, np.maximum(0.65 * film, 0.80 * dense))
+    return mix(colour, own, np.maximum(0.85 * film, 0.85 * dense))
 
 
 def silted(colour: np.ndarray, pattern: Patterns, sites: Sites, shape: Shape, silt: float,

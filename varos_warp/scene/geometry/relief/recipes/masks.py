@@ -6,9 +6,9 @@ import numpy as np
 from scipy import sparse
 
 ITERATIONS = 80
-TOLERANCE = 5e-3
+TOLERANCE = 1e-2
 """Of the conjugate gradients: by how much of what is smoothed away they may be off."""
-EDGES = 4.0
+EDGES = 3.0
 """Scale of convexity, in edges."""
 BROAD = 2.0
 """Scale of what shelters, over that of convexity."""

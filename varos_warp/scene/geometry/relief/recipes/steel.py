@@ -45,8 +45,8 @@ class Damage(NamedTuple):
 class Steel:
     """Painted or bare steel.
 
-    ``coarse`` moves a surface by at most 5 mm, ``fine`` by at most 16 mm. ``wear`` is about the share of the paint that
-    is gone from flat places; edges lose it first.
+    ``coarse`` moves a surface by at most 5 mm, ``fine`` by at most 16 mm. About the square of ``wear`` is the share of
+    the paint that is gone from flat places; edges lose it first.
     """
 
     name = "steel"
@@ -73,7 +73,7 @@ class Steel:
         pattern = sites.patterns(look.seed)
         damage = _damage(sites, pattern, look)
         paint = _faded(pattern, np.asarray(PAINT if look.paint is None else look.paint), min(1.0, 3.0 * look.wear))
-        stain = np.maximum(0.8 * damage.near**1.5, _streaks(sites, pattern, look))
+        stain = np.maximum(0.85 * damage.near, _streaks(sites, pattern, look))
         paint = mix(paint, paint * (0.80, 0.50, 0.30) + (0.026, 0.011, 0.002), 0.85 * stain)
         steel = mix(paint, _rust(pattern, damage), 0.97 * damage.bare)
         steel = mix(steel, _rust(pattern, damage), 0.9 * np.minimum(damage.tubercles, 1.0))
@@ -88,13 +88,13 @@ def _damage(sites: Sites, pattern: Patterns, look: Look) -> Damage:
     rough = 0.45 * pattern.fbm(0.35 * least, 2, 14) + 0.62 * warped.fbm(least, 6, 13) + 0.50 * pattern.fbm(19.0, 5, 4)
     edges = 0.25 * sites.edges + 0.20 * _seams(sites, look.seed)
     worn = rough + edges * min(1.0, 4.0 * look.wear) + 0.95 * NOISE_STD * np.clip(
-        ndtri(np.clip(look.wear, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
+        ndtri(np.clip(look.wear**2, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
     bare = smoothstep(0.0, 0.015, worn)
     cells = pattern.moved(0.006, 40.0, 5).worley(24.0, 6)
     rusting = (cells.id > 0.55) * smoothstep(-0.02, 0.14, worn + 0.15 * pattern.fbm(8.0, 3, 7))
     domed = rusting * domes(cells.near, 0.24 + 0.25 * cells.id) * (0.30 + cells.id) * pattern.resolved(0.02)
     return Damage(bare, smoothstep(-0.07, 0.0, worn) * (1.0 - bare), smoothstep(0.0, 0.25, worn),
-                  smoothstep(-0.32, 0.0, worn) * (look.wear > 0.0), domed)
+                  smoothstep(-0.30, 0.02, worn) * (look.wear > 0.0), domed)
 
 
 def _seams(sites: Sites, seed: int) -> np.ndarray:
@@ -118,7 +118,7 @@ def _streaks(sites: Sites, pattern: Patterns, look: Look) -> np.ndarray:
     ran = np.zeros(len(sites.p))
     for drop, strength in zip(DROPS_M, (0.75, 0.5), strict=True):
         above = pattern.at(pattern.p + np.array([0.0, 0.0, drop])).moved(min(0.03, 0.1 * sites.size), 6.0, 3, 4)
-        ran = np.maximum(ran, strength * patches(above.fbm(least, 3, 13), min(1.0, look.wear + 0.08), 0.06))
+        ran = np.maximum(ran, strength * patches(above.fbm(least, 3, 13), min(1.0, look.wear**2 + 0.12), 0.06))
     steep = smoothstep(0.95, 0.5, np.abs(sites.n[:, 2]))
     return ran * steep * smoothstep(-0.1, 0.25, pattern.fbm((38.0, 38.0, 2.5), 3, 18))
 
@@ -126,7 +126,7 @@ def _streaks(sites: Sites, pattern: Patterns, look: Look) -> np.ndarray:
 def _faded(pattern: Patterns, paint: np.ndarray, age: float) -> np.ndarray:
     """Paint that has bleached and, with age, chalked, [N, 3]."""
     tone = 1.0 + 0.6 * pattern.fbm(2.2, 5, 12) + 0.25 * pattern.fbm(60.0, 4, 13)
-    return mix(paint * tone[:, None], CHALK, 0.30 * age * patches(pattern.fbm(6.0, 5, 14), 0.4, 0.15))
+    return mix(paint * tone[:, None], CHALK, age * (0.25 + 0.30 * patches(pattern.fbm(6.0, 5, 15), 0.4, 0.25)))
 
 
 def _rust(pattern: Patterns, damage: Damage) -> np.ndarray:
