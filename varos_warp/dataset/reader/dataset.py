@@ -66,7 +66,7 @@ class Dataset:
                              file=self.root / "dataset.json", remedy="Make it anew, or read it with the version of "
                              "varos_warp that made it.")
         if flaw := schema.first_flaw(self.meta):
-            raise InputError(f"the entry {flaw} is missing or damaged", file=self.root / "dataset.json",
+            raise InputError(f"the entry {flaw}", file=self.root / "dataset.json",
                              remedy="Make the dataset anew.")
         cameras = tuple(camera["id"] for camera in self.meta["cameras"])
         self.layout = Layout(self.root, self.meta["sequence"], self.meta["vehicle"], cameras)
