@@ -1,4 +1,4 @@
-"""C against the slopes of D, of ground with relief that is finer than a pixel: C sees it, and a slope of two pixels not."""
+"""C against D, of ground with relief that is finer than a pixel: C sees it, and a slope of D over two pixels not."""
 
 import numpy as np
 import pytest
@@ -46,10 +46,26 @@ def test_a_flipped_axis_is_found_where_most_of_the_relief_is_larger_than_a_pixel
 
 def test_what_is_finer_than_a_pixel_is_all_of_white_noise_and_little_of_a_long_wave():
     """Half the mean square of a difference: the variance of noise; of a wave of n pixels along one of two sides, half
-    of 1 - cos(2 pi / n) times its variance."""
+    of 1 - cos(2 pi / n) times its variance.
+    """
     used = np.ones((200, 200), bool)
     noise = np.random.default_rng(2).standard_normal((200, 200, 3))
     assert surfaces.fineness(noise, used) / (noise**2).sum((0, 1)) == pytest.approx(1.0, abs=0.02)
     wave = np.repeat(np.sin(2 * np.pi * np.arange(200) / 20)[None, :, None], 200, 0)
     share = surfaces.fineness(wave, used) / (wave**2).sum((0, 1))
     assert share == pytest.approx(0.5 * (1 - np.cos(2 * np.pi / 20)), rel=0.02)
+
+
+@pytest.mark.parametrize(("here", "aside", "told"), [(31, 32, False), (3100, 3200, False), (3100, 3400, True),
+                                                     (31, 70, True), (0, 30, True)])
+def test_borders_that_are_everywhere_meet_jumps_aside_as_often_but_for_chance(here, aside, told):
+    """Counts n and m of independent pixels differ by root(n + m) at random."""
+    found = Validation(None)
+    surfaces.check_borders(found, "M0", "C", np.array([[here, aside, 0, 0, 0], [0, 0, 0, 0, 0]]))
+    assert bool(found.problems) == told
+
+
+def test_borders_of_objects_are_not_everywhere():
+    found = Validation(None)
+    surfaces.check_borders(found, "M0", "S", np.array([[31, 32, 0, 0, 0], [0, 0, 0, 0, 0]]))
+    assert found.problems

@@ -15,6 +15,8 @@ OFFSETS = (0, -2, -1, 1, 2)
 """Pixels by which borders of C or S are moved against jumps of D."""
 FEWEST_JUMPS = 30
 """Fewer that meet a border say nothing."""
+DEVIATIONS = 3.0
+"""Standard deviations by which more borders of C aside than in place are no chance."""
 FEWEST_SLOPES = 200
 """Pixels with a slope, fewer of which say nothing."""
 MOST_PIXELS = 150_000
@@ -206,8 +208,14 @@ def border_counts(places: list[tuple[np.ndarray, np.ndarray]], image: np.ndarray
 
 
 def check_borders(result: Validation, camera: str, letter: str, counts: np.ndarray) -> None:
-    """Jumps of D meet more borders where they are than a pixel or two aside, since one ray per pixel makes both."""
+    """Jumps of D meet more borders where they are than a pixel or two aside, since one ray per pixel makes both.
+
+    Where relief is finer than a pixel there are borders of C everywhere, so that both are as many, but for chance; S
+    has borders of objects only.
+    """
     for direction, (here, *aside) in zip(("across", "down"), counts, strict=True):
         if max(here, *aside) >= FEWEST_JUMPS:
+            # of a difference of two counts
+            chance = DEVIATIONS * np.sqrt(here + max(aside)) if letter == NORMALS else 0.0
             result.measure(f"{camera}: borders of {letter} at jumps of D, {direction}: those a pixel aside over those "
-                           "in place", max(aside) / max(here, 1), 1.0, "")
+                           "in place", max(aside) / max(here, 1), 1.0 + chance / max(here, 1), "")
