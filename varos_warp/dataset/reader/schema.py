@@ -9,7 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
+from varos_warp.dataset import files
 from varos_warp.dataset.layout import datasets_in
+from varos_warp.dataset.links import refuse_links_out
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.limits import check_limit
@@ -21,6 +23,8 @@ from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.description.optics import Duration, Index, Port, Vignetting
 from varos_warp.scene.description.render import Integrator
 
+SCHEMA_VERSION = 1
+"""Of dataset.json; raised when a key changes its meaning."""
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
 Rate = Annotated[float, Field(gt=0.0, strict=True)]
@@ -32,6 +36,25 @@ Denoiser = Literal["oidn", "nlm", "none"] | None
 SampleCount = Annotated[float, Field(gt=0.0, strict=True)]
 FRAMES_NAMED = 10**8
 """The names of images have eight digits."""
+
+
+def read_metadata(root: Path) -> dict[str, Any]:
+    """What dataset.json of a dataset says.
+
+    Raises:
+        InputError: If there is none, it is not of this version, or an entry is missing or damaged.
+    """
+    path = root / "dataset.json"
+    if not is_file(path):
+        raise no_dataset(root)
+    refuse_links_out(root)
+    content = files.read_json(path, remedy="Make the dataset anew.")
+    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}", file=path,
+                         remedy="Make it anew, or read it with the version of varos_warp that made it.")
+    if flaw := first_flaw(content):
+        raise InputError(f"the entry {flaw}", file=path, remedy="Make the dataset anew.")
+    return content
 
 
 def no_dataset(root: Path) -> InputError:
