@@ -139,6 +139,25 @@ def test_an_entry_that_is_missing_from_dataset_json_is_bad_input_that_names_it(w
         Dataset(tmp_path)
 
 
+@pytest.mark.parametrize(("key", "value", "words"), [
+    ("spp", 0, "samples.plan.spp is missing or damaged: .*greater than 0"),
+    ("spp", "many", "samples.plan.spp .*valid number"),
+    ("max_scatterings", -1, "samples.plan.max_scatterings .*greater than or equal to 0"),
+    ("max_bounces", 2.5, "samples.plan.max_bounces .*integer"),
+    ("integrator", "magic", "samples.plan.integrator .*'auto', 'field', 'path' or 'reference'"),
+    ("spp_by_frame", {"L0": [[0, 4.0]], "X9": [[0, 4.0]]},
+     "samples.plan.spp_by_frame.X9 is of no camera of the dataset.*L0, R0"),
+    ("spp_by_frame", {"L0": []}, "samples.plan.spp_by_frame.L0 .*at least 1"),
+    ("spp_by_frame", {"L0": [[0, -4.0]]}, r"samples.plan.spp_by_frame.L0.0.1 .*greater than 0"),
+    ("spp_by_frame", {"L0": [[5, 4.0], [2, 4.0]]}, "samples.plan.spp_by_frame.L0 .*frames are not in order")])
+def test_a_plan_that_cannot_be_is_bad_input_that_says_what_is_wrong(written, tmp_path, key, value, words):
+    meta = json.loads((written / "dataset.json").read_text())
+    meta["samples"]["plan"][key] = value
+    (tmp_path / "dataset.json").write_text(json.dumps(meta))
+    with pytest.raises(InputError, match=words):
+        Dataset(tmp_path)
+
+
 @pytest.mark.parametrize(("key", "value"), [("scene", None), ("outputs", ["Q"]), ("frames", []), ("device", "cpu")])
 def test_an_entry_of_the_wrong_kind_in_dataset_json_is_bad_input(written, tmp_path, key, value):
     meta = json.loads((written / "dataset.json").read_text()) | {key: value}

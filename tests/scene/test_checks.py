@@ -233,6 +233,22 @@ def test_lamps_of_a_vehicle_that_is_itself_inside_are_not_told_one_by_one():
     assert not any("lights" in text for text in texts)
 
 
+@pytest.mark.parametrize("sensor", ["altimeter", "dvl"])
+def test_a_sensor_of_beams_inside_an_object_is_noticed(sensor):
+    texts = warnings(vehicle={sensor: {"position": [0, 1, 0]}}, waypoints=[(0, 0, 2), (5, 0, 2)], objects=[
+        {"kind": "boulder", "diameter": 1.0, "position": [0, 1, 2]}])
+    assert [text for text in texts if "inside" in text] == [
+        f"vehicle.{sensor}: is inside objects.0 at waypoint 0, and its beams meet the far side of that"]
+
+
+def test_sensors_without_beams_and_those_of_a_vehicle_that_is_itself_inside_are_not_told_of():
+    boulder = {"kind": "boulder", "diameter": 1.0, "position": [0, 1, 2]}
+    assert not any("inside" in text for text in warnings(
+        vehicle={"magnetometer": {"position": [0, 1, 0]}}, waypoints=[(0, 0, 2)], objects=[boulder]))
+    assert not any("altimeter" in text for text in warnings(
+        vehicle={"altimeter": {"position": [0, 0, 0]}}, waypoints=[(0, 1, 2)], objects=[boulder]))
+
+
 def test_a_lamp_inside_one_copy_of_a_scatter_is_noticed_far_from_the_vehicle():
     scatter = [{"object": ROCK | {"position": [0, 0, 0], "diameter": 1.0}, "count": 1, "circle": [4.0, 4.0, 0.01]}]
     texts = warnings(terrain=FLAT, scatter=scatter, vehicle={"lights": [{"position": [4.0, 4.0, -0.95]}]})

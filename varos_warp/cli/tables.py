@@ -70,6 +70,7 @@ def print_info(facts: dict) -> None:
     _print_cameras(facts)
     _print_lights(facts["lights"])
     _print_imu(facts.get("imu"))
+    _print_sensors(facts.get("sensors", {}))
     _print_meshes(facts)
 
 
@@ -147,6 +148,14 @@ def _print_imu(imu: dict | None) -> None:
         f"{sensor} {noise[f'{sensor}_noise_density']:.3g} {unit}/sqrt(Hz), random walk "
         f"{noise[f'{sensor}_random_walk']:.3g} {change}/sqrt(Hz)" for sensor, (unit, change) in units.items())
     print(f"IMU: {imu['rate_hz']:g} Hz, {told}")
+
+
+def _print_sensors(sensors: dict) -> None:
+    """Rates, places and keys of the sensors that the scene asks for."""
+    print_table(["sensor", "rate [Hz]", "position [m]", "keys"],
+                [[name, f"{block['rate_hz']:g}", _place(block["position"]),
+                  ", ".join(f"{key}: {value}" for key, value in block.items() if key not in ("rate_hz", "position"))]
+                 for name, block in sensors.items()])
 
 
 def _print_files(files: list[dict]) -> None:

@@ -84,6 +84,23 @@ def sample_disk(u: float, v: float):
 
 
 @wp.func
+def concentric_disk(u: wp.vec2):
+    """Point in the unit disk: squares about the centre become circles, so what lies close together stays so.
+
+    The map keeps areas in proportion (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and Square").
+    """
+    x = 2.0 * u[0] - 1.0
+    y = 2.0 * u[1] - 1.0
+    if x == 0.0 and y == 0.0:
+        return wp.vec2(0.0)
+    if wp.abs(x) > wp.abs(y):
+        angle = 0.25 * wp.pi * (y / x)
+        return x * wp.vec2(wp.cos(angle), wp.sin(angle))
+    angle = 0.25 * wp.pi * (x / y)
+    return y * wp.vec2(wp.sin(angle), wp.cos(angle))
+
+
+@wp.func
 def asinh(x: float):
     """Inverse hyperbolic sine, odd and without cancellation for negative x."""
     a = wp.abs(x)

@@ -28,6 +28,8 @@ class SceneSpec:
     """The camera's lens and port."""
     varies: bool = False
     """Camera or lights differ from sample to sample."""
+    disks: int = 0
+    """Number of lights, if some are disks, whose points differ from sample to sample; else 0."""
     rolling: bool = False
     """The camera differs from row to row."""
     direct: bool = True

@@ -31,7 +31,7 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import foretold_spec, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
-from varos_warp.scene.lights.records import lights_vary
+from varos_warp.scene.lights.records import lights_vary, radius_of
 from varos_warp.scene.optics.shutter import is_rolling
 
 SPLITTING = 4
@@ -97,7 +97,8 @@ def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOp
     if not (spec.surfaces or spec.medium) or not scene.lights:
         return None
     layers = {layer: layer in options.layers for layer in LAYERS}
-    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights), **layers)
+    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
+                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0, **layers)
     if integrator == "reference":
         return LightKernels(samples=make_reference_kernel(spec))
     with_field, kinds = integrator == "field", []

@@ -44,8 +44,8 @@ def checked_motion(name: str, motion: Motion | None) -> Motion | None:
     return lambda offset_ns: checked_poses(name, motion(offset_ns), len(offset_ns))
 
 
-def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, rng: np.random.Generator,
-               pinhole: bool, lit: bool = True) -> Moments:
+def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, pinhole: bool,
+               lit: bool = True) -> Moments:
     """The moments of an image.
 
     Args:
@@ -53,7 +53,6 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
         view: The camera.
         T_w_v: Pose of the vehicle at the frame's time.
         motion: Around it; None: the vehicle stands still, and so does everything else.
-        rng: For places on disks.
         pinhole: Whether the camera has no depth of field; such images are not of lights, of which there are none then.
         lit: Whether the time in which no light is on does not count.
     """
@@ -63,8 +62,7 @@ def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Moti
     poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
     if not pinhole and world.scene.lights:
-        moments.lights, moments.places = world.lights.over(poses, world.origin, when, rng,
-                                                           world.carriers_at(offset_ns))
+        moments.lights = world.lights.over(poses, world.origin, when, world.carriers_at(offset_ns))
     moments.moving = world.moving_at(offset_ns)
     moments.per_row, moments.open = when.per_row, when.open
     moments.lit_begin, moments.lit_end = when.lit

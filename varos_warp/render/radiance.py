@@ -44,8 +44,6 @@ the rest does."""
 VIRTUAL_GROUPS = 32
 """Groups of instants with virtual point lights of their own: of how the vehicle moves within one, only the error of
 light of two and more reflections tells, and that falls with its square."""
-MOMENTS_SEED = 7
-"""Tells the random numbers of places on disks from others."""
 
 
 class Shot(NamedTuple):
@@ -143,7 +141,7 @@ class RadianceRenderer:
     def _by_reference(self, shot: Shot, bounds: PathBounds, kernel: wp.Kernel) -> RadianceImage:
         options = shot.options
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
-        seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion, key=shot.key)
+        seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion)
         self.films.take(film, kernel, {
             "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
             "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
@@ -159,7 +157,7 @@ class RadianceRenderer:
     def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> list[Film]:
         """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
         view, options, kinds = shot.view, shot.options, kernels.kinds
-        seen = self._seen(shot.world, view, shot.T_w_v, shot.motion, key=shot.key)
+        seen = self._seen(shot.world, view, shot.T_w_v, shot.motion)
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = shot.world.lit(shot.T_w_v)
         # single scattering in open water is a quadrature
@@ -205,7 +203,7 @@ class RadianceRenderer:
             "scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights}, tile_rows=1024)
         return lights
 
-    def _seen(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *, key: int = 0,
+    def _seen(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *,
               pinhole: bool = False, lit: bool = True) -> Seen:
         """Camera and moments of an image; with ``pinhole``, without depth of field, and of the camera only.
 
@@ -215,8 +213,7 @@ class RadianceRenderer:
         moves = motion is not None and view.shutter is not None
         if not moves and (pinhole or not lights_vary(self.scene.lights)):
             return Seen(camera, Moments(), False)
-        rng = np.random.default_rng([key, MOMENTS_SEED])
-        return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, rng, pinhole, lit), True)
+        return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, pinhole, lit), True)
 
     def ambient(self, shot: Shot) -> RadianceImage:
         """Render B."""

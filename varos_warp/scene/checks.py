@@ -19,7 +19,6 @@ from varos_warp.scene.geometry.parts import Grown, Instances, Moving, Part
 from varos_warp.scene.geometry.query import clearance, heights_at, is_inside, ranges
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.distribution import distribution
-from varos_warp.scene.lights.records import light_position
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
@@ -62,7 +61,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     found = [*made, *check_angles(scene), *_check_trajectory(scene.trajectory), *_check_water(scene),
              *_check_sizes(scene, parts), *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene),
              *_check_exposure(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
-             *_check_lamps_inside(scene, solids, poses), *_check_starts(parts),
+             *_check_carried_inside(scene, solids, poses), *_check_starts(parts),
              *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
     found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
     return [scene.key_in_file(words) for words in found]
@@ -225,16 +224,19 @@ def _check_inside(scene, parts, poses):
     return warnings
 
 
-def _check_lamps_inside(scene, parts, poses):
-    """Lamps within rock or objects, where the vehicle itself is not: that is told of by itself."""
+def _check_carried_inside(scene, parts, poses):
+    """Lamps and sensors in rock or objects, where the vehicle itself is not: that is told of by itself."""
     warnings, T_w_v = [], np.array(poses)
+    carried = [(f"lights.{i}", light.position, "none of its light leaves it")
+               for i, light in enumerate(scene.vehicle.lights)]
+    carried += [(sensor.key, block.position, "its beams meet the far side of that")
+                for sensor, block in sensors_on(scene.vehicle) if sensor.needs_solids]
     for part in parts:
         outside = ~_inside(part, T_w_v[:, :3, 3])
-        for i, light in enumerate(scene.vehicle.lights):
-            wrong = outside & _inside(part, light_position(light, T_w_v))
+        for key, position, so in carried:
+            wrong = outside & _inside(part, T_w_v[:, :3, :3] @ position + T_w_v[:, :3, 3])
             if wrong.any():
-                warnings.append(f"vehicle.lights.{i}: is {_within(part)} at {_which(scene, wrong)}, and none of its "
-                                "light leaves it")
+                warnings.append(f"vehicle.{key}: is {_within(part)} at {_which(scene, wrong)}, and {so}")
     return warnings
 
 

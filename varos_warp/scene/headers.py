@@ -5,7 +5,7 @@ A unit stands in brackets (``x [mm]``, ``t(s)``) or behind a sign (``x_mm``, ``t
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 FOOT, US_FOOT = 0.3048, 1200.0 / 3937.0
@@ -128,6 +128,20 @@ def units_said(text: str) -> list[Said]:
             doubtful = True
         found.append(Said(word, doubtful))
     return found
+
+
+def other_units(text: str, is_used: Callable[[Said], bool], is_near: Callable[[Said], bool] | None = None
+                ) -> Iterator[tuple[Said, bool]]:
+    """Units that a remark says and that are not used, each with whether it surely means that numbers are in it.
+
+    It may not where the unit is doubtful, or stands beside one of its kind that is used, or nearly that (``is_near``).
+    """
+    said = units_said(text)
+    for one in said:
+        if not is_used(one):
+            kind = next(units for units in (LENGTHS, TIMES, ANGLES) if one.word in units)
+            beside = any((is_near or is_used)(other) for other in said if other.word in kind)
+            yield one, not (one.is_doubtful or beside)
 
 
 def _is_surely_a_unit(word: str, before: str, behind: str) -> bool:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from varos_warp.products.sensors.registry import ASKED_FOR, mounted
 from varos_warp.scene.courses.recorded import RecordedCourse
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import Light
@@ -33,7 +34,7 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "mesh_files": _file_info(parts),
         **({"relief": relief} if (relief := {part.name: part.relief for part in parts if part.relief}) else {}),
         **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
-        **_body_info(scene), **_imu_info(scene),
+        **_body_info(scene), **_sensor_info(scene),
         "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
                     **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
         "trajectory": {"kind": kind, "count": len(stops),
@@ -92,10 +93,13 @@ def _body_info(scene):
     return {"body": info | {"seen_by": [other.id for other in scene.companions.values()]}}
 
 
-def _imu_info(scene):
-    """Rate of the IMU, and the noise of its readings, None where they are exact."""
+def _sensor_info(scene):
+    """Rate of the IMU, and the noise of its readings, None where they are exact; the blocks of sensors asked for."""
     imu = scene.vehicle.imu
-    return {} if imu is None else {"imu": imu.model_dump(mode="json", include={"rate_hz", "noise"})}
+    asked = {sensor.key: block.model_dump(mode="json") for sensor, block in mounted(scene.vehicle)
+             if sensor.key in ASKED_FOR}
+    return {**({} if imu is None else {"imu": imu.model_dump(mode="json", include={"rate_hz", "noise"})}),
+            **({"sensors": asked} if asked else {})}
 
 
 def water_info(scene: Scene) -> dict:

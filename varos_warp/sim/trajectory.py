@@ -11,7 +11,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.sim.companions import companions, meetings
 from varos_warp.sim.driving import drive, rows_read
 from varos_warp.sim.motion import Trajectory
-from varos_warp.sim.sensors.suite import Sensors
+from varos_warp.sim.sensors.suite import Sensors, doubts
 
 FELT = ("acceleration", "angular_velocity")
 """What splines through recorded poses make of their noise [m/s^2], [rad/s]."""
@@ -118,11 +118,12 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
     trajectory = run.trajectory.rows(slice(rows_read(scene, len(run.frames))))  # no more for F: noise knows the length
     if progress:
         progress(1.0)
-    sensors = Sensors(scene, int(trajectory.time_ns[-1]), geometry_of(scene, parts), others)
-    messages = [scene.key_in_file(words) for words in (*run.messages, *meetings(scene, run.frames, others))]
+    read = Sensors(scene, int(trajectory.time_ns[-1]), geometry_of(scene, parts), others).read(trajectory)
+    messages = [scene.key_in_file(words) for words in (
+        *run.messages, *meetings(scene, run.frames, others), *doubts(scene, read))]
     return Simulation(trajectory=run.trajectory, frames=run.frames, messages=messages,
                       reference_position=run.reference_position, waypoint=run.waypoint,
-                      **vars(sensors.read(trajectory)))
+                      **vars(read))
 
 
 def geometry_of(scene: Scene, parts: list | None) -> list | None:

@@ -22,7 +22,9 @@ from varos_warp.products.sensors.altimeter import ALTIMETER, Altimeter, Altimete
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
+from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.info import scene_info
 from varos_warp.sim.clock import times_ns
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.sensors.suite import measured
@@ -77,6 +79,31 @@ def test_beyond_the_farthest_range_it_reads_nothing(most, sees):
 
 def test_a_beam_that_meets_nothing_reads_nothing():
     assert np.isnan(read(TILTED[:1], [plane()], direction=(0.0, 0.0, 1.0))).all()
+
+
+def messages(sensor: str, block: dict, **blocks) -> list[str]:
+    scene = scene_from_dict({"vehicle": {sensor: block}, **blocks, "trajectory": {
+        "poses": [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "time_s": 1.0}]}})
+    return [text for text in vw.simulate(scene).messages if sensor in text]
+
+
+@pytest.mark.parametrize(("sensor", "far", "words"), [
+    ("altimeter", {"max_range_m": 2.9}, "vehicle.altimeter: its beam meets nothing within max_range_m = 2.9 in the "
+     "whole run, so all readings are nan"),
+    ("dvl", {"range_m": [0.1, 2.9]}, "vehicle.dvl: none of its beams meets anything within range_m = [0.1, 2.9] in the "
+     "whole run, so all readings are nan")])
+def test_a_sensor_that_meets_nothing_in_a_whole_run_is_told_of(sensor, far, words):
+    assert messages(sensor, far, terrain=FLAT) == [words]
+    assert messages(sensor, {}, terrain=FLAT) == []
+
+
+def test_info_lists_the_sensors_that_the_scene_asks_for():
+    rest = {"terrain": FLAT, "trajectory": {"poses": [{"position": [0, 0, 0]}]}}
+    scene = scene_from_dict({"vehicle": {"altimeter": BLOCK, "dvl": {}}, **rest})
+    told = scene_info(scene, build_parts(scene))["sensors"]
+    assert list(told) == ["dvl", "altimeter"]
+    assert told["altimeter"] == BLOCK
+    assert "sensors" not in scene_info(scene_from_dict(rest), [])
 
 
 def test_it_reads_the_first_of_several_surfaces():

@@ -1,7 +1,6 @@
 """`Dataset`: a dataset on disk, opened for reading."""
 
 import bisect
-import contextlib
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -11,20 +10,18 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import STATES, Layout, from_runs, runs
-from varos_warp.dataset.links import refuse_links_out
-from varos_warp.dataset.reader import rows, schema
+from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
+from varos_warp.dataset.reader.schema import read_metadata
 from varos_warp.errors import InputError, did_you_mean
-from varos_warp.files import is_file
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import BY_ID
 from varos_warp.scene.description.image_types import DEPTH, FLOW, WATER
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
-from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.motion import Trajectory
 
 if TYPE_CHECKING:
@@ -33,8 +30,6 @@ if TYPE_CHECKING:
 _CHECK, _ANEW = "Check it with `varos-warp validate`, then `run` again.", "`run` again to make it anew."
 CONVENTIONS = ("center_half", "opencv")
 """Of intrinsics: where the centre of the top left pixel is."""
-SCHEMA_VERSION = 1
-"""Of dataset.json; raised when a key changes its meaning."""
 
 
 class Dataset:
@@ -57,17 +52,7 @@ class Dataset:
     def __init__(self, root: str | Path):
         self.root = Path(root)
         self._kept: dict[Any, Any] = {}
-        if not is_file(self.root / "dataset.json"):
-            raise schema.no_dataset(self.root)
-        refuse_links_out(self.root)
-        self.meta = files.read_json(self.root / "dataset.json", remedy="Make the dataset anew.")
-        if not isinstance(self.meta, dict) or self.meta.get("schema_version") != SCHEMA_VERSION:
-            raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}",
-                             file=self.root / "dataset.json", remedy="Make it anew, or read it with the version of "
-                             "varos_warp that made it.")
-        if flaw := schema.first_flaw(self.meta):
-            raise InputError(f"the entry {flaw} is missing or damaged", file=self.root / "dataset.json",
-                             remedy="Make the dataset anew.")
+        self.meta = read_metadata(self.root)
         cameras = tuple(camera["id"] for camera in self.meta["cameras"])
         self.layout = Layout(self.root, self.meta["sequence"], self.meta["vehicle"], cameras)
         self.frames: list[int] = from_runs(self.meta["frames"]["ranges"])
@@ -259,17 +244,7 @@ class Dataset:
 
         The vehicle's motion has that of the last frame, too. Without it, the next frame must be in the dataset.
         """
-        about = self.camera(camera)
-        if "T_w_c" in about:
-            return np.array(about["T_w_c"], float)
-        with contextlib.suppress(IndexError):
-            return self.T_w_c(frame + 1, camera)
-        if "vehicle" not in self.recorded:
-            return None
-        motion, time_ns = self.trajectory(), frame_time_ns(frame + 1, self.meta["frames"]["rate_hz"])
-        if time_ns > motion.time_ns[-1]:
-            return None
-        return motion.at([time_ns]).T_w_v(0) @ np.array(about["T_v_c"], float)
+        return rows.next_pose(self, frame, camera)
 
     def segments(self) -> list[dict]:
         """What the numbers of S stand for: rows of ``id``, ``key``, ``kind``, ``material``, ``material_id``."""

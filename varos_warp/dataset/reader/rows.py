@@ -1,5 +1,6 @@
 """From where each row of an image is seen: of a rolling shutter every row has a time and a pose of its own."""
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,21 @@ def by_motion(data: Any, frame: int, camera: str | None = None, later_ns: int = 
         return None
     T = motion.from_before(time_ns).poses() @ np.array(about["T_v_c"], float)
     return T if is_rolling(about) else T[0]
+
+
+def next_pose(data: Any, frame: int, camera: str | None = None) -> np.ndarray | None:
+    """`Dataset.next_T_w_c`."""
+    about = data.camera(camera)
+    if "T_w_c" in about:
+        return np.array(about["T_w_c"], float)
+    with contextlib.suppress(IndexError):
+        return data.T_w_c(frame + 1, camera)
+    if "vehicle" not in data.recorded:
+        return None
+    motion, time_ns = data.trajectory(), frame_time_ns(frame + 1, data.meta["frames"]["rate_hz"])
+    if time_ns > motion.time_ns[-1]:
+        return None
+    return motion.at([time_ns]).T_w_v(0) @ np.array(about["T_v_c"], float)
 
 
 def next_sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray | None:

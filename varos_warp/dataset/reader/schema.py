@@ -9,7 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
+from varos_warp.dataset import files
 from varos_warp.dataset.layout import datasets_in
+from varos_warp.dataset.links import refuse_links_out
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.limits import check_limit
@@ -19,7 +21,10 @@ from varos_warp.scene.description.image_types import ImageLetter
 from varos_warp.scene.description.lens import Distortion
 from varos_warp.scene.description.lights import Strobe
 from varos_warp.scene.description.optics import Duration, Index, Port, Vignetting
+from varos_warp.scene.description.render import Integrator
 
+SCHEMA_VERSION = 1
+"""Of dataset.json; raised when a key changes its meaning."""
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
 Rate = Annotated[float, Field(gt=0.0, strict=True)]
@@ -28,8 +33,28 @@ Whole = Annotated[int, Field(strict=True)]
 Count = Annotated[Whole, Field(ge=0, le=10**8)]
 Side = Annotated[Whole, Field(ge=1, le=2**16)]
 Denoiser = Literal["oidn", "nlm", "none"] | None
+SampleCount = Annotated[float, Field(gt=0.0, strict=True)]
 FRAMES_NAMED = 10**8
 """The names of images have eight digits."""
+
+
+def read_metadata(root: Path) -> dict[str, Any]:
+    """What dataset.json of a dataset says.
+
+    Raises:
+        InputError: If there is none, it is not of this version, or an entry is missing or damaged.
+    """
+    path = root / "dataset.json"
+    if not is_file(path):
+        raise no_dataset(root)
+    refuse_links_out(root)
+    content = files.read_json(path, remedy="Make the dataset anew.")
+    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}", file=path,
+                         remedy="Make it anew, or read it with the version of varos_warp that made it.")
+    if flaw := first_flaw(content):
+        raise InputError(f"the entry {flaw}", file=path, remedy="Make the dataset anew.")
+    return content
 
 
 def no_dataset(root: Path) -> InputError:
@@ -55,6 +80,17 @@ def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
     return ranges
 
 
+def _in_order(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    if [frame for frame, _ in pairs] != sorted(frame for frame, _ in pairs):
+        raise ValueError("frames are not in order")
+    return pairs
+
+
+SamplesByFrame = Annotated[list[tuple[Annotated[float, Field(ge=0.0)], SampleCount]], Field(min_length=1),
+                     AfterValidator(_in_order)]
+"""Pairs of a frame and its samples per pixel (`Plan.spp_by_frame`)."""
+
+
 def _consistent(cameras: list) -> list:
     for camera in cameras:
         port = camera.port
@@ -78,8 +114,8 @@ def _metadata() -> type[BaseModel]:
     """The whole file."""
     decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
     plan = _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str],  # type: ignore[valid-type]
-                   "max_scatterings": Whole, "max_bounces": Whole, "integrator": str,
-                   "spp_by_frame": dict[str, list[tuple[float, float]]]}, spp=float)
+                   "max_scatterings": Count, "max_bounces": Count, "integrator": Integrator,
+                   "spp_by_frame": dict[str, SamplesByFrame]}, spp=SampleCount)
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
                      "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
@@ -118,7 +154,7 @@ _METADATA = _metadata()
 
 
 def first_flaw(content: Any) -> str | None:
-    """Path of the first entry that is missing or damaged, such as ``cameras.0.width``; None: all are there.
+    """The first entry that is missing or damaged, such as ``cameras.0.width``, and why; None: all are there.
 
     Raises:
         InputError: If there are more frames than the limit.
@@ -126,6 +162,13 @@ def first_flaw(content: Any) -> str | None:
     try:
         _METADATA.model_validate(content)
     except ValidationError as error:
-        return ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"]) or "all of it"
+        flaw = error.errors(include_url=False)[0]
+        path = ".".join(str(part) for part in flaw["loc"]) or "all of it"
+        return f"{path} is missing or damaged: {flaw['msg'].removeprefix('Value error, ')}"
+    cameras = [camera["id"] for camera in content["cameras"]]
+    planned = ((content["samples"]["plan"] or {}).get("spp_by_frame") or {}).keys()
+    if unknown := planned - {*cameras}:
+        return (f"samples.plan.spp_by_frame.{min(unknown)} is of no camera of the dataset, which has "
+                f"{', '.join(cameras)}")
     check_limit("FRAMES", sum(stop - start for start, stop in content["frames"]["ranges"]), key="frames.ranges")
     return None

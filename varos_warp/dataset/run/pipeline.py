@@ -24,7 +24,7 @@ from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.device.devices import kind_of, usable_cores
 from varos_warp.device.launcher import AT_ONCE
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, counted
 from varos_warp.render.image import exposure
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.options import of_run
@@ -93,6 +93,16 @@ class Rendered:
         self.statistics |= other.statistics
         self.clamped += other.clamped
         self.empty |= other.empty
+
+    def of_nothing(self, cameras: Iterable[str]) -> Iterator[str]:
+        """A sentence for each of the cameras that looked into open water, with the frames where it did."""
+        for camera in cameras:
+            frames = sorted({frame for name, _, frame in self.empty if name == camera})
+            letters = sorted({letter for name, letter, _ in self.empty if name == camera})
+            if frames:
+                which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
+                yield (f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
+                       f"({which}): {', '.join(letters)} hold nothing there")
 
 
 class _Threads(ThreadPoolExecutor):

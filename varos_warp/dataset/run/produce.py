@@ -477,22 +477,13 @@ class _Run:
 
     # --------------------------------------------------------------------------------------------------- finishing
 
-    def tell_of_empty_images(self) -> None:
-        """Name the cameras that looked into open water, with the frames where they did."""
-        for camera in self.layout.cameras:
-            frames = sorted({frame for name, _, frame in self.made.empty if name == camera})
-            letters = sorted({letter for name, letter, _ in self.made.empty if name == camera})
-            if frames:
-                which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
-                self.say(f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
-                         f"({which}): {', '.join(letters)} hold nothing there")
-
     def finish(self) -> None:
         """Expose A, B and P once all frames asked for are rendered, and make the contact sheet."""
         for letter, count in self.made.clamped.items():
             if count:
                 self.say(f"{count} values of {letter} above 65504 were cut to it in the EXR")
-        self.tell_of_empty_images()
+        for sentence in self.made.of_nothing(self.layout.cameras):
+            self.say(sentence)
         self.record.reload()
         left = sum(len(job.letters) for job in self.store.missing(self.selected))
         self.summary.complete = left == 0

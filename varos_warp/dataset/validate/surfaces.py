@@ -15,6 +15,8 @@ OFFSETS = (0, -2, -1, 1, 2)
 """Pixels by which borders of C or S are moved against jumps of D."""
 FEWEST_JUMPS = 30
 """Fewer that meet a border say nothing."""
+DEVIATIONS = 3.0
+"""Standard deviations by which more borders of C aside than in place are no chance."""
 FEWEST_SLOPES = 200
 """Pixels with a slope, fewer of which say nothing."""
 MOST_PIXELS = 150_000
@@ -102,13 +104,14 @@ def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float, top: int, he
         height: Rows of the whole image.
 
     Returns:
-        [27, 5]: a row of sums for each axis of the world (C C, D D, C D, noise^2, pixels), then for each of `BLOCKS`
-        those of a Lucas-Kanade step (xx, xy, yy, x, y).
+        [27, 6]: a row of sums for each axis of the world (C C, D D, C D, noise^2, pixels, `fineness`), then for each of
+        `BLOCKS` those of a Lucas-Kanade step (xx, xy, yy, x, y, 0).
     """
     both = np.isfinite(slope).all(-1) & normal.any(-1)
     c, d = normal[both], slope[both]
     count = np.full(3, float(len(c)))
-    rows = np.stack([(c * c).sum(0), (d * d).sum(0), (c * d).sum(0), noise**2 * count, count], -1)
+    rows = np.stack([(c * c).sum(0), (d * d).sum(0), (c * d).sum(0), noise**2 * count, count, fineness(normal, both)],
+                    -1)
     solid = ndimage.binary_erosion(both, np.ones((3, 3)))[1:-1, 1:-1]
     across, down = normal[1:-1, 2:] - normal[1:-1, :-2], normal[2:, 1:-1] - normal[:-2, 1:-1]
     gx, gy, e = (x[solid] for x in (across / 2, down / 2, slope[1:-1, 1:-1] - normal[1:-1, 1:-1]))
@@ -119,24 +122,38 @@ def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float, top: int, he
     block = (row + 1 + top) * BLOCKS[0] // height * BLOCKS[1] + (col + 1) * BLOCKS[1] // normal.shape[1]
     steps = [np.bincount(block, (w * a * b).sum(-1), BLOCKS[0] * BLOCKS[1])
              for a, b in ((gx, gx), (gx, gy), (gy, gy), (gx, e), (gy, e))]
-    return np.vstack([rows, np.stack(steps, -1)])
+    return np.vstack([rows, np.pad(np.stack(steps, -1), ((0, 0), (0, 1)))])
+
+
+def fineness(normal: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Sum [3] over the pixels that are used of the variance of C within the size of a pixel, for each axis.
+
+    It is half the mean square of the differences between neighbours (the semivariance at the distance of a pixel).
+    """
+    squares, pairs = np.zeros(3), 0
+    for c, there in ((normal, used), (normal.swapaxes(0, 1), used.T)):
+        both = there[1:] & there[:-1]
+        squares += ((c[1:] - c[:-1])[both].astype(float) ** 2).sum(0)
+        pairs += int(both.sum())
+    return 0.5 * squares / max(pairs, 1) * used.sum()
 
 
 def check_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
     """Each axis of C goes with that of D's slopes, where slopes are more than noise; and neither image is shifted.
 
-    Sound axes are correlated by 0.9 and more, flipped ones by as much below 0. D bends at the edges of triangles only,
-    C within them: where triangles are large, each seems to be shifted, at random.
+    Sound axes are correlated by 0.9 and more, flipped ones by as much below 0. C is of a point and a slope of D of two
+    pixels, so what changes within a pixel is in C alone: its share of C is what they may agree less. D bends at the
+    edges of triangles only, C within them: where triangles are large, each seems to be shifted, at random.
     """
-    for axis, (cc, dd, cd, noise, count) in zip("xyz", sums[:3], strict=True):
+    for axis, (cc, dd, cd, noise, count, fine) in zip("xyz", sums[:3], strict=True):
         if count >= FEWEST_SLOPES and cc > 0.02**2 * count and dd > max(8.0 * noise, 0.02**2 * count):
             result.measure(f"{camera}: C against the slopes of D, {axis}, 1 - correlation", 1.0 - cd / np.sqrt(cc * dd),
-                           0.5, "")
-    total = sums[3:].sum(0)
+                           0.5 + fine / cc, "")
+    total = sums[3:, :5].sum(0)
     xx, xy, yy = total[:3]
     # per pixel, curvature must be more than the rounding of C to 8 bits
     if min(xx, yy) > FEWEST_SLOPES * 0.004**2 and xx * yy - xy * xy > 0.01 * xx * yy:
-        shift, error = _shift(total, sums[3:])
+        shift, error = _shift(total, sums[3:, :5])
         if np.isfinite(error):
             result.measure(f"{camera}: C against the slopes of D, shift", np.hypot(*shift), 0.5 + SCATTER * error, "px")
 
@@ -191,8 +208,14 @@ def border_counts(places: list[tuple[np.ndarray, np.ndarray]], image: np.ndarray
 
 
 def check_borders(result: Validation, camera: str, letter: str, counts: np.ndarray) -> None:
-    """Jumps of D meet more borders where they are than a pixel or two aside, since one ray per pixel makes both."""
+    """Jumps of D meet more borders where they are than a pixel or two aside, since one ray per pixel makes both.
+
+    Where relief is finer than a pixel there are borders of C everywhere, so that both are as many, but for chance; S
+    has borders of objects only.
+    """
     for direction, (here, *aside) in zip(("across", "down"), counts, strict=True):
         if max(here, *aside) >= FEWEST_JUMPS:
+            # of a difference of two counts
+            chance = DEVIATIONS * np.sqrt(here + max(aside)) if letter == NORMALS else 0.0
             result.measure(f"{camera}: borders of {letter} at jumps of D, {direction}: those a pixel aside over those "
-                           "in place", max(aside) / max(here, 1), 1.0, "")
+                           "in place", max(aside) / max(here, 1), 1.0 + chance / max(here, 1), "")

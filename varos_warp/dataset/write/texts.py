@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS, READINGS, STATES, TIME, Layout, runs
-from varos_warp.dataset.reader.dataset import SCHEMA_VERSION
+from varos_warp.dataset.reader.schema import SCHEMA_VERSION
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.errors import InputError
 from varos_warp.products.images.depth import DEPTH_LEVELS

@@ -7,7 +7,7 @@ from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, instant_of
 from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
@@ -97,9 +97,9 @@ def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
             sampler = make_sampler(key, pixel_of(film, batch), sample)
             u = draw(sampler, 0)
             if wp.static(spec.varies):
-                moment = moment_of(moments, batch.row, sampler)
-                camera = moments.cameras[moment.instant]
-                scene.moving = moments.moving[moment.instant]
+                instant = instant_of(moments, batch.row, sampler)
+                camera = moments.cameras[instant]
+                scene.moving = moments.moving[instant]
             ray, seen = ray_of(camera, float(batch.col) + u[0], float(batch.row) + u[1], wp.vec2(0.0, 0.0), GREEN)
             if brightest(seen) <= 0.0:
                 continue

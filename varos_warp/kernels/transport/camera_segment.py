@@ -16,7 +16,7 @@ from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sampl
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, instant_of, place_of, with_points
 from varos_warp.kernels.transport.segment import PATH, PathBounds, make_segment
 from varos_warp.kernels.transport.subpath import (
     Subpath,
@@ -29,6 +29,7 @@ from varos_warp.kernels.transport.subpath import (
 from varos_warp.kernels.world.camera import Camera, make_sample_ray
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.lights.light import get_light, light_count
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
@@ -124,14 +125,18 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
         batch = film.batches[i]
         height, width = film.sums.shape[1], film.sums.shape[2]
         sums = Sums()
+        if wp.static(spec.disks > 0):
+            drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
         for taken in range(batch.begin, batch.end):
             sampler = make_sampler(key, pixel_of(film, batch), sample_of(film, batch, taken))
             in_step()
             if wp.static(spec.varies):
-                moment = moment_of(moments, batch.row, sampler)
-                scene.lights = moments.lights[moment.lights]
-                scene.moving = moments.moving[moment.instant]
-                camera = moments.cameras[moment.instant]
+                instant = instant_of(moments, batch.row, sampler)
+                scene.lights = moments.lights[instant]
+                scene.moving = moments.moving[instant]
+                camera = moments.cameras[instant]
+            if wp.static(spec.disks > 0):
+                scene = with_points(scene, place_of(sampler), drawn)
             u = draw(sampler, FILM)
             point = film_point(scene, camera, batch.row, batch.col, u)
             ray, weight = sample_ray(camera, point.x, point.y, wp.vec2(u[2], u[3]), sampler)

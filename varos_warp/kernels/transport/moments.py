@@ -1,9 +1,10 @@
-"""Moments: what differs from sample to sample of one image, tabulated before it is rendered.
+"""Moments: what differs from sample to sample of one image.
 
-While a shutter is open, the camera and the lights move with the vehicle, objects move, and strobes flash; and every
-point of a disk shines as a point light there would. A sample sees the camera, the lights and the objects of one instant
-and one place on the disks, so the image is the mean over all of them. Kernels are compiled for moments only where an
-image has them.
+While a shutter is open, the camera and the lights move with the vehicle, objects move, and strobes flash: that is
+tabulated before an image is rendered. And every point of a disk shines as a point light there would. A sample sees the
+camera, the lights and the objects of one instant and one point of each disk, all along its path, so the image is the
+mean over all of them, and light from disks is found as well as that from points. Kernels are compiled for instants and
+for disks only where an image has them.
 """
 
 import warp as wp
@@ -12,25 +13,28 @@ from varos_warp.kernels.sampler import Sampler
 from varos_warp.kernels.sampling import half_key
 from varos_warp.kernels.sobol import sobol2
 from varos_warp.kernels.world.camera import Camera
-from varos_warp.kernels.world.intersect import Instance
+from varos_warp.kernels.world.intersect import Instance, SceneData
+from varos_warp.kernels.world.lights.disk import sample_point
+from varos_warp.kernels.world.lights.light import get_light, light_count
 from varos_warp.kernels.world.lights.record import Light
 
 wp.set_module_options({"enable_backward": False})
 
 TIME = wp.constant(wp.uint32(0x85EBCA6B))
 """Difference between the key of a sample's other random numbers and that of its moment."""
+INSTANT, PLACE = wp.constant(0), wp.constant(1)
+"""What pairs of those numbers are for."""
 
 
 @wp.struct
 class Moments:
-    """Camera, objects and lights by instant, and of each instant lights by place on the disks."""
+    """Camera, objects and lights by instant."""
 
     cameras: wp.array(dtype=Camera)
     moving: wp.array2d(dtype=Instance)
     """[instant, object that moves]"""
     lights: wp.array2d(dtype=Light)
-    """[instant * places + place, light]"""
-    places: int
+    """[instant, light]"""
     per_row: float
     """Instants from the beginning of one row's exposure to that of the next: whole if over 1; 0: a global shutter."""
     open: float
@@ -38,14 +42,6 @@ class Moments:
     lit_begin: int
     lit_end: int
     """The first instant with some light on and the one after the last, where rows leave out what is dark; else 0."""
-
-
-@wp.struct
-class Moment:
-    """Where in the tables a sample looks."""
-
-    instant: int
-    lights: int
 
 
 @wp.func
@@ -72,10 +68,28 @@ def instants_taken(moments: Moments):
 
 
 @wp.func
-def moment_of(moments: Moments, row: int, sampler: Sampler):
-    """The moment of a sample in a row of the image; even and odd samples have sequences of their own."""
-    u = sobol2(half_key(sampler.key + TIME, sampler.sample & 1), sampler.pixel, sampler.sample >> 1, 0)
-    moment = Moment()
-    moment.instant = instant_of_row(moments, row, u[0])
-    moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
-    return moment
+def draw_moment(sampler: Sampler, pair: int):
+    """Two numbers in [0, 1) for the moment of a sample; even and odd samples have sequences of their own."""
+    return sobol2(half_key(sampler.key + TIME, sampler.sample & 1), sampler.pixel, sampler.sample >> 1, pair)
+
+
+@wp.func
+def instant_of(moments: Moments, row: int, sampler: Sampler):
+    """The instant of a sample in a row of the image."""
+    return instant_of_row(moments, row, draw_moment(sampler, INSTANT)[0])
+
+
+@wp.func
+def place_of(sampler: Sampler):
+    """Where on the unit square the points of disks are that a sample sees."""
+    return draw_moment(sampler, PLACE)
+
+
+@wp.func
+def with_points(scene: SceneData, u: wp.vec2, drawn: wp.array(dtype=Light)):
+    """The scene with a point for each disk, all at the same place ``u`` of theirs; its lights are put in ``drawn``."""
+    for i in range(light_count(scene.lights)):
+        drawn[i] = sample_point(get_light(scene.lights, i), u)
+    after = scene
+    after.lights = drawn
+    return after

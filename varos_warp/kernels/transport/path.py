@@ -26,7 +26,7 @@ from varos_warp.kernels.film.film import Film, Sums, add_correction, next_batch,
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, instant_of, place_of, with_points
 from varos_warp.kernels.transport.next_event import LightConnection, sample_in_scattered
 from varos_warp.kernels.transport.segment import PATH, PathBounds, make_segment
 from varos_warp.kernels.transport.subpath import (
@@ -55,6 +55,7 @@ from varos_warp.kernels.transport.virtual_lights import (
 )
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
@@ -286,17 +287,21 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
         path = Subpath()
         sampler = make_sampler(key, pixel_of(film, batch), sample_of(film, batch, taken))
         group = int(0)
+        if wp.static(spec.disks > 0):
+            drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
         while i < film.batches.shape[0]:
             # a ray: from the camera, or on from a subpath's vertex
             in_step()
             on_camera = events(path) == 0
             if on_camera:
                 if wp.static(spec.varies):
-                    moment = moment_of(moments, batch.row, sampler)
-                    scene.lights = moments.lights[moment.lights]
-                    scene.moving = moments.moving[moment.instant]
-                    camera = moments.cameras[moment.instant]
-                    group = group_of(moment.instant, moments, virtual_lights)
+                    instant = instant_of(moments, batch.row, sampler)
+                    scene.lights = moments.lights[instant]
+                    scene.moving = moments.moving[instant]
+                    camera = moments.cameras[instant]
+                    group = group_of(instant, moments, virtual_lights)
+                if wp.static(spec.disks > 0):
+                    scene = with_points(scene, place_of(sampler), drawn)
                 u = draw(sampler, FILM)
                 point = film_point(scene, camera, batch.row, batch.col, u)
                 ray, seen = sample_ray(camera, point.x, point.y, wp.vec2(u[2], u[3]), sampler)

@@ -11,12 +11,13 @@ from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import draw_independent, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, instant_of, place_of, with_points
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.bsdf import bsdf_eval, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays
 from varos_warp.kernels.world.lights.light import get_light, light_count, light_sample
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
 from varos_warp.kernels.world.surface import SurfacePoint, make_surface_at
@@ -156,7 +157,7 @@ def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     return scatter, reflect
 
 
-@specialised("direct", "single", "multiple", "instances", "textures", "masks", "optics", "varies")
+@specialised("direct", "single", "multiple", "instances", "textures", "masks", "optics", "varies", "disks")
 def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
     """The kernel that renders a film's batches from ``first_row`` on, specialised to ``spec``."""
     first_hit = make_rays(spec).first_hit
@@ -178,6 +179,8 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
         i = first_row + wp.tid()
         batch = film.batches[i]
         sums = Sums()
+        if wp.static(spec.disks > 0):
+            drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
         for sample in range(batch.begin, batch.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
@@ -186,10 +189,12 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
             u = draw_independent(sampler, 0)
             sampler = next_vertex(sampler, 1)
             if wp.static(spec.varies):
-                moment = moment_of(moments, batch.row, sampler)
-                scene.lights = moments.lights[moment.lights]
-                scene.moving = moments.moving[moment.instant]
-                camera = moments.cameras[moment.instant]
+                instant = instant_of(moments, batch.row, sampler)
+                scene.lights = moments.lights[instant]
+                scene.moving = moments.moving[instant]
+                camera = moments.cameras[instant]
+            if wp.static(spec.disks > 0):
+                scene = with_points(scene, place_of(sampler), drawn)
             x, y = float(batch.col) + u[0], float(batch.row) + u[1]
             ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)
             path = plain_path(ray, seen)

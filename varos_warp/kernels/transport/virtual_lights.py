@@ -13,7 +13,7 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampling import half_key, make_reservoir, offer
 from varos_warp.kernels.sobol import sobol2, sobol4
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moment, Moments, first_instant, instants_taken
+from varos_warp.kernels.transport.moments import Moments, first_instant, instants_taken, with_points
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays, moves, to_instance
@@ -26,6 +26,7 @@ from varos_warp.kernels.world.lights.light import (
     light_sample,
     light_solid_angle,
 )
+from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.surface import make_surface_at
 from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE
@@ -76,18 +77,15 @@ def group_of(instant: int, moments: Moments, points: wp.array2d(dtype=VirtualLig
 
 
 @wp.func
-def moment_of_group(moments: Moments, group: int, groups: int, u: wp.vec2):
-    """The moment of a virtual point light: one of the group's instants, and a place on the disks."""
+def instant_of_group(moments: Moments, group: int, groups: int, u: float):
+    """The instant of a virtual point light, one of its group's."""
     instants = instants_taken(moments)
     first = (group * instants + groups - 1) / groups
     after = ((group + 1) * instants + groups - 1) / groups
-    moment = Moment()
-    moment.instant = first_instant(moments) + first + int(u[0] * float(after - first))
-    moment.lights = moment.instant * moments.places + int(u[1] * float(moments.places))
-    return moment
+    return first_instant(moments) + first + int(u * float(after - first))
 
 
-@specialised("instances", "textures", "masks", "varies")
+@specialised("instances", "textures", "masks", "varies", "disks")
 def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit = make_rays(spec).first_hit
@@ -120,9 +118,12 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
         u = sobol4(half_key(key, row), -1, col, 0)
         if wp.static(spec.varies):
             v = sobol2(half_key(key, row), -1, col, 2)
-            moment = moment_of_group(moments, row / 2, points.shape[0] / 2, v)
-            scene.lights = moments.lights[moment.lights]
-            scene.moving = moments.moving[moment.instant]
+            instant = instant_of_group(moments, row / 2, points.shape[0] / 2, v[0])
+            scene.lights = moments.lights[instant]
+            scene.moving = moments.moving[instant]
+        if wp.static(spec.disks > 0):
+            drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
+            scene = with_points(scene, sobol2(half_key(key, row), -1, col, 3), drawn)
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])

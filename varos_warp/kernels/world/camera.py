@@ -59,7 +59,7 @@ def camera_ray(camera: Camera, x: float, y: float, lens: wp.vec2):
 
 
 GREEN = wp.constant(1)
-"""Channel whose rays B, C, D and S follow."""
+"""Channel whose rays B, C, D, S and T follow."""
 
 
 @wp.func

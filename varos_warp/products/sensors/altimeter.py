@@ -101,6 +101,13 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
         distance, _ = around.met_by_beams(there.time_ns, T_w_s, BEAM, (0.0, sensor.max_range_m))
         return AltimeterReadings(there.time_ns, distance[:, 0])
 
+    def doubt(self, sensor: Altimeter, read: AltimeterReadings) -> str:
+        """Whether it never meets anything."""
+        if np.isfinite(read.range).any():
+            return ""
+        return (f"its beam meets nothing within max_range_m = {sensor.max_range_m:g} in the whole run, so all readings "
+                "are nan")
+
     def describe(self, sensor: Altimeter) -> dict[str, Any]:
         """How far it reads."""
         return {"max_range_m": sensor.max_range_m}

@@ -120,6 +120,14 @@ true_...
         along = product(product(velocity, attitude(sensor)), beams.T)
         return bottom_track(there.time_ns, beams, distance, away - along)
 
+    def doubt(self, sensor: Dvl, read: DvlReadings) -> str:
+        """Whether it never has bottom lock."""
+        if np.isfinite(read.range).any():
+            return ""
+        least, most = sensor.range_m
+        return (f"none of its beams meets anything within range_m = [{least:g}, {most:g}] in the whole run, so all "
+                "readings are nan")
+
     def describe(self, sensor: Dvl) -> dict[str, Any]:
         """Unit vectors of the beams, and within which ranges they lock."""
         return {"beams": beam_directions(sensor).tolist(), "range_m": list(sensor.range_m)}

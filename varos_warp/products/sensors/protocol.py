@@ -213,6 +213,10 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
         """Readings without noise at the instants of a motion's rows."""
         ...
 
+    def doubt(self, sensor: BlockT_contra, read: Any) -> str:
+        """What a person should know about the readings of a whole run, after the sensor's key; empty: nothing."""
+        return ""
+
     def errors(self, sensor: BlockT_contra, count: int, seed: int) -> Callable[[ReadingsT], ReadingsT] | None:
         """What adds the noise that the scene itself asks for to one piece of readings after the other; None: none is.
 

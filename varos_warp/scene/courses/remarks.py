@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from varos_warp.errors import InputError
 from varos_warp.scene.courses.lines import Row
-from varos_warp.scene.headers import ANGLES, LENGTHS, TIMES, Said, units_in_remark, units_said
+from varos_warp.scene.headers import ANGLES, LENGTHS, TIMES, Said, other_units, units_in_remark
 
 
 class Used(NamedTuple):
@@ -53,12 +53,11 @@ class Remarks:
         """
         notes = []
         for row in self.rows:
-            said = units_said(row.text)
-            for one in said:
+            for one, surely in other_units(row.text, lambda one: _is_used(one, used)):
                 if (key := _key_of_other(one, used)) is None:
                     continue
                 where = f"'{row.text:.60}' may say that its numbers are in {one.word}, which is not followed"
-                if not one.is_doubtful and not any(_is_used(other, used) for other in _alike(one, said)):
+                if surely:
                     raise InputError(where, file=self.path, line=row.number, key=self.key,
                                      remedy=f"State the unit in trajectory.columns.{key}, or in the header behind the "
                                             "names of the columns, such as x [mm].")
@@ -66,16 +65,8 @@ class Remarks:
         return tuple(dict.fromkeys(notes))
 
 
-def _alike(one: Said, said: Sequence[Said]) -> list[Said]:
-    """Units of the same kind."""
-    kind = next(units for units in (LENGTHS, TIMES, ANGLES) if one.word in units)
-    return [other for other in said if other.word in kind]
-
-
 def _key_of_other(said: Said, used: Used) -> str | None:
-    """The key that would state a unit; None: it is the one that is used or stated, or of nothing that is read."""
-    if _is_used(said, used):
-        return None
+    """The key that would state a unit which is not used; None: another is stated, or it is of nothing that is read."""
     if said.word in LENGTHS:
         return None if used.lengths_are_stated else "position_unit"
     if said.word in TIMES:

@@ -22,7 +22,7 @@ Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is
 
 
 class Shutter(Block):
-    """While it is open A and B are blurred by the vehicle's motion; C, D, S and F are of the middle of the exposure."""
+    """While it is open A and B are blurred by the vehicle's motion; C, D, S, F and T are of the middle of it."""
 
     exposure_s: Duration = 0.0
     """How long each pixel is exposed [s]; 0 is an instant."""

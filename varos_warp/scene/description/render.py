@@ -50,6 +50,9 @@ def field_by_old_name(name):
     return "field" if name == "tables" else name
 
 
+Integrator = Annotated[Literal["auto", "field", "path", "reference"], BeforeValidator(field_by_old_name)]
+
+
 def sees_water(outputs: Iterable[str]) -> bool:
     """Whether there is an image of light in water among the outputs, A or P: only those need lights and a plan."""
     return not {WATER, TWIN}.isdisjoint(outputs)
@@ -90,7 +93,7 @@ class Render(Block):
     """Most reflections on surfaces on a path of light. Absent: no bound."""
     layers: list[Literal["direct", "single", "multiple"]] = ["direct", "single", "multiple"]
     """Which light A holds: reflected once (direct), scattered once (single), everything else (multiple)."""
-    integrator: Annotated[Literal["auto", "field", "path", "reference"], BeforeValidator(field_by_old_name)] = "auto"
+    integrator: Integrator = "auto"
     """How the light of A is computed: path tracing with the precomputed field of open water, or without; ``reference``:
     a plain, slow path tracer, to compare the others with. Older files call the field ``tables``."""
     denoise: Literal["oidn", "nlm", "none"] = "oidn"

@@ -87,7 +87,7 @@ class Camera(Block):
     """Distortion of the lens: ``brown_conrady`` (radtan, plumb_bob), ``rational``, ``kannala_brandt`` (equidistant,
     fisheye) or ``double_sphere``. Where the lens ends within the image, pixels are black. Absent: none."""
     vignetting: Vignetting | None = None
-    """Fall of A's light towards the corners; B, C, D and S have none. Absent: none."""
+    """Fall of A's light towards the corners; B, C, D, S and T have none. Absent: none."""
     shutter: Shutter | None = None
     """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
 

@@ -13,9 +13,6 @@ from varos_warp.scene.frames import R_V_C, look_at_matrix
 from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.optics.shutter import Instants, on_share
 
-MOST_PLACES, PLACE_BITS = 1 << 15, (2, 6)
-"""Points on disks at all instants, about; of each instant they are a power of four, of one of so many bits."""
-
 
 def light_record(shape: Distribution, intensity: ArrayLike, position=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0),
                  profile: wp.array | None = None) -> LightData:
@@ -50,30 +47,20 @@ class Lights:
         """The records [n] for a pose of the vehicle, relative to ``origin``; ``others``: poses [1, 4, 4] by key."""
         return wp.array(self._placed(T_w_v[None], origin, others or {})[0], dtype=LightData, device=self.device)
 
-    def over(self, T_w_v: np.ndarray, origin, when: Instants, rng: np.random.Generator, others: dict[str, np.ndarray]
-             ) -> tuple[wp.array, int]:
-        """The records [instant * places + place, n] for poses [N, 4, 4] of the vehicle at instants, and the places.
+    def over(self, T_w_v: np.ndarray, origin, when: Instants, others: dict[str, np.ndarray]) -> wp.array:
+        """The records [N, n] for poses [N, 4, 4] of the vehicle at instants.
 
-        ``others``: poses [N, 4, 4] of the companions that carry lights, by key. Disks are points there, drawn at random
-        from as many equal parts, so that the mean over places is that over the disk.
+        ``others``: poses [N, 4, 4] of the companions that carry lights, by key.
         """
-        placed = self._placed(T_w_v, origin, others)[:, None]
-        radius = np.array([radius_of(light) for light in self.lights])
-        if radius.any():
-            on_disk = places_on_disk(len(T_w_v), rng)
-            placed = np.repeat(placed, on_disk.shape[1], axis=1)
-            right, up = placed["right"], placed["up"]
-            offset = on_disk[:, :, None, :1] * right + on_disk[:, :, None, 1:] * up
-            placed["position"] += (radius[:, None] * offset).astype(np.float32)
+        placed = self._placed(T_w_v, origin, others)
         for i, light in enumerate(self.lights):
-            placed["intensity"][..., i, :] *= np.reshape(on_share(light.strobe, when), (-1, 1, 1))
-        table = placed.reshape(-1, len(self.lights))
-        return wp.array(table, dtype=LightData, device=self.device), placed.shape[1]
+            placed["intensity"][:, i] *= np.reshape(on_share(light.strobe, when), (-1, 1))
+        return wp.array(placed, dtype=LightData, device=self.device)
 
     def _record(self, light: Light, shape: Distribution) -> LightData:
         """The record of a light but for its place."""
         record = light_record(shape, light.intensity, profile=self._profiles.get(shape))
-        record.sheet = int(light.kind == "sheet")
+        record.sheet, record.radius = int(light.kind == "sheet"), radius_of(light)
         return record
 
     def _placed(self, T_w_v: np.ndarray, origin, others: dict[str, np.ndarray]) -> np.ndarray:
@@ -90,18 +77,6 @@ class Lights:
                 lengths = 1.0 / np.tan(np.radians([light.fan_deg, light.thickness_deg, 90.0]) / 2.0)
             record["right"], record["up"], _ = np.moveaxis(R @ (lengths * light_axes(light)), -1, 0)
         return records
-
-
-def places_on_disk(instants: int, rng: np.random.Generator) -> np.ndarray:
-    """Points [instants, P, 2] of the unit disk for each instant, one at random in each of P parts of equal area.
-
-    They follow a curve of Morton's (1966), so points close in number are close on the disk.
-    """
-    bits = int(np.clip(np.log2(MOST_PLACES / instants) // 2, *PLACE_BITS))
-    number = np.arange(4**bits)
-    cell = np.stack([sum((number >> (2 * bit + axis) & 1) << bit for bit in range(bits)) for axis in range(2)], -1)
-    u, v = np.moveaxis((cell + rng.random((instants, len(number), 2))) / 2**bits, -1, 0)
-    return np.sqrt(u)[..., None] * np.stack([np.cos(2.0 * np.pi * v), np.sin(2.0 * np.pi * v)], axis=-1)
 
 
 def lights_vary(lights: Iterable[Light]) -> bool:

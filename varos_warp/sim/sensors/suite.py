@@ -19,6 +19,12 @@ def measured(sensor: SensorProduct, motion: Trajectory, block: Any, around: Arou
                           around)
 
 
+def doubts(scene: Scene, read: Readings) -> list[str]:
+    """What a person should know about the readings of a whole run of a scene, each after the sensor's key."""
+    told = ((sensor.key, sensor.doubt(block, getattr(read, sensor.key))) for sensor, block in mounted(scene.vehicle))
+    return [f"vehicle.{key}: {words}" for key, words in told if words]
+
+
 class Sensors:
     """Sensors that go on reading where the piece before ended, the first sample of each at 0.
 

@@ -22,10 +22,12 @@ EVEN = {"kind": "hydroid", "cluster": 0, "size_m": [0.2, 0.2], "up": [-1, 1]}
 
 
 def scene(*growth, **more):
-    """Growth on hills and a boulder before a camera of large pixels."""
-    camera = {"id": "M0", "resolution": [160, 90], "sensor_mm": [4.8, 2.7], "focal_mm": 4.8}
+    """Growth on hills and a boulder around cameras of large pixels that look along all six axes."""
+    turns = [[0, 0, 0], [0, 0, 90], [0, 0, 180], [0, 0, -90], [90, 0, 0], [-90, 0, 0]]
+    cameras = [{"id": f"M{i}", "resolution": [320, 320], "sensor_mm": [9.6, 9.6], "focal_mm": 4.8,
+                "rotation_euler_deg": turn} for i, turn in enumerate(turns)]
     return scene_from_dict({"trajectory": {"poses": [{"position": [0, 0, 3]}]}, "terrain": HILLS, "objects": [ROCK],
-                            "vehicle": {"cameras": [camera]}, "growth": list(growth), **more})
+                            "vehicle": {"cameras": cameras}, "growth": list(growth), **more})
 
 
 def grown(*growth, **more) -> list[Grown]:

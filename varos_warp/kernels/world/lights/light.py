@@ -1,6 +1,7 @@
 """One light, whatever its kind: a point that shines in a cone, by a profile or in a sheet.
 
-`light_count` and `get_light` give the lights of a scene; of a disk, that is one of its points (transport/moments.py).
+`light_count` and `get_light` give the lights of a scene; of a disk, that is the point of it that a sample sees
+(disk.py, transport/moments.py).
 `light_sample` evaluates what a light sends to a given point, `light_towards` to one in its beam, and `light_at` at an
 angle to the axis of one that is the same all around. `lit_part`, `light_beam` and `light_core` give the lit part of a
 ray, `light_importance` and `light_strength` its importance near a point and overall. `light_emit` draws a ray that

@@ -15,6 +15,8 @@ class Light:
     cos_half: float
     """Cosine of the half angle of the cone; -1 for all directions."""
     blend: float
+    radius: float
+    """Of a disk across the axis [m], each point of which shines as a point light there (disk.py); 0 of points."""
     intensity: wp.vec3
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
@@ -25,9 +27,9 @@ class Light:
     from the light."""
     right: wp.vec3
     up: wp.vec3
-    """Perpendicular to the axis and to each other, and of a sheet as long as the cotangents of its half angles. Of a
-    light with planes, unit; the first plane holds -up, and the next is a turn about -axis away: seen from behind the
-    light, counter-clockwise. (``up`` is the axis y of the light's own, which are those of a camera.)"""
+    """Perpendicular to the axis and to each other, and of a sheet as long as the cotangents of its half angles. Else
+    unit; of a light with planes, the first plane holds -up, and the next is a turn about -axis away: seen from behind
+    the light, counter-clockwise. (``up`` is the axis y of the light's own, which are those of a camera.)"""
 
 
 @wp.struct

@@ -17,10 +17,12 @@ from varos_warp.scene.headers import (
     MARKS,
     SEPARATOR_LINE,
     Name,
+    Said,
     hidden_unit,
     is_geographic,
     is_number,
     names_in_remark,
+    other_units,
     parse_name,
     split_names,
     units_in_remark,
@@ -224,20 +226,22 @@ def _checked_remarks(reference: Reference, table: Table, columns: list[int], mid
     may_be_degrees = abs(middle[0]) <= 360.0 and abs(middle[1]) <= 90.0 and reference.name is None
     unit = reference.unit_m or 1.0
     used, notes = [unit, reference.height_unit_m or unit], []
+
+    def fits(one: Said, share: float) -> bool:
+        return one.word in LENGTHS and np.allclose(used, LENGTHS[one.word], rtol=share)
+
     for number, remark in table.remarks:
-        said = units_said(remark)
-        lengths = [one for one in said if one.word in LENGTHS]
         where = f"line {number}, '{remark.strip()[:60]}', may say that its numbers are in "
         words = {*re.split(r"[\W\d_]+", remark.lower())}
         degrees = ["degrees"] * bool(words & {"lon", "lng", "longitude"} and words & {"lat", "latitude"})
-        degrees += [one.word for one in said if one.word in ANGLES and not one.is_doubtful]
+        degrees += [one.word for one in units_said(remark) if one.word in ANGLES and not one.is_doubtful]
         if degrees and may_be_degrees and not stated:
             raise request.error(f"{where}{degrees[0]}", "Project degrees to metres; or if x and y are lengths, give "
                                 "their unit: m, ft or us_ft.", "unit")
-        for one in lengths if not stated else ():
-            if np.allclose(used, LENGTHS[one.word], rtol=1e-8):
+        for one, surely in other_units(remark, lambda one: fits(one, 1e-8), lambda one: fits(one, 1e-5)):
+            if stated or one.word not in LENGTHS:
                 continue
-            if not (one.is_doubtful or in_part or any(np.allclose(used, LENGTHS[other.word]) for other in lengths)):
+            if surely and not in_part:
                 raise request.error(f"{where}{one.word}, which is not followed", "Give the unit of the file, m, ft or "
                                     "us_ft, and height_scale if heights have another; or write it behind the names of "
                                     "the columns: x [mm].", "unit")
