@@ -308,11 +308,12 @@ class FrameRenderer:
         moves, moments = here.motion is not None and view.shutter is not None, Moments()
         if kernel := purity_kernel(world.spec, view, moves, here.rolls):
             if moves:
-                moments = moments_of(world, view, here.T_w_v, here.motion, np.random.default_rng(key), pinhole=False)
+                moments = moments_of(world, view, here.T_w_v, here.motion, pinhole=False)
             self.launcher.rows(kernel, purity.shape, {
                 "scene": world.data, "camera": world.camera(view, here.T_w_v),
                 "pinhole": world.camera(view, here.T_w_v, pinhole=True), "of_rows": self._rows(here),
-                "moments": moments, "key": wp.uint32(key), "purity": purity})
+                "moments": moments, "key": wp.uint32(key), "purity": purity,
+                "numbers": wp.array(world.segment_of, dtype=wp.int32, device=self.device)})
         return purity
 
     def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> FlowImage:

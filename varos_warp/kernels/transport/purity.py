@@ -7,7 +7,7 @@ from varos_warp.kernels.sampler import make_sampler
 from varos_warp.kernels.sobol import sobol4
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.first_hits import Rows, make_centre_hit
-from varos_warp.kernels.transport.moments import Moments, moment_of
+from varos_warp.kernels.transport.moments import Moments, instant_of
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
 
@@ -25,15 +25,16 @@ def make_purity_kernel(spec: SceneSpec) -> wp.Kernel:
     ray_of = make_ray(spec.optics)
 
     @wp.func
-    def part_seen(scene: SceneData, camera: Camera, x: float, y: float, lens: wp.vec2):
-        """Number of the part that a ray of the camera hits first, from 1; 0 if it hits nothing."""
+    def object_seen(scene: SceneData, numbers: wp.array(dtype=wp.int32), camera: Camera, x: float, y: float,
+                    lens: wp.vec2):
+        """Number in S of what a ray of the camera hits first; 0 if it hits nothing."""
         ray, seen = ray_of(camera, x, y, lens, GREEN)
-        part = int(0)
+        found = int(0)
         if brightest(seen) > 0.0:
             hit = first_hit(scene, ray.o, ray.d)
             if hit.face >= 0:
-                part = hit.part + 1
-        return part
+                found = numbers[hit.part + 1]
+        return found
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_purity(
@@ -42,12 +43,13 @@ def make_purity_kernel(spec: SceneSpec) -> wp.Kernel:
         pinhole: Camera,  # the same without depth of field, whose centres C, D and S show
         of_rows: Rows,
         moments: Moments,
+        numbers: wp.array(dtype=wp.int32),  # in S, by the numbers of parts from 1
         key: wp.uint32,
         first_row: int,
         # out
         purity: wp.array2d(dtype=float),
     ):
-        """Share of the rays of a pixel, spread as samples of A, that hit the part of its centre, [height, width]."""
+        """Share of the rays of a pixel, spread as samples of A, that hit the object of its centre, [height, width]."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
         pixel = row * purity.shape[1] + col
@@ -59,16 +61,16 @@ def make_purity_kernel(spec: SceneSpec) -> wp.Kernel:
         _ray, hit = centre_hit(here, at_centre, row, col)
         centre = int(0)
         if hit.face >= 0:
-            centre = hit.part + 1
+            centre = numbers[hit.part + 1]
         same = int(0)
         for sample in range(PURITY_RAYS):
             u = sobol4(key, pixel, sample, 0)
             if wp.static(spec.varies):
-                moment = moment_of(moments, row, make_sampler(key, pixel, sample))
-                camera = moments.cameras[moment.instant]
-                scene.moving = moments.moving[moment.instant]
-            part = part_seen(scene, camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]))
-            if part == centre:
+                instant = instant_of(moments, row, make_sampler(key, pixel, sample))
+                camera = moments.cameras[instant]
+                scene.moving = moments.moving[instant]
+            x, y = float(col) + u[0], float(row) + u[1]
+            if object_seen(scene, numbers, camera, x, y, wp.vec2(u[2], u[3])) == centre:
                 same += 1
         purity[row, col] = float(same) / float(PURITY_RAYS)
 
