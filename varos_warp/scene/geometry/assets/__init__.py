@@ -30,8 +30,10 @@ QUAD = np.sqrt(2.0) * 1.0001
 
 _MAKERS: dict = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, world.PipeSupport: pipe_support,
            world.Bolt: bolt, world.Nut: nut, world.Valve: valve, world.Boulder: boulder}
-_RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m, world.MooringChain: lambda block: 0.5 * block.link_m,
+_RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
+                world.MooringChain: lambda block: 0.5 * block.link_m,
                 world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET}
+"""What stands for the radius of an object that has none, for its chord error [m]."""
 _STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
                      world.WellheadPanel: wellhead_panel}
 

@@ -18,7 +18,8 @@ def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.
 
     Args:
         loops: Outlines [m, 2], the outer one counter-clockwise, holes clockwise.
-        edge: How far apart points inside are [m]; no further than those of the outlines are at most. inf: there are none.
+        edge: How far apart points inside are [m], no further than those of the outlines are at most; inf: there are
+            none.
 
     Returns:
         Points inside [K, 2]; triangles int [F, 3] of the outlines' points, one after the other, and of these; and
@@ -102,7 +103,7 @@ def split_long(vertices: np.ndarray, faces: np.ndarray, longest: float) -> tuple
         vertices, faces = _halved_longest(vertices, faces[long], longest)
 
 
-# ----------------------------------------------------------------------------------------------------------------- parts
+# ---------------------------------------------------------------------------------------------------------------- parts
 
 
 def _following(loops):
