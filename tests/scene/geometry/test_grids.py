@@ -123,7 +123,7 @@ def test_a_region_with_a_hole_is_filled_whole():
 
 
 def test_edges_of_a_thin_outline_that_no_triangle_has_are_halved():
-    thin = np.array([(0, 0), (1, 0), (1, 1), (0.995, 1), (0.995, 0.005), (0, 0.005)], float)
+    thin = np.array([(0, 0), (1, 0), (1, 1), (0.9, 1), (0.9, 0.1), (0.1, 0.1), (0.1, 1), (0, 1), (0.099, 0.5)], float)
     assert fill([thin])[2].any()
     loops, _, triangles = fill_between([thin], np.inf)
     assert len(loops[0]) > len(thin)
