@@ -9,8 +9,8 @@ from varos_warp.scene.geometry.topology import edge_keys
 
 CLEAR = 0.7
 """Points inside a region keep so far from its outline, in edges: the outline's edges are then among the triangles'."""
-ROUNDS = 16
-"""Halvings after which outlines that still cannot be filled are taken to cross."""
+MOST_HALVED = 50
+"""How many times as many points outlines may get until they can be filled; those that need more are taken to cross."""
 
 
 def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -78,9 +78,10 @@ def fill_between(loops: list[np.ndarray], edge: float, seen=lambda loops: loops)
         The outlines, points inside [K, 2] and triangles [F, 3] as of `fill`.
 
     Raises:
-        ValueError: Edges are still missing after `ROUNDS` of it: outlines cross.
+        ValueError: Edges are still missing with `MOST_HALVED` times as many points: outlines cross.
     """
-    for _ in range(ROUNDS):
+    most = MOST_HALVED * sum(map(len, loops))
+    while sum(map(len, loops)) <= most:
         inner, triangles, missing = fill(seen(loops), edge)
         if not missing.any():
             return loops, inner, triangles
