@@ -22,6 +22,7 @@ ORDER = {
     "kernels": ["world", "mesh", "film", "field", "transport"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets"], "scene.geometry.files": ["gltf"],
+    "scene.geometry.assets": ["structures"],
     "scene.water": ["phase"],
     "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],
