@@ -22,7 +22,7 @@ ORDER = {
     "kernels": ["world", "mesh", "film", "field", "transport"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets", "relief", "growth"],
-    "scene.geometry.relief": ["recipes"], "scene.geometry.files": ["gltf"],
+    "scene.geometry.relief": ["recipes"], "scene.geometry.assets": ["structures"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
     "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],

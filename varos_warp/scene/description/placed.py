@@ -26,7 +26,8 @@ class Placed(Block):
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
     """Multiplies its size: one number, or one for each of its own axes; 0.001 if a file is in millimetres."""
     material: str | None = Field(default=None, examples=["rusty"])
-    """Name of one of ``materials``; absent: the colours that a mesh file brings along, else grey."""
+    """Name of one of ``materials``; absent: the colours that a mesh file or a structure brings along,
+    else grey."""
     smooth_angle_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 30.0
     """Edges at most this sharp get smooth normals (paper, image type C) [degrees]."""
 

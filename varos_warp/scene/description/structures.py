@@ -42,7 +42,8 @@ class HullSection(Parametric):
     frame_m: Annotated[float, Field(ge=0.4, le=20.0)] = 2.4
     """From one web frame to the next [m]."""
     dent_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.004
-    """How deep the plates are dented between stiffeners and frames, by the shrinking of welds [m]."""
+    """How deep the plates are dented between stiffeners and frames at most, by the shrinking of welds [m]; IACS
+    Recommendation 47 has 4 mm as standard and 8 mm as limit."""
     stiffeners: Literal["inside", "outside", "none"] = "inside"
     """Where longitudinal stiffeners and web frames stand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
@@ -179,7 +180,7 @@ class WellheadPanel(Parametric):
             raise ValueError(f"fittings: are more than {FITTINGS_LIMIT}")
         if len(self.fittings) > 26:
             raise ValueError("fittings: are more than 26 rows, A to Z")
-        needed, cells = 0.28, {"height_m": (self.height_m, len(self.fittings)),
+        needed, cells = 0.3, {"height_m": (self.height_m, len(self.fittings)),
                                "width_m": (self.width_m, max(map(len, self.fittings)))}
         for key, (size, count) in cells.items():
             if size < needed * count:

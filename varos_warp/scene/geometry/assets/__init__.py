@@ -14,6 +14,7 @@ from varos_warp.scene.geometry.assets.structures.hull import hull_section
 from varos_warp.scene.geometry.assets.structures.panel import BUCKET, wellhead_panel
 from varos_warp.scene.geometry.assets.structures.quay import quay_wall
 from varos_warp.scene.geometry.joining import join
+from varos_warp.scene.geometry.topology import area_normals
 
 __all__ = ["DETAIL", "FLANGES_MM", "HEX_SIZES_MM", "bolt", "boulder", "default_chord_error", "elbow", "flange",
            "flange_measures", "hex_measures", "make_asset", "nut", "pipe", "pipe_support", "valve"]
@@ -30,8 +31,10 @@ QUAD = np.sqrt(2.0) * 1.0001
 
 _MAKERS: dict = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, world.PipeSupport: pipe_support,
            world.Bolt: bolt, world.Nut: nut, world.Valve: valve, world.Boulder: boulder}
-_RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m, world.MooringChain: lambda block: 0.5 * block.link_m,
+_RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
+                world.MooringChain: lambda block: 0.5 * block.link_m,
                 world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET}
+"""What stands for the radius of an object that has none, for its chord error [m]."""
 _STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
                      world.WellheadPanel: wellhead_panel}
 
@@ -63,19 +66,25 @@ def make_coloured(block: world.ParametricObject, key: str = "object", *, max_edg
     longest = block.max_edge_m if max_edge_m is None else max_edge_m
     longest = np.inf if longest is None else longest / scale
     detail = Detail(chord_error, longest / QUAD, key)
-    maker = _STRUCTURES.get(type(block))
-    if maker is None:
-        vertices, faces = split_long(*_MAKERS[type(block)](block, key, detail), longest)
-        detail.allow(len(faces))
-        return vertices, faces, None
-    pieces = [piece._replace(**dict(zip(("vertices", "faces"), split_long(piece.vertices, piece.faces, longest),
-                                        strict=True))) for piece in maker(block, key, detail)]
-    detail.allow(sum(len(piece.faces) for piece in pieces))
+    if detail.is_grid:
+        coarsest = _pieces(block, key, Detail(1e3 * chord_error, key=key))
+        area = 0.5 * sum(np.linalg.norm(area_normals(mesh[0], mesh[1]), axis=1).sum() for mesh, _ in coarsest)
+        detail.allow(area / (0.25 * np.sqrt(3.0) * longest**2))  # equilateral ones
+    pieces = [(split_long(*mesh, longest), colour) for mesh, colour in _pieces(block, key, detail)]
+    detail.allow(sum(len(faces) for (_, faces), _ in pieces))
+    colours = [np.broadcast_to(np.float32(colour), (len(faces), 3)) for (_, faces), colour in pieces]
+    return *join(mesh for mesh, _ in pieces), np.concatenate(colours) if has_colours(block) else None
+
+
+def _pieces(block, key, detail):
+    """Meshes of an object, each with its colour: of one without colours the one, and black."""
+    if not has_colours(block):
+        return [(_MAKERS[type(block)](block, key, detail), (0.0, 0.0, 0.0))]
+    pieces = _STRUCTURES[type(block)](block, key, detail)
     if not pieces:
         raise InputError("names nothing that this object has", key=f"{key}.only", value=block.only,
                          remedy="Name other pieces, or leave it out for all of them.")
-    colours = [np.broadcast_to(np.float32(piece.colour), (len(piece.faces), 3)) for piece in pieces]
-    return *join((piece.vertices, piece.faces) for piece in pieces), np.concatenate(colours)
+    return [((piece.vertices, piece.faces), piece.colour) for piece in pieces]
 
 
 def has_colours(block: object) -> bool:

@@ -9,8 +9,10 @@ from varos_warp.scene.geometry.topology import edge_keys
 
 CLEAR = 0.7
 """Points inside a region keep so far from its outline, in edges: the outline's edges are then among the triangles'."""
-ROUNDS = 16
-"""Halvings after which outlines that still cannot be filled are taken to cross."""
+FLAT = 1e-9
+"""A triangle of points in line has less area than this, over the square of a side."""
+MOST_HALVED = 50
+"""How many times as many points outlines may get until they can be filled; those that need more are taken to cross."""
 
 
 def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -18,7 +20,8 @@ def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.
 
     Args:
         loops: Outlines [m, 2], the outer one counter-clockwise, holes clockwise.
-        edge: How far apart points inside are [m]; no further than those of the outlines are at most. inf: there are none.
+        edge: How far apart points inside are [m], no further than those of the outlines are at most; inf: there are
+            none.
 
     Returns:
         Points inside [K, 2]; triangles int [F, 3] of the outlines' points, one after the other, and of these; and
@@ -30,10 +33,12 @@ def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.
     points = np.vstack([outline, inner])
     delaunay = Delaunay(points)
     a, b, c = np.moveaxis(points[delaunay.simplices], 1, 0)
-    turned = cross(b - a, c - a) < 0.0
+    twice = cross(b - a, c - a)
+    flat = np.abs(twice) < FLAT * np.maximum(np.sum((b - a)**2, axis=1), np.sum((c - b)**2, axis=1))
+    turned = twice < 0.0
     triangles = np.where(turned[:, None], delaunay.simplices[:, ::-1], delaunay.simplices)
     neighbours = np.where(turned[:, None], delaunay.neighbors[:, ::-1], delaunay.neighbors)
-    inside, missing = _inside(triangles, neighbours, following, len(points))
+    inside, missing = _inside(triangles, neighbours, flat, following, len(points))
     triangles = triangles[inside]
     used = np.zeros(len(points), bool)
     used[triangles] = True
@@ -77,9 +82,10 @@ def fill_between(loops: list[np.ndarray], edge: float, seen=lambda loops: loops)
         The outlines, points inside [K, 2] and triangles [F, 3] as of `fill`.
 
     Raises:
-        ValueError: Edges are still missing after `ROUNDS` of it: outlines cross.
+        ValueError: Edges are still missing with `MOST_HALVED` times as many points: outlines cross.
     """
-    for _ in range(ROUNDS):
+    most = MOST_HALVED * sum(map(len, loops))
+    while sum(map(len, loops)) <= most:
         inner, triangles, missing = fill(seen(loops), edge)
         if not missing.any():
             return loops, inner, triangles
@@ -102,7 +108,7 @@ def split_long(vertices: np.ndarray, faces: np.ndarray, longest: float) -> tuple
         vertices, faces = _halved_longest(vertices, faces[long], longest)
 
 
-# ----------------------------------------------------------------------------------------------------------------- parts
+# ---------------------------------------------------------------------------------------------------------------- parts
 
 
 def _following(loops):
@@ -130,20 +136,21 @@ def _lattice(outline, following, edge):
     return points[np.isinf(away)]
 
 
-def _inside(triangles, neighbours, following, count):
+def _inside(triangles, neighbours, flat, following, count):
     """Which triangles lie between the outlines, bool [F], and which of the outlines' edges are no edges of theirs.
 
-    Neighbours are joined unless an outline runs between them; inside is what an outline's edge has on its left.
+    Neighbours are joined unless an outline runs between them; inside is what an outline's edge has on its left. Flat
+    ones, of points of the outline in line, are no part of it.
     """
     keys = triangles[:, [1, 2, 0]].astype(np.int64) * count + triangles[:, [2, 0, 1]]  # opposite corner 0, 1, 2
     first = np.arange(len(following), dtype=np.int64)
     ahead, back = first * count + following, following * count + first
-    wall = np.isin(keys, ahead)
-    open_ = ~wall & ~np.isin(keys, back) & (neighbours >= 0)
+    wall = np.isin(keys, ahead) & ~flat[:, None]
+    open_ = ~wall & ~np.isin(keys, back) & (neighbours >= 0) & ~flat[:, None] & ~flat[neighbours]
     face, corner = np.nonzero(open_)
     graph = coo_matrix((np.ones(len(face), np.int8), (face, neighbours[face, corner])), shape=(len(triangles),) * 2)
     label = connected_components(graph, directed=False)[1]
-    return np.isin(label, label[wall.any(axis=1)]), ~np.isin(ahead, keys)
+    return np.isin(label, label[wall.any(axis=1)]), ~np.isin(ahead, keys[~flat])
 
 
 def _halved_longest(vertices, faces, longest):

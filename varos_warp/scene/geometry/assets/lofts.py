@@ -157,6 +157,7 @@ def lathe(profile, detail: Detail, count: int, closed: bool = False) -> tuple[np
     """Solid of revolution around z of a profile [P, 2] of (radius, z); an open one starts and ends on the axis."""
     angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     profile = np.asarray(profile, float)
+    detail.allow(2 * count * len(profile))
     return turned(np.tile(profile[profile[:, 0] > 0.0], (count, 1, 1)), angles, detail, closed)
 
 

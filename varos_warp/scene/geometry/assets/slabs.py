@@ -3,7 +3,7 @@
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.assets.grids import fill_between
+from varos_warp.scene.geometry.assets.grids import area, fill_between
 from varos_warp.scene.geometry.assets.lofts import SLENDER, Detail, band, circle_points, divided, outward, rounded
 
 
@@ -26,6 +26,7 @@ def slab(loops, low: float, high: float, bevel: float, detail: Detail) -> tuple[
     if bevel > 0.0:
         ends = rounded([(far, low), (0.0, low), (0.0, high), (far, high)], bevel, detail)[1:-1]
     deepest = ends[0, 0]
+    detail.allow(2.0 * area(loops[0]) / detail.edge**2)
     try:
         loops, inner, triangles = fill_between(loops, detail.edge, lambda loops: [inset(x, deepest) for x in loops])
     except ValueError:

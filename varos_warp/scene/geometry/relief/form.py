@@ -86,7 +86,7 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
         clear, height = around(p + base.middle)
         x = p + height[:, None] * UP
         normals = vertex_normals(x, faces)
-    size = float(np.linalg.norm(np.ptp(base.vertices, axis=0)))
+    size = float(np.ptp(base.vertices, axis=0).max())
     sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if around is None else min(size, LARGEST_FORM_M),
                   height=x[:, 2] - x[:, 2].min() if around is None else np.zeros(len(x)),
                   clear=clear,

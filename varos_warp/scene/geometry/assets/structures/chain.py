@@ -75,7 +75,7 @@ def _link(d, detail):
     around = circle_points(0.5 * d, half)
     step = min(detail.edge, SLENDER * np.pi * d / around)
     pieces = int(np.ceil(straight / step)) if detail.is_grid else 1
-    turns = np.linspace(-0.5 * np.pi, 0.5 * np.pi, arc_steps(bend + 0.5 * d, np.pi, half, 8) + 1)
+    turns = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 2 * arc_steps(bend + 0.5 * d, 0.5 * np.pi, half, 4) + 1)
     line = [(0.5 * straight + bend * np.cos(a), bend * np.sin(a), a) for a in turns]
     line += [(x, bend, 0.5 * np.pi) for x in np.linspace(0.5, -0.5, pieces + 1)[1:-1] * straight]
     x, y, angle = np.array(line).T

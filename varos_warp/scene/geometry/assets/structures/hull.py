@@ -1,5 +1,7 @@
 """A section of a ship's hull: dented plating with weld seams, stiffeners, bilge keel and draught marks."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from varos_warp.scene.description.structures import HullSection
@@ -50,7 +52,7 @@ def seams(block: HullSection) -> tuple[np.ndarray, np.ndarray]:
             across[np.abs(across) < 0.5 * block.length_m - clear])
 
 
-# --------------------------------------------------------------------------------------------------------------- plating
+# -------------------------------------------------------------------------------------------------------------- plating
 
 
 def _girth(block):
@@ -84,7 +86,7 @@ def _lines(ends, seams_at, height, curvature, detail):
     caps = (np.asarray(seams_at)[:, None] + cap).ravel()
     stops = np.unique(np.concatenate([[end for end in ends if not (np.abs(seams_at - end) < 0.51 * SEAM).any()], caps]))
     lines = []
-    for a, b in zip(stops[:-1], stops[1:], strict=True):
+    for a, b in pairwise(stops):
         count = 1 if b - a < 1.01 * (cap[1] - cap[0]) else _steps(b - a, curvature(0.5 * (a + b)), detail)
         lines.append(a + (b - a) * np.arange(count) / count)
     return np.concatenate([*lines, stops[-1:]])
@@ -113,7 +115,7 @@ def _dents(block, s, x):
     return block.dent_m * share * np.sin(np.pi * flat[:, None])**2 * np.sin(np.pi * column)**2
 
 
-# -------------------------------------------------------------------------------------------------------------- the rest
+# ------------------------------------------------------------------------------------------------------------- the rest
 
 
 def _stiffeners(block, detail):
@@ -153,7 +155,7 @@ def _frames(block, inside, detail):
 
 
 def _contour(block, depth, detail):
-    """Line (y, z) [m, 2] that runs ``depth`` inside the outer surface, from the top of the side to the bottom's edge."""
+    """Line (y, z) [m, 2] that runs ``depth`` [m] inside the outer surface, from the top to the bottom's edge."""
     r = block.bilge_radius_m
     radius = r - depth
     if radius < 0.02:

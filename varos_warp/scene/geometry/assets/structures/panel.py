@@ -8,7 +8,7 @@ import numpy as np
 
 from varos_warp.scene.description.structures import WellheadPanel
 from varos_warp.scene.geometry.assets.fasteners import hex_measures
-from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, lathe, rounded
+from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, divided, lathe, rounded
 from varos_warp.scene.geometry.assets.slabs import box, circle, rectangle, slab
 from varos_warp.scene.geometry.assets.structures.figures import raised
 from varos_warp.scene.geometry.assets.structures.pieces import FACING, Mesh, Piece, chosen, placed
@@ -25,6 +25,8 @@ FUNNEL, STAB_BORE, STAB_BODY = 0.055, 0.0175, 0.036
 """Radii of a hot-stab receptacle: mouth of its funnel, bore, body [m]."""
 BAR = 0.0125
 """Radius of the bars of handles [m]."""
+BOLTS = 0.28
+"""Distance of the bolts that hold the plate to its frame [m]."""
 PADDLE = 0.24
 """Length of the paddle on a valve's stem [m]."""
 Coloured = tuple[tuple[float, float, float], Mesh]
@@ -45,7 +47,7 @@ def wellhead_panel(block: WellheadPanel, key: str, detail: Detail) -> list[Piece
 
 
 def places(block: WellheadPanel) -> list[tuple[str, str, tuple[float, float]]]:
-    """Label, kind and place (x, z) [m] of every fitting; labels name rows A, B ... from above and number from the left."""
+    """Label, kind and place (x, z) [m] of every fitting; rows are A, B ... from above, numbers run from the left."""
     found = []
     high = block.height_m / len(block.fittings)
     for row, kinds in enumerate(block.fittings):
@@ -67,7 +69,14 @@ def _plate(block, detail) -> list[Coloured]:
     bars = [((-x, s - 0.5 * w), (x, s + 0.5 * w)) for s in (-z + 0.5 * w, z - 0.5 * w)]
     bars += [((s - 0.5 * w, -z + 0.9 * w), (s + 0.5 * w, z - 0.9 * w)) for s in (-x + 0.5 * w, x - 0.5 * w)]
     meshes += [box((*low, back - w), (*high, back), 0.006, detail) for low, high in bars]
-    return [(YELLOW, mesh) for mesh in meshes]
+    return [(YELLOW, mesh) for mesh in meshes] + [(BARE, _bolt_head("M12", detail, 0.0, at))
+                                                  for at in _around(half - 0.03, BOLTS)]
+
+
+def _around(half, apart):
+    """Places [N, 2] around a rectangle of half sides ``half`` [2], about ``apart`` [m] from each other."""
+    corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    return divided(corners, apart, closed=True)
 
 
 def _bucket(detail) -> dict[str, list[Coloured]]:
@@ -131,10 +140,10 @@ _FITTINGS = {"bucket": _bucket, "hot_stab": _hot_stab, "t_bar": _t_bar, "valve_s
 def _label(text, detail) -> list[Coloured]:
     """A white label under a fitting with raised black letters."""
     high, wide = 0.03, 0.026 * len(text) + 0.024
-    plate = box((-0.5 * wide, -0.155, -0.001), (0.5 * wide, -0.155 + high + 0.014, 0.002), 0.001, detail)
+    plate = box((-0.5 * wide, -0.165, -0.001), (0.5 * wide, -0.165 + high + 0.014, 0.002), 0.001, detail)
     letters = raised(text, high, 0.001, 0.003, detail)
     width = max(vertices[:, 0].max() for vertices, _ in letters)
-    return [(WHITE, plate), *((BLACK, placed(mesh, None, (-0.5 * width, -0.148, 0.0))) for mesh in letters)]
+    return [(WHITE, plate), *((BLACK, placed(mesh, None, (-0.5 * width, -0.158, 0.0))) for mesh in letters)]
 
 
 def _rod(radius, low, high, detail) -> Mesh:

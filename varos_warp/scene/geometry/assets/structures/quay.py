@@ -1,10 +1,12 @@
 """A quay wall: U-shaped sheet piles under a concrete coping, with rubber fenders and a ladder."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from varos_warp.scene.description.structures import QuayWall
 from varos_warp.scene.geometry.assets.lofts import Detail, arc_steps, lathe, rounded
-from varos_warp.scene.geometry.assets.slabs import box, circle, mitred, slab
+from varos_warp.scene.geometry.assets.slabs import box, circle, slab
 from varos_warp.scene.geometry.assets.structures.pieces import ALONG_X, Mesh, Piece, chosen, placed
 
 STEEL, CONCRETE, RUBBER, GALVANISED = (0.1, 0.065, 0.045), (0.16, 0.15, 0.13), (0.03, 0.03, 0.03), (0.2, 0.2, 0.2)
@@ -75,12 +77,10 @@ def _piles(block, detail):
 
 def _line_normals(line):
     """Mitred normals [N, 2] of an open line, to its left."""
-    there = np.concatenate([line, line[-2:0:-1]])  # there and back: its ends turn round
-    normals = -mitred(there)[:len(line)]
-    for end, other in ((0, 1), (-1, -2)):
-        along = (line[other] - line[end]) * (1.0 if end == 0 else -1.0)
-        normals[end] = np.array([-along[1], along[0]]) / np.hypot(*along)
-    return normals
+    sides = np.diff(line, axis=0)
+    across = np.column_stack([-sides[:, 1], sides[:, 0]]) / np.linalg.norm(sides, axis=1, keepdims=True)
+    mean = np.concatenate([across[:1], 0.5 * (across[1:] + across[:-1]), across[-1:]])
+    return mean / np.sum(mean**2, axis=1, keepdims=True)
 
 
 def _coping(block, detail):
@@ -92,7 +92,7 @@ def _coping(block, detail):
     bays = int(np.ceil(length / BAY))
     edges = np.linspace(-0.5 * length, 0.5 * length, bays + 1)
     return [placed(slab([section], a + 0.5 * JOINT, b - 0.5 * JOINT, 0.015, detail), ALONG_X)
-            for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            for a, b in pairwise(edges)]
 
 
 def _fender(block, x, detail) -> list[tuple[tuple[float, float, float], Mesh]]:
