@@ -45,7 +45,7 @@ class Rock:
         beds = _beds(bent, _bedding(look.seed), _thickness(size), 20)
         gap, id, joint = _joints(sites, bent)
         ridges = 0.085 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
-        blocks = 0.050 * (id - 0.5) * smoothstep(0.0, 0.05, gap)
+        blocks = 0.050 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
         h = 0.019 * beds.level - 0.012 * beds.parting + ridges + blocks - 0.022 * joint
         return size * np.clip(h, -LIMIT, LIMIT)
 
@@ -135,8 +135,10 @@ def _joints(sites: Sites, bent: Patterns) -> tuple[np.ndarray, np.ndarray, np.nd
     cells = bent.worley(2.6 / size, 30)
     open = smoothstep(-0.05, 0.25, plain.fbm(2.0 / size, 3, 31))
     width = 0.012 + 0.05 * smoothstep(-0.1, 0.35, plain.fbm(3.0 / size, 3, 33))
-    width = np.maximum(width, 4.0 * sites.edge * 2.6 / size)
-    return cells.gap, cells.id * open + 0.5 * (1.0 - open), (1.0 - smoothstep(0.0, width, cells.gap)) * open
+    shown = np.maximum(width, 4.0 * sites.edge * 2.6 / size)
+    # wider than it is on a coarse mesh, and less deep by as much
+    joint = (1.0 - smoothstep(0.0, shown, cells.gap)) * open * width / shown
+    return cells.gap, cells.id * open + 0.5 * (1.0 - open), joint
 
 
 def _crusts(pattern: Patterns, shape: Shape) -> np.ndarray:

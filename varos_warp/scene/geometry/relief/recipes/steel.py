@@ -89,7 +89,8 @@ def _damage(sites: Sites, pattern: Patterns, look: Look) -> Damage:
     edges = 0.25 * sites.edges + 0.20 * _seams(sites, look.seed)
     worn = rough + edges * min(1.0, 4.0 * look.wear) + 0.95 * NOISE_STD * np.clip(
         ndtri(np.clip(look.wear**2, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
-    bare = smoothstep(0.0, 0.015, worn)
+    # what is left out of the noise on coarse meshes would have made the edge ragged: there it is a blur
+    bare = smoothstep(0.0, 0.015 + 0.15 * (1.0 - pattern.resolved(0.02)), worn)
     cells = pattern.moved(0.006, 40.0, 5).worley(24.0, 6)
     rusting = (cells.id > 0.55) * smoothstep(-0.02, 0.14, worn + 0.15 * pattern.fbm(8.0, 3, 7))
     domed = rusting * domes(cells.near, 0.24 + 0.25 * cells.id) * (0.30 + cells.id) * pattern.resolved(0.02)
