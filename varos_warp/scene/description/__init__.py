@@ -139,10 +139,11 @@ class Scene(Block):
 
     @model_validator(mode="after")
     def _drifts_have_relief(self):
-        around = self.terrain is not None and self.terrain.around_objects
-        if around and not isinstance(self.materials.get(self.terrain.material or ""), Layered):
+        ground = self.terrain
+        if ground is not None and ground.around_objects and not isinstance(self.materials.get(ground.material or ""),
+                                                                           Layered):
             raise ValueError("terrain.around_objects: drifts and moats are form, which the terrain's material "
-                             f"{self.terrain.material or 'of none'} does not have; give it a material of kind layered")
+                             f"{ground.material or 'of none'} does not have; give it a material of kind layered")
         return self
 
     @model_validator(mode="after")
