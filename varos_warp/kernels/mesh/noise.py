@@ -6,7 +6,7 @@ the noise is as smooth as near it. Octaves are rotated against each other, so th
 
 import warp as wp
 
-from varos_warp.kernels.world.pattern_noise import band, cell_hash, high_half, low_half
+from varos_warp.kernels.world.pattern_noise import cell_hash, high_half, low_half
 
 wp.set_module_options({"enable_backward": False})
 
@@ -101,6 +101,15 @@ def octave_value(kind: int, noise: float):
 
 
 @wp.func
+def shown(width: float):
+    """Weight of an octave where an edge is ``width`` of its cells: 1 up to 0.4, 0 from 0.75 on.
+
+    A wave of gradient noise is one and a half cells or longer, so it has at least two edges where it is shown at all.
+    """
+    return wp.clamp((0.75 - width) / 0.35, 0.0, 1.0)
+
+
+@wp.func
 def octave_mean(kind: int):
     """What an octave adds where it is too fine to be seen: its mean, so that coarse meshes do not sink."""
     if kind == RIDGED:
@@ -118,7 +127,7 @@ def sum_octaves(
     # out
     value: wp.array(dtype=wp.float32),
 ):
-    """Weighted mean of octaves of gradient noise; those of fewer than two edges a wave are replaced by their mean.
+    """Weighted mean of octaves of gradient noise; those too fine for the edges are replaced by their mean.
 
     Args:
         first_row: Number of the first thread.
@@ -140,7 +149,7 @@ def sum_octaves(
     rough = float(1.0)
     mean = octave_mean(kind)
     for octave in range(octaves):
-        share = band(width)
+        share = shown(width)
         drawn = mean
         next_rough = float(MEAN_ROUGH)
         if share > 0.0:

@@ -40,8 +40,8 @@ def fbm(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 4, seed: int = 0, ga
         octaves: How many.
         seed: Another seed is another noise.
         gain: Weight of an octave over that of the octave before.
-        edge: Length of a mesh's edges at the places, one or [N] [m]: octaves of fewer than 4 edges a wave fade, those
-            of fewer than 2 are left out. 0: all are there.
+        edge: Length of a mesh's edges at the places, one or [N] [m]: octaves whose cells have fewer than 2.5 edges
+            fade, those of fewer than 1.33 are left out. 0: all are there.
         device: Where to compute, ``cpu`` or ``cuda:N``.
 
     Returns:

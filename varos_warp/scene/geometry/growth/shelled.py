@@ -25,7 +25,7 @@ def barnacle(rng: np.random.Generator) -> Solid:
     vertices[:, 2] += tips.ravel()
     shade = np.array([0.35, 0.5, 0.75, 0.9, 1.0, 1.05, 0.6, 0.09, 0.14, 0.2])[:, None] * (1.0 - 0.45 * outside * seam)
     shade = shade.ravel() * rng.uniform(0.9, 1.1, len(vertices))
-    return solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.43, 0.40, 0.34]))
+    return solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.34, 0.315, 0.265]))
 
 
 def tube_worm(rng: np.random.Generator) -> Solid:

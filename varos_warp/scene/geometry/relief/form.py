@@ -28,6 +28,10 @@ MEAN_EDGE = 2.0 / 3.0
 """Mean length of edges over the longest that is wanted."""
 LARGEST_FORM_M = 1.0
 """Size that the forms of a sea floor go by [m]."""
+GRAIN = 0.11
+"""Deviation of the reflectance from vertex to vertex, as a share."""
+REFLECTANCES = (0.01, 0.85)
+"""Darkest and palest surface of the sea."""
 MOST_OF_RADIUS = 0.4
 """Displacement into a hollow, at most, as a share of its radius of curvature: beyond, it would cross itself."""
 
@@ -100,6 +104,7 @@ def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray]
     shape = shape_of(x, faces, normals, sites.edge)
     coats = [(share, *recipe.colour(sites, shape, look)) for recipe, share in surfaces]
     colour = sum(share[:, None] * coat for share, coat, _ in coats)
+    colour = np.clip(colour * _grain(len(x), look.seed)[:, None], *REFLECTANCES)
     x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
     return {"vertices": x.astype(np.float32), "faces": faces, "normals": vertex_normals(x, faces).astype(np.float32),
             "colours": colour.astype(np.float32)}
@@ -113,6 +118,11 @@ def _blended(sites, look):
     t = np.clip((up - STEEP[0]) / (STEEP[1] - STEEP[0]), 0.0, 1.0)
     flat = t * t * (3.0 - 2.0 * t)
     return [(RECIPES[look.relief], flat), (RECIPES[look.steep], 1.0 - flat)]
+
+
+def _grain(count, seed):
+    """Factors [count] of the reflectance of vertices: what is finer than a mesh shows as its grain."""
+    return 1.0 + GRAIN * np.clip(np.random.default_rng([seed, 1]).standard_normal(count), -2.5, 2.5)
 
 
 def _bounded(h, x, normals, faces):

@@ -45,7 +45,7 @@ class Rock:
         beds = _beds(bent, _bedding(look.seed), _thickness(size), 20)
         gap, id, joint = _joints(sites, bent)
         ridges = 0.085 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
-        blocks = 0.050 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
+        blocks = 0.032 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
         h = 0.019 * beds.level - 0.012 * beds.parting + ridges + blocks - 0.022 * joint
         return size * np.clip(h, -LIMIT, LIMIT)
 

@@ -86,7 +86,7 @@ def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
     along = sites.p @ np.array([np.cos(turn), np.sin(turn), 0.0])
     # crests wander, fork and end where the phase is uneven
     phase = along / WAVELENGTH_M + 4.0 * pattern.fbm(0.5, 2, 4) + 0.65 * pattern.fbm(3.2, 3, 5)
-    strength = smoothstep(-0.10, 0.25, pattern.fbm(0.7, 4, 3)) * np.clip(0.75 + 1.5 * pattern.fbm(2.0, 3, 6), 0.1, 1.0)
+    strength = smoothstep(-0.25, 0.18, pattern.fbm(0.7, 4, 3)) * np.clip(0.75 + 1.5 * pattern.fbm(2.0, 3, 6), 0.1, 1.0)
     calm = smoothstep(*FREE_M, sites.clear) * smoothstep(*LEVEL, sites.n[:, 2])
     profile = 1.0 - 2.0 * np.sqrt((np.square(np.sin(np.pi * phase)) + BLUNT) / (1.0 + BLUNT))
     return AMPLITUDE_M * strength * calm * pattern.resolved(WAVELENGTH_M), profile
