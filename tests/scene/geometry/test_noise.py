@@ -5,7 +5,7 @@ import pytest
 
 from varos_warp.device import launch
 from varos_warp.scene.geometry import noise
-from varos_warp.scene.geometry.noise import billow, fbm, fbm_vector, resolved, ridged, worley
+from varos_warp.scene.geometry.noise import billow, fbm, fbm_vector, ridged, worley
 
 SUMS = [fbm, ridged, billow]
 
