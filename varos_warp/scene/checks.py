@@ -80,7 +80,7 @@ def _gather(scene, parts, poses, path):
             continue
         boxes = part.extents()
         close = tree.query(boxes.mean(axis=1))[0] <= margin + 0.5 * np.linalg.norm(np.diff(boxes, axis=1)[:, 0], axis=1)
-        copies = replace(part, T_w_o=part.T_w_o[close]).parts()
+        copies = part.some(close).parts()
         if copies:
             vertices, faces = join((copy.vertices, copy.faces) for copy in copies)
             solids.append(replace(copies[0], name=part.name, vertices=vertices, faces=faces))

@@ -171,8 +171,10 @@ class DeviceScene:
     def _names(self, parts: list[Part | Instances]) -> list[str]:
         """Of all that has a number, in their order; the observer's own body, which nobody sees here, among them."""
         names = [part.name for part in parts if isinstance(part, Part)]
-        names += [name for group in parts if isinstance(group, Instances) and self._has_numbers(group)
-                  for name in group.names]
+        groups = [group for group in parts if isinstance(group, Instances) and self._has_numbers(group)]
+        for block in dict.fromkeys(group.name for group in groups):
+            numbers = np.concatenate([group.numbers for group in groups if group.name == block])
+            names += [f"{block}.{i}" for i in np.sort(numbers)]
         if own := self.scene.own_body:
             names.insert(self.scene.number_of(own) - 1, own)
         return names
@@ -198,7 +200,7 @@ class DeviceScene:
             if isinstance(part, Part):
                 numbers[part.name] = np.array([by_name[part.name]], np.int32)
             elif self._has_numbers(part):
-                numbers[part.first_name] = by_name[part.first_name] + np.arange(len(part), dtype=np.int32)
+                numbers[part.first_name] = np.array([by_name[name] for name in part.names], np.int32)
             else:
                 used, of = np.unique(part.host, return_inverse=True)
                 numbers[part.first_name] = (count + of).astype(np.int32)
@@ -251,7 +253,9 @@ class DeviceScene:
 
     def _upload_materials(self, single: list[Part], copied: list[Instances]):
         # by their boxes, joined or not, so that a copy looks the same on every device
-        placed = [*single, *(box for group in copied if not isinstance(group, Grown) for box in group.boxes())]
+        boxes = [box for group in copied if not isinstance(group, Grown) for box in group.boxes()]
+        order = {name: number for number, name in enumerate(self.part_names)}
+        placed = [*single, *sorted(boxes, key=lambda box: order[box.name])]
         self.textures = Textures(self.scene, self.device)
         # of what moves, patterns are in the axes of its mesh
         origins = [part.origin if isinstance(part, Moving) else self.origin for part in placed]
@@ -261,7 +265,7 @@ class DeviceScene:
             materials.insert(self.part_names.index(own), Material())
         which = list(range(len(materials)))
         for group in (group for group in copied if isinstance(group, Grown)):  # colours alone: one for all its copies
-            first = replace(group, T_w_o=group.T_w_o[:1]).boxes()[0]
+            first = group.some(slice(1)).boxes()[0]
             which += [len(materials)] * len(np.unique(self._numbers[group.first_name]))
             materials.append(device_material(first, self.scene, self.origin, self.textures))
         on_host = wp.array(materials, dtype=Material, device="cpu").numpy()

@@ -1,12 +1,16 @@
 """Everything solid in a scene: what stands in one place, copies on the ground, and what grows on them."""
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.world import Boulder, Scatter
 from varos_warp.scene.geometry.growth.grow import grow
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.placed import moving_part, object_part, terrain_part
 from varos_warp.scene.geometry.relief.apply import with_relief
 from varos_warp.scene.geometry.scatter import Ground, scatter
+
+COARSE = 0.025
+"""Chord error of a boulder that relief refines, over its diameter."""
 
 
 def build_parts(scene: Scene) -> list[Part | Instances]:
@@ -37,10 +41,16 @@ def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
             for group in scatter(block, f"scatter.{i}", _shapes(scene, block, i), ground, scene.seed)]
 
 
+def _has_relief(scene: Scene, block: Boulder) -> bool:
+    """Whether relief makes a boulder as fine as it must be, so that its own mesh may be coarse."""
+    return block.chord_error_m is None and isinstance(scene.materials.get(block.material or ""), Layered)
+
+
 def _shapes(scene: Scene, block: Scatter, number: int) -> list[Part]:
     """The objects that a block of ``scatter`` copies: of several shapes, boulders of seeds that follow each other."""
     blocks = [block.object]
     if isinstance(block.object, Boulder):
         seeds = [(block.object.seed + k) % 2**31 for k in range(block.shapes or 1)]
-        blocks = [block.object.model_copy(update={"seed": seed}) for seed in seeds]
+        fine = {"chord_error_m": COARSE * block.object.diameter} if _has_relief(scene, block.object) else {}
+        blocks = [block.object.model_copy(update={"seed": seed, **fine}) for seed in seeds]
     return [object_part(scene, each, f"scatter.{number}.object") for each in blocks]

@@ -187,16 +187,25 @@ class Instances(Shape):
 
     T_w_o: np.ndarray
     """float64 [N, 4, 4]: poses of the copies in the world, their uniform scale folded in."""
-    first: int = 0
-    """Number of the first copy within its block: copies of a block's other prototypes come before."""
+    numbers_in_block: np.ndarray | None = None
+    """int [N]: copies of the same block's other prototypes have other numbers. None: from 0."""
 
     def __len__(self):
         return len(self.T_w_o)
 
     @property
+    def numbers(self) -> np.ndarray:
+        """Of the copies within their block, int [N]."""
+        return np.arange(len(self)) if self.numbers_in_block is None else self.numbers_in_block
+
+    @property
     def first_name(self) -> str:
         """Of the first of the copies; no other part or group has it."""
-        return f"{self.name}.{self.first}"
+        return f"{self.name}.{self.numbers[0]}"
+
+    def some(self, chosen: np.ndarray | slice) -> Self:
+        """Some of the copies, by their places in ``T_w_o`` or bool [N]."""
+        return replace(self, T_w_o=self.T_w_o[chosen], numbers_in_block=self.numbers[chosen])
 
     @property
     def scale(self) -> np.ndarray:
@@ -206,7 +215,7 @@ class Instances(Shape):
     @property
     def names(self) -> list[str]:
         """Of every copy, ``scatter.0.17``."""
-        return [f"{self.name}.{i}" for i in range(self.first, self.first + len(self))]
+        return [f"{self.name}.{i}" for i in self.numbers]
 
     def parts(self) -> list[Part]:
         """Every copy as a part, with its position as the seed of its material."""
@@ -251,3 +260,7 @@ class Grown(Instances):
     """int32 [N]: which of ``hosts`` carries each copy."""
     facts: dict = field(default_factory=dict)
     """Of the whole block, with its first shape, for `varos-warp info`."""
+
+    def some(self, chosen: np.ndarray | slice) -> Self:
+        """Some of the copies, with their hosts."""
+        return replace(super().some(chosen), host=self.host[chosen])

@@ -82,7 +82,8 @@ def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, se
         of_shape = T[k::len(shapes)]
         if len(of_shape):
             groups.append(Instances(
-                key, own, prototype.faces, prototype.material, of_shape, first, smooth_angle=prototype.smooth_angle,
+                key, own, prototype.faces, prototype.material, of_shape, first + np.arange(len(of_shape)),
+                smooth_angle=prototype.smooth_angle,
                 smooth_shading=prototype.smooth_shading, skin=prototype.skin, files=prototype.files))
         first += len(of_shape)
     return groups

@@ -48,6 +48,16 @@ def test_what_no_camera_looks_at_is_coarse():
     below(seen.distance(points), UNSEEN * np.array([2.0, 40.0]))
 
 
+def test_a_slanted_surface_is_as_coarse_as_its_pixels_are_large():
+    """By the root of the area: at 60 degrees twice the area; at grazing views relief faces the camera anyway."""
+    seen, point = footprint(scene(), []), np.array([[5.0, 0, 0]])
+    level, steep, grazing, behind = (seen.distance(point, np.array([n])) + ASIDE_M for n in (
+        [0.0, 0, 1], [0, np.sqrt(0.75), 0.5], [0, 1.0, 0], [0, 0, -1.0]))
+    assert steep[0] / level[0] == pytest.approx(np.sqrt(2.0), rel=1e-3)
+    assert grazing[0] / level[0] == pytest.approx(np.sqrt(2.5), rel=1e-3)
+    assert behind[0] / level[0] == pytest.approx(UNSEEN, rel=1e-3)
+
+
 def test_a_camera_is_where_it_is_mounted_and_looks_where_it_is_turned():
     """On a rod 0.5 m below, looking forward, which is +y: the floor below is not seen, what is ahead is."""
     seen = footprint(scene({"position": [0, 0, -0.5]}), [])
@@ -80,7 +90,7 @@ def test_all_vehicles_see_the_same_world():
         below(seen.distance(np.array([[0.0, 0, 0], [50, 0, 0]])), [2.0, 2.0])
 
 
-def wanted(points, factor):
+def wanted(points, normals, factor):
     return longest_edge(4e-4 * np.maximum(np.hypot(points[:, 0], 1.0), NEAREST_M) * 10, factor)
 
 
@@ -88,7 +98,7 @@ def wanted(points, factor):
 def test_the_factor_keeps_the_count_within_a_tenth_of_the_bound(most):
     mesh = generate_terrain(6.0, 13, 0.5)
     factor = factor_for([rough(*mesh, wanted)], most)
-    count = len(refine(*mesh, lambda points: wanted(points, factor))[1])
+    count = len(refine(*mesh, lambda points, normals: wanted(points, normals, factor))[1])
     assert factor > 1.0
     assert 0.7 * most < count < 1.1 * most
 

@@ -42,7 +42,7 @@ def plane():
 
 
 def made(part, edge):
-    return form.formed(form.base_of(part), LOOK, lambda points: np.full(len(points), edge), None)
+    return form.formed(form.base_of(part), LOOK, lambda points, normals: np.full(len(points), edge), None)
 
 
 def test_heights_at_vertices_are_those_of_the_recipe():

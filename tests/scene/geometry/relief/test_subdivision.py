@@ -15,7 +15,7 @@ def ball(level):
     return np.array(mesh.vertices), np.array(mesh.faces, np.int32)
 
 
-def graded(points):
+def graded(points, normals=None):
     return 0.02 + 0.2 * np.abs(points[:, 0])
 
 
@@ -54,7 +54,7 @@ def test_a_sheet_keeps_its_outline():
 
 def test_slivers_become_round():
     vertices = np.array([[0.0, 0, 0], [10, 0, 0], [10, 0.1, 0], [0, 0.1, 0]])
-    v, f, _ = refine(vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32), lambda p: np.full(len(p), 0.05))
+    v, f, _ = refine(vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32), lambda p, n: np.full(len(p), 0.05))
     size = np.linalg.norm(v[f] - v[np.roll(f, -1, axis=1)], axis=2)
     assert np.median(size.max(axis=1) / size.min(axis=1)) < 3.0
     assert len(f) < 2.0 * 1.0 / (0.17 * 0.05**2)
@@ -65,14 +65,14 @@ def test_new_vertices_follow_a_sphere_with_the_fourth_power_of_the_edge():
     off = []
     for level in (1, 2):
         vertices, faces = ball(level)
-        v, _, _ = refine(vertices, faces, lambda p: np.full(len(p), 0.04), vertices.copy())
+        v, _, _ = refine(vertices, faces, lambda p, n: np.full(len(p), 0.04), vertices.copy())
         off.append(np.abs(np.linalg.norm(v, axis=1) - 1.0).max())
     assert off[0] / off[1] == pytest.approx(16.0, rel=0.3)
 
 
 def test_without_normals_facets_stay_flat():
     vertices, faces = ball(1)
-    v, f, _ = refine(vertices, faces, lambda p: np.full(len(p), 0.1))
+    v, f, _ = refine(vertices, faces, lambda p, n: np.full(len(p), 0.1))
     distance, _ = Surface(vertices, faces).nearest(v)
     assert distance.max() < 1e-12
     assert len(f) > len(faces)
@@ -80,6 +80,6 @@ def test_without_normals_facets_stay_flat():
 
 def test_a_mesh_that_is_fine_already_is_not_touched():
     vertices, faces = ball(2)
-    v, f, _ = refine(vertices, faces, lambda p: np.full(len(p), 10.0))
+    v, f, _ = refine(vertices, faces, lambda p, n: np.full(len(p), 10.0))
     np.testing.assert_array_equal(v, vertices)
     np.testing.assert_array_equal(f, faces)

@@ -63,7 +63,8 @@ def _groups(wanted: Wanted, hosts: Iterable[Host], near: Footprint) -> list[Grow
     for k, shape in enumerate(shapes):
         chosen = np.flatnonzero(which == k)
         if len(chosen):
-            groups.append(Grown(wanted.key, shape.vertices, shape.faces, Diffuse(), poses[chosen], first,
+            groups.append(Grown(wanted.key, shape.vertices, shape.faces, Diffuse(), poses[chosen],
+                                first + np.arange(len(chosen)),
                                 smooth_angle=np.pi, smooth_shading=True, skin=Skin(shape.corners), hosts=tuple(names),
                                 host=copies.host[chosen], facts={} if groups else facts))
             first += len(chosen)

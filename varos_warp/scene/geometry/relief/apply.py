@@ -3,6 +3,7 @@
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,10 @@ from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
 from varos_warp.scene.geometry.relief.form import Base, base_of, formed
 from varos_warp.scene.geometry.topology import edge_uses
 
+TOLD_FACES = 20_000
+"""A line of the log is for surfaces of more triangles than this before their relief."""
+LEVELS = 4
+"""Meshes that copies of one prototype have, at most: near ones a finer one than far ones."""
 TOLD_FACTOR = 2.0
 """Edges longer than asked by more than this are warned of."""
 
@@ -28,14 +33,16 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
         scene: Its course says how near cameras come, its ``render.max_triangles`` how much form there may be.
         parts: What is solid in it.
     """
-    chosen = [i for i, part in enumerate(parts) if isinstance(part.material, Layered)]
-    if not chosen:
+    if not any(isinstance(part.material, Layered) for part in parts):
         return parts
     seen = footprint(scene, parts)
+    parts = [some for part in parts for some in (_by_detail(part, seen) if isinstance(part, Instances) and isinstance(
+        part.material, Layered) else [part])]
+    chosen = [i for i, part in enumerate(parts) if isinstance(part.material, Layered)]
     bases = {i: base_of(parts[i]) for i in chosen}
     edges = {i: edges_of(parts[i], bases[i], seen) for i in chosen}
     most = scene.render.max_triangles or MOST_TRIANGLES
-    factor = factor_for([rough(bases[i].vertices, bases[i].faces, edges[i]) for i in chosen], most)
+    factor = factor_for([rough(base.vertices, base.faces, edges[i], base.normals) for i, base in bases.items()], most)
     done = {i: _formed(scene, parts[i], parts, bases[i], edges[i], seen, factor) for i in chosen}
     if factor > TOLD_FACTOR:
         warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
@@ -43,22 +50,35 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
     return [done.get(i, part) for i, part in enumerate(parts)]
 
 
-def edges_of(part: Part | Instances, base: Base, seen: Footprint) -> Callable[[np.ndarray, float], np.ndarray]:
-    """The longest edges [N] that are wanted at points [N, 3] about a base's middle, for a factor.
+def edges_of(part: Part | Instances, base: Base, seen: Footprint
+             ) -> Callable[[np.ndarray, np.ndarray, float], np.ndarray]:
+    """The longest edges [N] that are wanted at points [N, 3] about a base's middle with normals [N, 3], for a factor.
 
     Copies share one mesh, which the copy decides that is nearest for its size; so does what moves.
     """
     if isinstance(part, Instances):
-        reach = np.linalg.norm(part.vertices, axis=1).max()
-        nearest = np.maximum(seen.distance(part.T_w_o[:, :3, 3]) - reach * part.scale, NEAREST_M)
-        alike = float((seen.angle * nearest / part.scale).min())
+        alike = float(_pixels(part, seen).min())
     elif isinstance(part, Moving):
         stops = np.array([stop.position for stop in part.path] or [part.origin])
         reach = np.linalg.norm(base.vertices, axis=1).max()
         alike = float(seen.angle * np.maximum(seen.distance(stops) - reach, NEAREST_M).min())
     else:
-        return lambda points, factor: seen.edges(points + base.middle, factor)
-    return lambda points, factor: np.full(len(points), longest_edge(alike, factor))
+        return lambda points, normals, factor: longest_edge(seen(points + base.middle, normals), factor)
+    return lambda points, normals, factor: np.full(len(points), longest_edge(alike, factor))
+
+
+def _pixels(copies: Instances, seen: Footprint) -> np.ndarray:
+    """Width [N] of a pixel on each of some copies, in the axes of their prototype [m]."""
+    reach = np.linalg.norm(copies.vertices, axis=1).max()
+    nearest = np.maximum(seen.distance(copies.T_w_o[:, :3, 3]) - reach * copies.scale, NEAREST_M)
+    return seen.angle * nearest / copies.scale
+
+
+def _by_detail(copies: Instances, seen: Footprint) -> list[Instances]:
+    """Copies in groups that need about the same edges, `LEVELS` at most, each twice as long as the one before."""
+    pixel = _pixels(copies, seen)
+    level = np.minimum(np.log2(pixel / pixel.min()), LEVELS - 1).astype(int)
+    return [copies.some(level == k) for k in np.unique(level)]
 
 
 def _formed(scene, part, parts, base, edges, seen, factor):
@@ -74,8 +94,9 @@ def _formed(scene, part, parts, base, edges, seen, factor):
                   "ground": around and [digest(*_standing(other)) for other in others],
                   "around": around and [bool(scene.terrain.around_objects), list(scene.current.velocity)],
                   "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
-    made = cached("relief", depends_on, lambda: formed(base, look, lambda points: edges(points, factor), around),
-                  what=f"the relief of {part.name}")
+    wanted = partial(edges, factor=factor)
+    made = cached("relief", depends_on, lambda: formed(base, look, wanted, around),
+                  what=f"the relief of {part.name}" if len(base.faces) > TOLD_FACES else None)
     vertices, faces = made["vertices"].astype(float) + base.middle, made["faces"]
     facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}
     return replace(part, vertices=vertices, faces=faces, normals=made["normals"][faces], smooth_shading=True,

@@ -33,17 +33,21 @@ class Rough:
         return float(np.maximum(self.area / (FILL * np.square(self.edges(factor))), 1.0).sum())
 
 
-def rough(vertices: np.ndarray, faces: np.ndarray, wanted: Callable[[np.ndarray, float], np.ndarray]) -> Rough:
+def rough(vertices: np.ndarray, faces: np.ndarray, wanted: Callable[[np.ndarray, np.ndarray, float], np.ndarray],
+          normals: np.ndarray | None = None) -> Rough:
     """What to count the triangles of a mesh by.
 
     Args:
         vertices: float64 [V, 3] [m].
         faces: int32 [F, 3].
-        wanted: The longest edges [N] [m] at points [N, 3], for a factor.
+        wanted: The longest edges [N] [m] at points [N, 3] with normals [N, 3], for a factor.
+        normals: As of `refine`.
     """
-    v, f, _ = refine(vertices, faces, lambda points: wanted(points, COARSE))
-    middles = np.concatenate([v[f[some]].mean(axis=1) for some in chunks(len(f))])
-    return Rough(0.5 * np.linalg.norm(area_normals(v, f), axis=1), lambda factor: wanted(middles, factor))
+    v, f, _ = refine(vertices, faces, lambda points, normals: wanted(points, normals, COARSE), normals)
+    middles, twice = np.concatenate([v[f[some]].mean(axis=1) for some in chunks(len(f))]), area_normals(v, f)
+    area = np.linalg.norm(twice, axis=1)
+    facing = np.zeros(twice.shape) if normals is None else twice / np.maximum(area, 1e-300)[:, None]
+    return Rough(0.5 * area, lambda factor: wanted(middles, facing, factor))
 
 
 def factor_for(surfaces: list[Rough], most: int) -> float:

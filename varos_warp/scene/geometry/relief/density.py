@@ -50,10 +50,11 @@ class Footprint:
     angle: float
     """The smallest of all cameras' angles of a pixel [rad]."""
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
         """Least distance [N] [m] of any camera that sees points [N, 3], on the safe side.
 
-        Where none does, `UNSEEN` times that of the nearest.
+        Where none does, `UNSEEN` times that of the nearest. With ``normals`` [N, 3], zero where they are not known,
+        only of cameras before the surface, and farther where they see it at a slant, by the area of a pixel there.
         """
         middle = self.eyes.mean(axis=0)
         nearest, seen = (wp.empty(len(points), dtype=wp.float32, device="cpu") for _ in range(2))
@@ -62,17 +63,15 @@ class Footprint:
             "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
             "cosines": upload(self.cosines.astype(np.float32), wp.float32, "cpu"),
             "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
+            "normals": upload(np.asarray(np.zeros(points.shape) if normals is None else normals, np.float32), wp.vec3,
+                              "cpu"),
             "distance": nearest, "seen": seen}, "cpu")
         found = np.minimum(seen.numpy(), UNSEEN * nearest.numpy()).astype(float)
         return np.maximum(found - ASIDE_M, NEAREST_M)
 
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Width [N] of a pixel at points [N, 3] [m]."""
-        return self.angle * self.distance(points)
-
-    def edges(self, points: np.ndarray, factor: float = 1.0) -> np.ndarray:
-        """Longest edges [N] [m] that show at points [N, 3] all that a pixel shows; ``factor`` times as long."""
-        return longest_edge(self(points), factor)
+    def __call__(self, points: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
+        """Width [N] of a pixel at points [N, 3] [m]: the root of its area."""
+        return self.angle * self.distance(points, normals)
 
 
 def longest_edge(pixel: np.ndarray, factor: float = 1.0) -> np.ndarray:

@@ -17,7 +17,7 @@ from varos_warp.scene.geometry.parts import Shape
 from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 from varos_warp.scene.geometry.relief.recipes.sites import Sites
-from varos_warp.scene.geometry.relief.subdivision import refine
+from varos_warp.scene.geometry.relief.subdivision import Lengths, refine
 from varos_warp.scene.geometry.topology import area_normals
 
 STEEP = (0.79, 0.85)
@@ -68,14 +68,14 @@ def base_of(shape: Shape) -> Base:
     return Base(vertices, faces, normals, middle)
 
 
-def formed(base: Base, look: Layered, wanted: Callable[[np.ndarray], np.ndarray], around: Around | None
+def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
            ) -> dict[str, np.ndarray]:
     """A surface with its relief, as arrays of plain types.
 
     Args:
         base: The surface before.
         look: Its material; its seed is the object's own.
-        wanted: The longest edges [N] [m] at points [N, 3] about the base's middle.
+        wanted: The longest edges, at points about the base's middle.
         around: Of a sea floor; absent: it is an object.
 
     Returns:

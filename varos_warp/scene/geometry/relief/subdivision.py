@@ -16,8 +16,8 @@ SLIVER = 0.6
 """An edge shorter than this share of the longest that is too long in its face waits, so that slivers become round."""
 MOST_ROUNDS = 100
 
-Lengths = Callable[[np.ndarray], np.ndarray]
-"""The longest edge [N] [m] that is wanted at points [N, 3]."""
+Lengths = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""The longest edge [N] [m] that is wanted at points [N, 3] with normals [N, 3], zero where they are not known."""
 
 
 def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np.ndarray | None = None
@@ -35,7 +35,7 @@ def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np
     """
     vertices, faces = np.asarray(vertices, float), np.asarray(faces, np.int32)
     normals = np.zeros(vertices.shape) if normals is None else normals
-    length, finished = wanted(vertices), []
+    length, finished = wanted(vertices, normals), []
     for _ in range(MOST_ROUNDS):
         size, long = _long_edges(vertices, faces, length)
         active = long.any(axis=1)  # an edge is long for both of its faces: no other face will ever be cut
@@ -47,7 +47,7 @@ def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np
         middles, turned = _middles(vertices, normals, halved >> 32, halved & 0xFFFFFFFF)
         faces = split(faces, _numbers(edge_keys(faces), halved, len(vertices)))
         vertices, normals = np.concatenate([vertices, middles]), np.concatenate([normals, turned])
-        length, faces = np.concatenate([length, wanted(middles)]), flip_needles(vertices, faces)
+        length, faces = np.concatenate([length, wanted(middles, turned)]), flip_needles(vertices, faces)
     return vertices, np.concatenate(finished), length
 
 
