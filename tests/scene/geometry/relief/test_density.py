@@ -90,23 +90,23 @@ def test_all_vehicles_see_the_same_world():
         below(seen.distance(np.array([[0.0, 0, 0], [50, 0, 0]])), [2.0, 2.0])
 
 
-def wanted(points, normals, factor):
-    return longest_edge(4e-4 * np.maximum(np.hypot(points[:, 0], 1.0), NEAREST_M) * 10, factor)
+def pixel(points, normals):
+    return 4e-3 * np.hypot(points[:, 0], 1.0)
 
 
 @pytest.mark.parametrize("most", [20_000, 100_000])
 def test_the_factor_keeps_the_count_within_a_tenth_of_the_bound(most):
     mesh = generate_terrain(6.0, 13, 0.5)
-    factor = factor_for([rough(*mesh, wanted)], most)
-    count = len(refine(*mesh, lambda points, normals: wanted(points, normals, factor))[1])
+    factor = factor_for([rough(*mesh, pixel)], most)
+    count = len(refine(*mesh, lambda points, normals: longest_edge(pixel(points, normals), factor))[1])
     assert factor > 1.0
     assert 0.7 * most < count < 1.1 * most
 
 
 def test_a_bound_that_is_kept_anyway_asks_for_no_factor():
-    assert factor_for([rough(*generate_terrain(6.0, 13, 0.5), wanted)], 100_000_000) == 1.0
+    assert factor_for([rough(*generate_terrain(6.0, 13, 0.5), pixel)], 100_000_000) == 1.0
 
 
 def test_a_bound_that_cannot_be_kept_gives_the_largest_factor():
     mesh = generate_terrain(6.0, 65, 0.5)
-    assert factor_for([rough(*mesh, wanted)], 1000) == pytest.approx(256.0)
+    assert factor_for([rough(*mesh, pixel)], 1000) == pytest.approx(256.0)

@@ -1,9 +1,7 @@
 """Which parts of a scene have relief, how fine each becomes, and the parts as they are afterwards."""
 
 import zlib
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +11,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, factor_for, rough
-from varos_warp.scene.geometry.relief.density import NEAREST_M, Footprint, footprint, longest_edge
+from varos_warp.scene.geometry.relief.density import NEAREST_M, Footprint, Pixels, footprint, longest_edge
 from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
 from varos_warp.scene.geometry.relief.form import Base, base_of, formed
 from varos_warp.scene.geometry.topology import edge_uses
@@ -40,19 +38,36 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
         part.material, Layered) else [part])]
     chosen = [i for i, part in enumerate(parts) if isinstance(part.material, Layered)]
     bases = {i: base_of(parts[i]) for i in chosen}
-    edges = {i: edges_of(parts[i], bases[i], seen) for i in chosen}
+    pixels = {i: pixels_on(parts[i], bases[i], seen) for i in chosen}
     most = scene.render.max_triangles or MOST_TRIANGLES
-    factor = factor_for([rough(base.vertices, base.faces, edges[i], base.normals) for i, base in bases.items()], most)
-    done = {i: _formed(scene, parts[i], parts, bases[i], edges[i], seen, factor) for i in chosen}
+    factor = _factor(list(bases.values()), list(pixels.values()), seen, parts, most)
+    done = {i: _formed(scene, parts[i], parts, bases[i], pixels[i], seen, factor) for i in chosen}
     if factor > TOLD_FACTOR:
         warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
              "times as long as asked, so the finest forms are missing; raise it")
     return [done.get(i, part) for i, part in enumerate(parts)]
 
 
-def edges_of(part: Part | Instances, base: Base, seen: Footprint
-             ) -> Callable[[np.ndarray, np.ndarray, float], np.ndarray]:
-    """The longest edges [N] that are wanted at points [N, 3] about a base's middle with normals [N, 3], for a factor.
+def _factor(bases, pixels, seen, parts, most):
+    """By how much all edges are longer than asked; kept, as it takes seconds."""
+    depends_on = {"meshes": [digest(base.vertices, base.faces, base.normals, base.middle) for base in bases],
+                  "copies": [digest(part.T_w_o) for part in parts if isinstance(part, Instances)], "most": most,
+                  "cameras": _digest(seen), "code": _code()}
+    return float(cached("relief_factor", depends_on, lambda: {"factor": np.array(factor_for(
+        [rough(base.vertices, base.faces, pixel, base.normals) for base, pixel in zip(bases, pixels, strict=True)],
+        most))})["factor"])
+
+
+def _digest(seen):
+    return [digest(seen.eyes, seen.axes, seen.cosines), seen.angle]
+
+
+def _code():
+    return code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))
+
+
+def pixels_on(part: Part | Instances, base: Base, seen: Footprint) -> Pixels:
+    """How wide a pixel is at points about a base's middle.
 
     Copies share one mesh, which the copy decides that is nearest for its size; so does what moves.
     """
@@ -63,8 +78,8 @@ def edges_of(part: Part | Instances, base: Base, seen: Footprint
         reach = np.linalg.norm(base.vertices, axis=1).max()
         alike = float(seen.angle * np.maximum(seen.distance(stops) - reach, NEAREST_M).min())
     else:
-        return lambda points, normals, factor: longest_edge(seen(points + base.middle, normals), factor)
-    return lambda points, normals, factor: np.full(len(points), longest_edge(alike, factor))
+        return lambda points, normals: seen(points + base.middle, normals)
+    return lambda points, normals: np.full(len(points), alike)
 
 
 def _pixels(copies: Instances, seen: Footprint) -> np.ndarray:
@@ -81,21 +96,22 @@ def _by_detail(copies: Instances, seen: Footprint) -> list[Instances]:
     return [copies.some(level == k) for k in np.unique(level)]
 
 
-def _formed(scene, part, parts, base, edges, seen, factor):
+def _formed(scene, part, parts, base, pixels, seen, factor):
     """A part with its relief; from the user's cache where it was made before."""
     look = part.material.model_copy(update={"seed": _seed(scene, part)})
     others = [other for other in parts if other is not part and not isinstance(other, Moving)]
     around = _around(scene, others) if part.name == "terrain" else None
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
-                  "look": look.model_dump(mode="json"),
-                  "cameras": [digest(seen.eyes, seen.axes, seen.cosines), seen.angle],
+                  "look": look.model_dump(mode="json"), "cameras": _digest(seen), "code": _code(),
                   "copies": digest(part.T_w_o) if isinstance(part, Instances) else None,
                   "path": [stop.model_dump(mode="json") for stop in getattr(part, "path", ())],
                   "ground": around and [digest(*_standing(other)) for other in others],
-                  "around": around and [bool(scene.terrain.around_objects), list(scene.current.velocity)],
-                  "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
-    wanted = partial(edges, factor=factor)
-    made = cached("relief", depends_on, lambda: formed(base, look, wanted, around),
+                  "around": around and [bool(scene.terrain.around_objects), list(scene.current.velocity)]}
+
+    def build():
+        return formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around)
+
+    made = cached("relief", depends_on, build,
                   what=f"the relief of {part.name}" if len(base.faces) > TOLD_FACES else None)
     vertices, faces = made["vertices"].astype(float) + base.middle, made["faces"]
     facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}

@@ -1,10 +1,10 @@
 """How many triangles surfaces with relief take, and the one factor on their edges that keeps them within a bound."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from varos_warp.scene.geometry.relief.density import Pixels, longest_edge
 from varos_warp.scene.geometry.relief.subdivision import refine
 from varos_warp.scene.geometry.topology import area_normals, chunks
 
@@ -21,33 +21,32 @@ STEPS = 40
 
 @dataclass(frozen=True, eq=False)
 class Rough:
-    """A surface whose triangles are counted: areas of a coarse mesh's triangles, and what edges are wanted there."""
+    """A surface whose triangles are counted: areas of a coarse mesh's triangles, and how wide a pixel is there."""
 
     area: np.ndarray
     """float64 [F] [m^2]"""
-    edges: Callable[[float], np.ndarray]
-    """The longest edges [F] [m] that are wanted for a factor."""
+    pixel: np.ndarray
+    """float64 [F] [m]"""
 
     def count(self, factor: float) -> float:
         """About how many triangles it takes."""
-        return float(np.maximum(self.area / (FILL * np.square(self.edges(factor))), 1.0).sum())
+        return float(np.maximum(self.area / (FILL * np.square(longest_edge(self.pixel, factor))), 1.0).sum())
 
 
-def rough(vertices: np.ndarray, faces: np.ndarray, wanted: Callable[[np.ndarray, np.ndarray, float], np.ndarray],
-          normals: np.ndarray | None = None) -> Rough:
+def rough(vertices: np.ndarray, faces: np.ndarray, pixel: Pixels, normals: np.ndarray | None = None) -> Rough:
     """What to count the triangles of a mesh by.
 
     Args:
         vertices: float64 [V, 3] [m].
         faces: int32 [F, 3].
-        wanted: The longest edges [N] [m] at points [N, 3] with normals [N, 3], for a factor.
+        pixel: How wide a pixel is on it.
         normals: As of `refine`.
     """
-    v, f, _ = refine(vertices, faces, lambda points, normals: wanted(points, normals, COARSE), normals)
+    v, f, _ = refine(vertices, faces, lambda points, normals: longest_edge(pixel(points, normals), COARSE), normals)
     middles, twice = np.concatenate([v[f[some]].mean(axis=1) for some in chunks(len(f))]), area_normals(v, f)
     area = np.linalg.norm(twice, axis=1)
     facing = np.zeros(twice.shape) if normals is None else twice / np.maximum(area, 1e-300)[:, None]
-    return Rough(0.5 * area, lambda factor: wanted(middles, facing, factor))
+    return Rough(0.5 * area, pixel(middles, facing))
 
 
 def factor_for(surfaces: list[Rough], most: int) -> float:

@@ -3,6 +3,7 @@
 What is smaller than a pixel of the nearest view need not be geometry; what is larger must be.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,10 @@ UNSEEN = 8.0
 """Where no camera looks, surfaces are as coarse as if they were this many times as far away."""
 WITHOUT_CAMERA = 1e-3
 """Angle of a pixel [rad] where a scene has no camera."""
+
+
+Pixels = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""The width of a pixel [N] [m] at points [N, 3] with normals [N, 3], zero where they are not known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,8 @@ After the shapes that flow around a body on sand leaves (Whitehouse, "Scour at M
 scour before it and along its sides, and a tail in its lee.
 """
 
+import itertools
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -38,13 +40,12 @@ def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.
         Distance [N] from the nearest [m], infinite where nothing is near, and the height [N] that all together add [m].
     """
     clear, height = np.full(len(points), np.inf), np.zeros(len(points))
-    for part in parts:
-        if isinstance(part, Moving):
-            continue
-        near = _near_copies if isinstance(part, Instances) else _near_object
-        for chosen, distance, width, aside in near(points, part):
-            clear[chosen] = np.minimum(clear[chosen], distance)
-            height[chosen] += drift(distance, width, aside @ current)
+    groups = [part for part in parts if isinstance(part, Instances)]
+    objects = [part for part in parts if not isinstance(part, Instances | Moving)]
+    found = itertools.chain(*(_near_object(points, part) for part in objects), _near_copies(points, groups))
+    for chosen, distance, width, aside in found:
+        clear[chosen] = np.minimum(clear[chosen], distance)
+        height[chosen] += drift(distance, width, aside @ current)
     return clear, height
 
 
@@ -79,10 +80,14 @@ def _near_object(points, part):
         yield near[there], distance[there], width, _directions(points[near[there], :2] - 0.5 * (low + high)[:2])
 
 
-def _near_copies(points, group):
+def _near_copies(points, groups):
     """Likewise of the nearest few copies, one after the other."""
-    foot = FOOT * np.linalg.norm(group.vertices[:, :2], axis=1).max() * group.scale
-    width, middle = np.clip(2.0 * foot, SMALLEST_M, LARGEST_M), group.T_w_o[:, :2, 3]
+    if not groups:
+        return
+    foot = np.concatenate([FOOT * np.linalg.norm(group.vertices[:, :2], axis=1).max() * group.scale
+                           for group in groups])
+    width = np.clip(2.0 * foot, SMALLEST_M, LARGEST_M)
+    middle = np.concatenate([group.T_w_o[:, :2, 3] for group in groups])
     tree, most = cKDTree(middle), min(COPIES, len(middle))
     for part in chunks(len(points)):
         off, copy = tree.query(points[part, :2], k=np.arange(1, most + 1), workers=-1,
