@@ -62,7 +62,7 @@ def _turn(a, b, points):
 
 
 @pytest.mark.parametrize("axis", [0, 2])
-@pytest.mark.parametrize("kind", ["barnacle", "coralline", "mussel", "pebble", "shell"])
+@pytest.mark.parametrize("kind", ["barnacle", "coralline", "mussel", "pebble", "shell", "starfish"])
 def test_outlines_of_coarser_bodies_differ_by_less_than_half_a_pixel(kind, axis):
     """In the mean along the outline, at the largest size that a level is for."""
     whole, *coarse = prototypes(kind)[0]

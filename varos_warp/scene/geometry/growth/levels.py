@@ -24,6 +24,8 @@ def level_of(pixels: np.ndarray) -> np.ndarray:
 def levels(form: Form) -> tuple[Solid, ...]:
     """The whole of a form, and one coarser mesh for each of `LEVELS`."""
     made = [form.whole()]
+    if form.coarser:
+        return (*made, *form.coarser)
     for _, triangles in LEVELS:
         made.append(coarser(form, triangles) if len(made[-1].faces) >= WORTH * triangles else made[-1])
     return tuple(made)
@@ -74,9 +76,9 @@ def thinned(strips: tuple[Strip, ...], triangles: int) -> list[Strip]:
 def _shorter(strip, rows, round_):
     """A strip of fewer rows; a tube with three sides, or as a ribbon."""
     chosen = np.linspace(0, len(strip.path) - 1, min(rows, len(strip.path))).round().astype(int)
-    across = strip.across
+    across = None if strip.across is None else strip.across[chosen]
     if across is None and not round_:
-        across = np.cross(strip.path[-1] - strip.path[0], [0.31, 0.52, 0.79])
-        across = across / np.linalg.norm(across)
+        one = np.cross(strip.path[-1] - strip.path[0], [0.31, 0.52, 0.79])
+        across = np.tile(one / np.linalg.norm(one), (len(chosen), 1))
     return replace(strip, path=strip.path[chosen], radius=strip.radius[chosen], colours=strip.colours[chosen],
                    across=across, sides=min(strip.sides, 3))

@@ -58,7 +58,7 @@ class Strip:
     colours: np.ndarray
     """float64 [K, 3]: linear reflectances."""
     across: np.ndarray | None = None
-    """float64 [3]: the way that a ribbon is wide, a unit vector; None: a tube."""
+    """float64 [K, 3]: the way that a ribbon is wide there, unit vectors; None: a tube."""
     sides: int = 2
     """Of a tube."""
 
@@ -67,7 +67,7 @@ class Strip:
         if self.across is None:
             vertices, faces = tube(self.path, self.radius, self.sides)
         else:
-            vertices, faces = ribbon(self.path, np.outer(self.radius, self.across))
+            vertices, faces = ribbon(self.path, self.radius[:, None] * self.across)
         return solid(vertices, faces, np.repeat(self.colours, len(vertices) // len(self.path), axis=0))
 
     @property
@@ -84,6 +84,8 @@ class Form:
 
     body: Solid | None
     strips: tuple[Strip, ...] = ()
+    coarser: tuple[Solid, ...] = ()
+    """Coarser meshes, one for each level, of what has arms that it would lose with its edges; none: they are made."""
 
     def whole(self) -> Solid:
         """All of it as one mesh."""
