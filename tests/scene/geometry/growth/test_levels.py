@@ -152,3 +152,13 @@ def test_nothing_is_kept_of_scenes_without_growth(tmp_path, monkeypatch):
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
     build_parts(scene())
     assert not list(tmp_path.glob("growth-*"))
+
+
+def test_what_is_too_small_to_be_placed_does_not_drive_out_others():
+    """In the view of both, what is seen from farther away is some of what is seen from near, where it stands then."""
+    block = {"on": ["terrain"], "kind": "pebble", "per_m2": 150, "size_m": [0.01, 0.1], "cluster": 0}
+    near, far = (grown(block, trajectory={"poses": [{"position": [0, 0, z]}]}) for z in (1.5, 3.0))
+    places = [{tuple(root) for group in groups for root in group.T_w_o[:, :3, 3]
+               if np.abs(root[:2]).max() < 1.0} for groups in (near, far)]
+    assert 0 < len(places[1]) < len(places[0])
+    assert places[1] <= places[0]

@@ -65,7 +65,9 @@ def _place(wanted, carriers, near):
         names.append(host.name)
         found.append(rooted(wanted, host, number, near))
     copies = joined(found)
-    copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, copies.keys))
+    # the larger stays, so that what is too small to be placed would not have driven out any that is
+    priority = np.argsort(np.lexsort([copies.keys, copies.size])).astype(np.uint64)
+    copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, priority))
     return {"names": np.array(names, str), "too_small": np.array(copies.too_small)} | {
         name: getattr(copies, name) for name in COLUMNS}
 
