@@ -25,6 +25,7 @@ from varos_warp.scene.file.schema import find_key
 from varos_warp.scene.file.templates import TEMPLATES
 from varos_warp.scene.frames import camera_pose, euler_to_matrix
 from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.plain_yaml import parse
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -147,7 +148,7 @@ def merged(block: dict) -> dict:
     scene["vehicle"] = SCENE["vehicle"] | block.get("vehicle", {})
     scene["render"] = {"outputs": ["A", "B"]} | block.get("render", {})
     scene["materials"] = SCENE["materials"] | block.get("materials", {})
-    if "scatter" in block:
+    if "scatter" in block or "growth" in block:
         scene.setdefault("terrain", {"kind": "procedural"})
     return scene
 
@@ -157,7 +158,7 @@ def test_scene_files_of_a_page_load(page, tmp_path):
     """Each block on the small scene, with a camchain.yaml; one that is no part of a scene is a noise profile."""
     shutil.copy(ROOT / "examples/every_block/camchain.yml", tmp_path / "camchain.yaml")
     for text in blocks(page, "yaml"):
-        block = yaml.safe_load(text)
+        block = parse(text)
         if "imu" in block and "vehicle" not in block and "name" in block:
             NoiseProfile(**block)
         else:

@@ -125,10 +125,11 @@ def _print_meshes(facts: dict) -> None:
         longer = f", times {factor:g} to keep within render.max_triangles" if factor > 1.0 else ""
         print(f"relief: {sum(each['triangles'] for each in relief.values())} triangles; edges are about two pixels of "
               f"the nearest view{longer}")
-    print_table(["growth", "kind", "copies", "triangles", "on", "smaller than a pixel, left out"],
-                [[g["name"], g["kind"], str(g["copies"]), str(g["triangles"]),
+    print_table(["growth", "kind", "copies", "of them fine, coarser, coarsest", "triangles", "on",
+                 "too small, left out"],
+                [[g["name"], g["kind"], str(g["copies"]), ", ".join(map(str, g["by_level"])), str(g["triangles"]),
                   ", ".join(f"{name}: {count}" for name, count in g["on"].items()),
-                  f"about {g['smaller_than_a_pixel']}"] for g in facts.get("growth", [])])
+                  f"about {g['too_small']}"] for g in facts.get("growth", [])])
     _print_files(facts["mesh_files"])
     if survey := facts.get("survey"):
         print_survey(survey)

@@ -68,9 +68,7 @@ def _mesh_info(parts):
 
 def _growth_info(parts):
     """Of every block of growth that placed any: kind, copies, their triangles in all, on what, what is too small."""
-    groups = [part for part in parts if isinstance(part, Grown)]
-    facts = [group.facts | {"triangles": sum(len(other) * len(other.faces) for other in groups
-                                             if other.name == group.name)} for group in groups if group.facts]
+    facts = [part.facts for part in parts if isinstance(part, Grown) and part.facts]
     return {"growth": facts} if facts else {}
 
 

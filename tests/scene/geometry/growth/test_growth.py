@@ -15,7 +15,7 @@ from varos_warp.scene.geometry.growth.hosts import REACH_M
 from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
 from varos_warp.scene.geometry.growth.spacing import apart
 from varos_warp.scene.geometry.parts import Grown, Instances
-from varos_warp.scene.geometry.relief.density import ASIDE_M
+from varos_warp.scene.geometry.relief.density import ASIDE_M, footprint
 from varos_warp.scene.geometry.topology import area_normals
 
 HILLS = {"kind": "procedural", "size_m": 12, "resolution": 13, "relief_m": 3.0, "feature_m": 5}
@@ -180,12 +180,20 @@ def test_thinning_is_that_of_one_after_the_other():
     assert set(np.flatnonzero(apart(points, size, 0.8, priority.astype(np.uint64)))) == set(kept)
 
 
-def test_what_is_smaller_than_a_pixel_is_left_out_and_told():
+def test_what_is_smaller_than_one_and_a_half_pixels_is_left_out_and_told():
     """A pixel is 1/160 wide at a metre: 2 cm from the nearest of the hills, which is over 2 m away."""
     with pytest.warns(UserWarning, match=r"growth\.0: no barnacle is placed: all of about \d+ would be smaller"):
         assert grown({"on": ["terrain"], "kind": "barnacle", "size_m": [0.002, 0.004]}) == []
     facts = grown({"on": ["terrain"], "kind": "barnacle", "per_m2": 50, "size_m": [0.01, 0.05]})[0].facts
-    assert facts["smaller_than_a_pixel"] > 0 < facts["copies"]
+    assert facts["too_small"] > 0 < facts["copies"]
+
+
+def test_no_copy_is_smaller_than_one_and_a_half_pixels_of_the_nearest_view():
+    block = {"on": ["terrain"], "kind": "shell", "per_m2": 60, "size_m": [0.001, 0.1]}
+    groups = grown(block)
+    near = footprint(scene(), build_parts(scene()))
+    pixels = sizes(groups) / near(roots(groups))
+    assert 1.5 <= pixels.min() < 1.6
 
 
 def test_there_is_none_far_from_the_course():
@@ -220,7 +228,7 @@ def test_numbers_of_poisson_are_those_of_their_distribution():
 def test_prototypes_are_of_unit_size_and_dull_as_the_sea_is(kind):
     shapes = prototypes(kind)
     assert 4 <= len(shapes) <= 12
-    for shape in shapes:
+    for shape in (level for levels in shapes for level in levels):
         height, wide = shape.vertices[:, 2].max(), np.ptp(shape.vertices, axis=0).max()
         assert abs((height if KINDS[kind].tall else wide) - 1.0) < 1e-9
         assert (shape.colours >= 0.0).all()
@@ -230,10 +238,10 @@ def test_prototypes_are_of_unit_size_and_dull_as_the_sea_is(kind):
 
 @pytest.mark.parametrize("kind", ["barnacle", "coralline", "starfish", "pebble", "mussel", "anemone"])
 def test_faces_of_bodies_look_outwards(kind):
-    shape = prototypes(kind)[0]
-    normals, middle = area_normals(shape.vertices, shape.faces), shape.vertices[shape.faces].mean(axis=1)
-    foot = np.array([0.0, 0.0, min(0.0, shape.vertices[:, 2].min())])
-    assert (normals * (middle - foot)).sum() > 0.0
+    for shape in prototypes(kind)[0]:
+        normals, middle = area_normals(shape.vertices, shape.faces), shape.vertices[shape.faces].mean(axis=1)
+        foot = np.array([0.0, 0.0, min(0.0, shape.vertices[:, 2].min())])
+        assert (normals * (middle - foot)).sum() > 0.0
 
 
 def test_copies_all_at_once_are_those_one_by_one():

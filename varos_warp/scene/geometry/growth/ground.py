@@ -3,10 +3,10 @@
 import numpy as np
 import trimesh
 
-from varos_warp.scene.geometry.growth.solids import Solid, around, grid_faces, solid, waves
+from varos_warp.scene.geometry.growth.solids import Form, around, grid_faces, solid, waves
 
 
-def pebble(rng: np.random.Generator) -> Solid:
+def pebble(rng: np.random.Generator) -> Form:
     """A worn stone with blunt edges, a third of it in the ground; of unit width."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     p = np.asarray(ball.vertices)
@@ -19,10 +19,10 @@ def pebble(rng: np.random.Generator) -> Solid:
     p /= np.ptp(p[:, :2], axis=0).max()
     p[:, 2] += np.ptp(p[:, 2]) * rng.uniform(0.1, 0.35)
     shade = 1.0 + 0.12 * waves(p, 0.5, rng) + 0.1 * rng.standard_normal(len(p))
-    return solid(p, np.asarray(ball.faces), np.outer(np.clip(shade, 0.5, 1.5), [0.15, 0.138, 0.12]))
+    return Form(solid(p, np.asarray(ball.faces), np.outer(np.clip(shade, 0.5, 1.5), [0.15, 0.138, 0.12])))
 
 
-def coralline(rng: np.random.Generator) -> Solid:
+def coralline(rng: np.random.Generator) -> Form:
     """A thin crust with a lobed rim and holes in its tone; of unit width."""
     rings, sides = 9, 44
     t, s = around(sides), np.linspace(0.02, 1.0, rings)[:, None]
@@ -34,4 +34,5 @@ def coralline(rng: np.random.Generator) -> Solid:
     mottle = waves(vertices, 0.22, rng)
     vertices[:, 2] += 0.003 * mottle * np.repeat(1.0 - s.ravel() ** 4, sides)
     tone = 0.8 + 0.16 * mottle + 0.35 * np.repeat(s.ravel() ** 5, sides)  # the growing edge is pale
-    return solid(vertices, grid_faces(rings, sides)[:, ::-1], np.outer(np.clip(tone, 0.3, 1.5), [0.19, 0.105, 0.105]))
+    colours = np.outer(np.clip(tone, 0.3, 1.5), [0.19, 0.105, 0.105])
+    return Form(solid(vertices, grid_faces(rings, sides)[:, ::-1], colours))

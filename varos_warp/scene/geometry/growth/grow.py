@@ -1,21 +1,25 @@
 """Blocks of ``growth`` become copies on the parts of a scene."""
 
-from collections.abc import Iterable
+import itertools
+from dataclasses import replace
 
 import numpy as np
 
+from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.growth.chance import uniform
-from varos_warp.scene.geometry.growth.hosts import REACH_M, Carrier, Host
+from varos_warp.scene.geometry.growth.hosts import REACH_M, Carrier
 from varos_warp.scene.geometry.growth.kinds import Kind, prototypes
-from varos_warp.scene.geometry.growth.placing import Rooted, Wanted, joined, rooted
+from varos_warp.scene.geometry.growth.levels import LEVELS, level_of
+from varos_warp.scene.geometry.growth.placing import COLUMNS, LEAST_PIXELS, Rooted, Wanted, joined, rooted
 from varos_warp.scene.geometry.growth.spacing import apart
 from varos_warp.scene.geometry.parts import Grown, Instances, Part, Skin
 from varos_warp.scene.geometry.relief.density import Footprint, footprint
 
-NOTHING = Rooted(np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint64))
+MANY_TRIANGLES = 4_000_000
+"""A block with more is told of; on a GPU all copies of a scene join one mesh up to twice as many."""
 
 
 def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
@@ -39,45 +43,69 @@ def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
     groups = []
     for i, block in enumerate(scene.growth):
         wanted = Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m)
-        groups += _groups(wanted, (host for name in block.on for carrier in carriers[name] for host in carrier.hosts()),
-                          near)
+        names, copies = _placed(wanted, [carrier for name in block.on for carrier in carriers[name]], near)
+        groups += _groups(wanted, names, copies)
     return groups
 
 
-def _groups(wanted: Wanted, hosts: Iterable[Host], near: Footprint) -> list[Grown]:
-    """The copies of one block, by their shapes and tints."""
-    names, found = [], [NOTHING]
-    for number, host in enumerate(hosts):
+def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> tuple[list[str], Rooted]:
+    """Names of the hosts of a block, and its copies; from the user's cache where they were placed before."""
+    depends_on = {"block": wanted.block.model_dump(mode="json"), "seed": wanted.seed,
+                  "surface_depth_m": wanted.surface_depth_m, "hosts": [carrier.digest for carrier in carriers],
+                  "cameras": [digest(near.eyes, near.axes, near.cosines), near.angle],
+                  "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
+    kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
+    return kept["names"].tolist(), Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))
+
+
+def _place(wanted, carriers, near):
+    """`_placed`, as arrays."""
+    names, found = [], []
+    for number, host in enumerate(host for carrier in carriers for host in carrier.hosts()):
         names.append(host.name)
         found.append(rooted(wanted, host, number, near))
     copies = joined(found)
-    copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, copies.keys))
-    facts = _facts(wanted, names, copies)
+    # the larger stays, so that what is too small to be placed would not have driven out any that is
+    priority = np.argsort(np.lexsort([copies.keys, copies.size])).astype(np.uint64)
+    copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, priority))
+    return {"names": np.array(names, str), "too_small": np.array(copies.too_small)} | {
+        name: getattr(copies, name) for name in COLUMNS}
+
+
+def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
+    """The copies of one block, by their shapes and tints, and by how fine they are."""
     if not len(copies.size):
-        why = (f"all of about {copies.too_small:.0f} would be smaller than a pixel" if copies.too_small >= 1.0 else
+        why = (f"all of about {copies.too_small:.0f} would be smaller than {LEAST_PIXELS:g} pixels"
+               if copies.too_small >= 1.0 else
                f"no surface of its hosts within {REACH_M:g} m of the course is as it asks, or chance leaves none")
         warn(f"{wanted.key}: no {wanted.block.kind} is placed: {why}")
         return []
     shapes, groups, first = prototypes(wanted.block.kind), [], 0
     which, poses = (uniform(copies.keys, 5) * len(shapes)).astype(int), _poses(copies, wanted.kind)
-    for k, shape in enumerate(shapes):
-        chosen = np.flatnonzero(which == k)
+    level = level_of(copies.pixels)
+    for k, fine in itertools.product(range(len(shapes)), range(len(LEVELS) + 1)):
+        chosen, solid = np.flatnonzero((which == k) & (level == fine)), shapes[k][fine]
         if len(chosen):
-            groups.append(Grown(wanted.key, shape.vertices, shape.faces, Diffuse(), poses[chosen],
-                                first + np.arange(len(chosen)),
-                                smooth_angle=np.pi, smooth_shading=True, skin=Skin(shape.corners), hosts=tuple(names),
-                                host=copies.host[chosen], facts={} if groups else facts))
+            groups.append(Grown(wanted.key, solid.vertices, solid.faces, Diffuse(), poses[chosen],
+                                first + np.arange(len(chosen)), smooth_angle=np.pi, smooth_shading=True,
+                                skin=Skin(solid.corners), hosts=tuple(names), host=copies.host[chosen]))
             first += len(chosen)
-    return groups
+    facts = _facts(wanted, names, copies, sum(len(group) * len(group.faces) for group in groups))
+    return [replace(groups[0], facts=facts), *groups[1:]]
 
 
-def _facts(wanted: Wanted, names: list[str], copies: Rooted) -> dict:
-    """What there is to say of a block: how many copies, on what, and how many are too small to be seen."""
+def _facts(wanted: Wanted, names: list[str], copies: Rooted, triangles: int) -> dict:
+    """What there is to say of a block: how many copies, how fine, on what, and how many are too small to be seen."""
+    if triangles > MANY_TRIANGLES:
+        warn(f"{wanted.key}: {len(copies.size)} copies of {wanted.block.kind} have {triangles / 1e6:.1f} million "
+             f"triangles, which take memory and time; lower per_m2 ({wanted.per_m2:g}), or raise the least of size_m "
+             f"({wanted.size_m[0]:g} m), and they have fewer")
     by_name = dict.fromkeys(wanted.block.on, 0)
     for host, count in zip(names, np.bincount(copies.host, minlength=len(names)).tolist(), strict=True):
         by_name[next(name for name in by_name if f"{host}.".startswith(f"{name}."))] += count
-    return {"name": wanted.key, "kind": wanted.block.kind, "copies": len(copies.size), "on": by_name,
-            "smaller_than_a_pixel": round(copies.too_small)}
+    return {"name": wanted.key, "kind": wanted.block.kind, "copies": len(copies.size),
+            "by_level": np.bincount(level_of(copies.pixels), minlength=len(LEVELS) + 1).tolist(),
+            "triangles": triangles, "on": by_name, "too_small": round(copies.too_small)}
 
 
 def _poses(copies: Rooted, kind: Kind) -> np.ndarray:

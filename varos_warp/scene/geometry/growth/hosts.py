@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from varos_warp.cache import digest
 from varos_warp.scene.geometry.growth.chance import mixed
 from varos_warp.scene.geometry.normals import kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Part
@@ -36,12 +38,16 @@ class Host:
     gap: np.ndarray
     """float64 [F]: distance of the course, or less [m]."""
 
-    @property
-    def area_normals(self) -> np.ndarray:
-        """Normals [F, 3], as long as the area [m^2]."""
-        return np.concatenate([0.5 * np.cross(self.corners[part, 1] - self.corners[part, 0],
-                                              self.corners[part, 2] - self.corners[part, 0])
-                               for part in chunks(len(self.keys))] or [np.zeros((0, 3))])
+    @cached_property
+    def area_and_up(self) -> tuple[np.ndarray, np.ndarray]:
+        """Areas [F] [m^2], and vertical parts [F] of the unit normals; 0 without area."""
+        area, up = np.zeros(len(self.keys)), np.zeros(len(self.keys))
+        for part in chunks(len(self.keys)):
+            a, b, c = np.moveaxis(self.corners[part], 1, 0)
+            normal = 0.5 * np.cross(b - a, c - a)
+            area[part] = np.sqrt(np.einsum("ni,ni->n", normal, normal))
+            up[part] = normal[:, 2] / np.where(area[part] > 0.0, area[part], 1.0)
+        return area, up
 
     def of(self, chosen: np.ndarray) -> "Host":
         """Some of the triangles."""
@@ -61,38 +67,63 @@ class Carrier:
 
     def __init__(self, part: Part | Instances, footprint: Footprint):
         self._part, self._footprint = part, footprint
-        whole = slice(None) if part.skin is None or part.skin.cut is None else np.flatnonzero(~part.skin.cut)
-        self._faces = part.faces[whole]  # nothing grows where masks may cut holes
-        self._keys = np.arange(len(part.faces), dtype=np.uint64)[whole]
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of all of it that places depend on, but for the course."""
+        part = self._part
+        arrays = [part.vertices, part.faces, np.array(part.smooth_angle)]
+        arrays += [part.normals if part.normals is not None else np.zeros(0)]
+        arrays += [part.T_w_o, np.array(part.first)] if isinstance(part, Instances) else []
+        return digest(*arrays, *([] if self._holes is None else [self._holes]))
+
+    @property
+    def _holes(self):
+        """Faces, bool [F], that masks may cut; None: none."""
+        return None if self._part.skin is None else self._part.skin.cut
+
+    @cached_property
+    def _whole(self):
+        """Faces that no mask cuts, their keys and their corners' normals: nothing grows where there may be holes."""
+        part = self._part
+        chosen = slice(None) if self._holes is None else np.flatnonzero(~self._holes)
         normals = part.normals
         if normals is None:
             normals = kept_corner_normals(part.vertices, part.faces, part.smooth_angle)
-        self._normals = normals.astype(np.float32)[whole]
-        self._own = self._near(part.name, part.vertices, self._normals) if isinstance(part, Part) else None
+        return part.faces[chosen], np.arange(len(part.faces), dtype=np.uint64)[chosen], normals[chosen].astype(
+            np.float32)
+
+    @cached_property
+    def _own(self):
+        """A part's only host."""
+        return self._near(self._part.name, self._part.vertices, self._whole[2])
 
     def hosts(self) -> Iterator[Host]:
         """The part, or one after the other each of the copies that come within reach of the course."""
-        if self._own is not None:
+        if isinstance(self._part, Part):
             yield self._own
             return
         part = self._part
-        assert isinstance(part, Instances)
         box, scale, names = part.extents(), part.scale, part.names
         gap = self._footprint.distance(box.mean(axis=1)) - 0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1)
         for i in np.flatnonzero(gap <= REACH_M):
             T = part.T_w_o[i]
-            yield self._near(names[i], part.vertices @ T[:3, :3].T + T[:3, 3], self._normals @ T[:3, :3].T / scale[i])
+            yield self._near(names[i], part.vertices @ T[:3, :3].T + T[:3, 3], self._whole[2] @ T[:3, :3].T / scale[i])
 
     def _near(self, name, vertices, normals) -> Host:
         """What is within reach of the course, no triangle larger than `LARGEST_M`."""
-        gap = _gaps(vertices, self._faces, self._footprint)
+        faces, keys, _ = self._whole
+        gap = _gaps(vertices, faces, self._footprint)
         near = np.flatnonzero(gap <= REACH_M)
-        rest = Host(name, vertices.min(axis=0), vertices[self._faces[near]], normals[near], self._keys[near], gap[near])
+        rest = Host(name, vertices.min(axis=0), vertices[faces[near]], normals[near], keys[near], gap[near])
         done = []
         while len(rest.keys):
-            edges = np.linalg.norm(rest.corners - np.roll(rest.corners, 1, axis=1), axis=2).max(axis=1)
-            done.append(rest.of(edges <= LARGEST_M))
-            rest = self._quartered(rest.of(edges > LARGEST_M))
+            large = _longest(rest.corners, np.roll(rest.corners, 1, axis=1)) > LARGEST_M
+            if not large.any():
+                done.append(rest)
+                break
+            done.append(rest.of(~large))
+            rest = self._quartered(rest.of(large))
         if len(done) <= 1:
             return done[0] if done else rest
         return replace(rest, **{column: np.concatenate([getattr(each, column) for each in done])
@@ -112,6 +143,13 @@ def _gaps(vertices, faces, footprint):
     gap = np.empty(len(faces))
     for part in chunks(len(faces)):
         corners = vertices[faces[part]]
-        middle = corners.mean(axis=1)
-        gap[part] = footprint.distance(middle) - np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+        middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
+        gap[part] = footprint.distance(middle) - _longest(corners, middle[:, None])
     return gap
+
+
+def _longest(corners, others):
+    """The longest way [F] from one of three corners [F, 3, 3] to its other; an axis as short is slow to reduce."""
+    x, y, z = np.moveaxis(corners - others, 2, 0)
+    square = x * x + y * y + z * z
+    return np.sqrt(np.maximum(np.maximum(square[:, 0], square[:, 1]), square[:, 2]))

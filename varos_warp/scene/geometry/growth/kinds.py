@@ -7,10 +7,11 @@ from functools import lru_cache
 import numpy as np
 
 from varos_warp.scene.geometry.growth.ground import coralline, pebble
+from varos_warp.scene.geometry.growth.levels import levels
 from varos_warp.scene.geometry.growth.plants import kelp, seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
 from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish
-from varos_warp.scene.geometry.growth.solids import Rgb, Solid
+from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid
 
 GREYS: tuple[Rgb, ...] = ((0.75, 0.75, 0.73), (1.0, 1.0, 1.0), (1.2, 1.18, 1.14))
 
@@ -19,8 +20,8 @@ GREYS: tuple[Rgb, ...] = ((0.75, 0.75, 0.73), (1.0, 1.0, 1.0), (1.2, 1.18, 1.14)
 class Kind:
     """What there is to know of a kind."""
 
-    make: Callable[[np.random.Generator], Solid]
-    """A shape of unit size."""
+    make: Callable[[np.random.Generator], Form]
+    """A shape of about unit size."""
     shapes: int
     tints: tuple[Rgb, ...]
     """Factors of its colours; shapes times tints is at most 12."""
@@ -55,7 +56,7 @@ KINDS = {
                     (0.03, 0.08), 0.5, body=0.7, straight=0.25, tall=True),
     "coralline": Kind(coralline, 4, ((0.8, 0.75, 0.75), (1.0, 1.0, 1.0), (1.15, 1.25, 1.3)), 18.0, 8.0, (-0.4, 1.0),
                       (0.015, 0.11), 0.4, small=2.0, body=0.55, jitter=0.03),
-    "mussel": Kind(mussel, 4, ((1.0, 1.0, 1.0), (1.5, 1.35, 1.1), (2.2, 2.0, 1.6)), 250.0, 12.0, (-0.5, 1.0),
+    "mussel": Kind(mussel, 4, ((0.8, 0.82, 0.9), (1.1, 1.05, 1.0), (1.5, 1.35, 1.1)), 250.0, 12.0, (-0.5, 1.0),
                    (0.02, 0.06), 0.5, small=1.0, body=0.35, jitter=0.35),
     "starfish": Kind(starfish, 3, ((1.0, 1.0, 1.0), (0.75, 0.7, 0.9), (1.25, 1.5, 1.4)), 0.2, 4.0, (0.3, 1.0),
                      (0.07, 0.14), 1.5, small=1.0, body=1.0, jitter=0.03, scars=False),
@@ -71,10 +72,13 @@ KINDS = {
 
 
 @lru_cache
-def prototypes(kind: str) -> tuple[Solid, ...]:
-    """Every shape in every tint, the tints of a shape one after the other; the same in every scene."""
+def prototypes(kind: str) -> tuple[tuple[Solid, ...], ...]:
+    """The levels of every shape in every tint, the tints of a shape one after the other; the same in every scene."""
     chosen, number = KINDS[kind], list(KINDS).index(kind)
-    made = [chosen.make(np.random.default_rng([number, k])) for k in range(chosen.shapes)]
-    shapes = [shape.scaled(1.0 / (shape.vertices[:, 2].max() if chosen.tall else np.ptp(shape.vertices, axis=0).max()))
-              for shape in made]
-    return tuple(shape.tinted(tint) for shape in shapes for tint in chosen.tints)
+    made = [levels(chosen.make(np.random.default_rng([number, k]))) for k in range(chosen.shapes)]
+    shapes = [tuple(_of_unit_size(solid, chosen.tall) for solid in shape) for shape in made]
+    return tuple(tuple(solid.tinted(tint) for solid in shape) for shape in shapes for tint in chosen.tints)
+
+
+def _of_unit_size(solid, tall):
+    return solid.scaled(1.0 / (solid.vertices[:, 2].max() if tall else np.ptp(solid.vertices, axis=0).max()))

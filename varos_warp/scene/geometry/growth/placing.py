@@ -1,6 +1,6 @@
 """Where copies stand on a host: a Poisson process on its triangles, denser where they cluster."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
 from varos_warp.scene.geometry.relief.density import Footprint
 
 MOST_COPIES = 1_000_000
-"""Of one block."""
+"""Of one block on one host."""
+LEAST_PIXELS = 1.5
+"""Smaller copies are left out, by the nearest view of them."""
 BATCH = 1 << 19
 """Candidates that are looked at together; the copies do not depend on it."""
 
@@ -73,19 +75,24 @@ class Rooted:
     """float64 [N] [m]."""
     keys: np.ndarray
     """uint64 [N]: what else there is of chance in them."""
+    pixels: np.ndarray
+    """float64 [N]: how large they are in the nearest view [px]."""
     too_small: float = 0.0
-    """About how many more there would be if they were not smaller than a pixel."""
+    """About how many more there would be if they were not smaller than `LEAST_PIXELS`."""
 
     def of(self, chosen: np.ndarray) -> "Rooted":
         """Some of the copies."""
-        return Rooted(self.host[chosen], self.points[chosen], self.normals[chosen], self.size[chosen],
-                      self.keys[chosen], self.too_small)
+        return Rooted(*(getattr(self, name)[chosen] for name in COLUMNS), self.too_small)
+
+
+COLUMNS = ("host", "points", "normals", "size", "keys", "pixels")
+NOTHING = Rooted(np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint64),
+                 np.zeros(0))
 
 
 def joined(some: list[Rooted]) -> Rooted:
     """All copies of several hosts."""
-    columns = ("host", "points", "normals", "size", "keys")
-    return Rooted(*(np.concatenate([getattr(each, name) for each in some]) for name in columns),
+    return Rooted(*(np.concatenate([getattr(each, name) for each in [NOTHING, *some]]) for name in COLUMNS),
                   sum(each.too_small for each in some))
 
 
@@ -98,14 +105,12 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
     own = key_of(wanted.seed, wanted.block.seed, wanted.block.kind, host.name)
     scars = key_of(wanted.seed, host.name) if wanted.kind.scars else None
     crowd = crowding(wanted.cluster, wanted.kind.wavelength, own, scars)
-    area_normals = host.area_normals
-    area = np.linalg.norm(area_normals, axis=1)
-    up = area_normals[:, 2] / np.where(area > 0.0, area, 1.0)
+    area, up = host.area_and_up
     may = np.flatnonzero((area > 0.0) & (up >= wanted.up[0]) & (up <= wanted.up[1]))
     mean = wanted.per_m2 * area[may]
-    pixel = footprint.angle * host.gap[may]
-    shows = pixel <= wanted.size_m[1]
-    if (expected := (mean * wanted.share_above(pixel))[shows].sum()) > MOST_COPIES:
+    least = LEAST_PIXELS * footprint.angle * host.gap[may]
+    shows = least <= wanted.size_m[1]
+    if (expected := (mean * wanted.share_above(least))[shows].sum()) > MOST_COPIES:
         raise InputError(f"puts about {expected:.3g} copies on {host.name} within {REACH_M:g} m of the course; "
                          f"{MOST_COPIES} are the most", key=f"{wanted.key}.per_m2", value=wanted.per_m2,
                          remedy="Lower it, or choose a smaller surface, a range of depth_m or of up.")
@@ -113,7 +118,7 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
     may, mean = may[shows], mean[shows]
     face_keys = mixed(own, host.keys[may])
     counts = poisson_counts(uniform(face_keys, 0), crowd.peak * mean)
-    some = [_few(number, 0, 0.0)]
+    some = []
     ends = np.cumsum(counts)
     starts = np.searchsorted(ends, np.arange(0, int(counts.sum()) + 1, BATCH), side="right")
     for begin, end in zip(starts, [*starts[1:], len(may)], strict=True):
@@ -122,18 +127,14 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
         some.append(_kept(wanted, host, number, may[faces], mixed(face_keys[faces], turn.astype(np.uint64) + np.uint64(
             1)), crowd, footprint))
     found = joined(some)
-    return Rooted(found.host, found.points, found.normals, found.size, found.keys, found.too_small + small)
-
-
-def _few(number, count, too_small):
-    return Rooted(np.full(count, number, np.int32), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count),
-                  np.zeros(count, np.uint64), too_small)
+    return replace(found, too_small=found.too_small + small)
 
 
 def _kept(wanted, host, number, faces, keys, crowd, footprint):
     """Of candidates, by their triangles and keys [N], those that chance, depth and pixels leave."""
     size = wanted.sizes(uniform(keys, 3))
-    few = np.flatnonzero(size >= footprint.angle * host.gap[faces])  # what no view shows goes first: it is most
+    # what no view shows goes first: it is most
+    few = np.flatnonzero(size >= LEAST_PIXELS * footprint.angle * host.gap[faces])
     too_small = (len(keys) - len(few)) / crowd.peak
     faces, keys, size = faces[few], keys[few], size[few]
     weights, points = _within(host.corners[faces], keys)
@@ -143,14 +144,15 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
         keep &= (depth >= wanted.block.depth_m[0]) & (depth <= wanted.block.depth_m[1])
     kept = np.flatnonzero(keep)
     kept = kept[footprint.distance(points[kept]) <= REACH_M]
-    wide = size[kept] >= footprint(points[kept])
+    pixels = size[kept] / footprint(points[kept])
+    wide = pixels >= LEAST_PIXELS
     few = kept[wide]
     a, b, c = np.moveaxis(host.corners[faces[few]], 1, 0)
     flat = np.cross(b - a, c - a)  # where corners' normals cancel
     normals = np.einsum("ni,nij->nj", weights[few], host.normals[faces[few]]) + 1e-6 * flat / np.linalg.norm(
         flat, axis=1, keepdims=True)
     return Rooted(np.full(len(few), number, np.int32), points[few], normals, size[few], keys[few],
-                  too_small + np.count_nonzero(~wide))
+                  pixels[wide], too_small + np.count_nonzero(~wide))
 
 
 def _within(corners, keys):

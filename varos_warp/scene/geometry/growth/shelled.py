@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from varos_warp.scene.geometry.growth.solids import Solid, around, grid_faces, revolved, solid, together, tube
+from varos_warp.scene.geometry.growth.solids import Form, Solid, Strip, around, grid_faces, revolved, solid
 
 PLATES, SIDES = 6, 30
 
 
-def barnacle(rng: np.random.Generator) -> Solid:
+def barnacle(rng: np.random.Generator) -> Form:
     """A truncated cone of six ribbed plates about a sunken mouth; of unit width."""
     height, mouth = rng.uniform(0.32, 0.6), rng.uniform(0.19, 0.27)
     s, t = np.array([0.0, 0.25, 0.55, 0.8, 1.0]), around(SIDES)
@@ -25,20 +25,19 @@ def barnacle(rng: np.random.Generator) -> Solid:
     vertices[:, 2] += tips.ravel()
     shade = np.array([0.35, 0.5, 0.75, 0.9, 1.0, 1.05, 0.6, 0.09, 0.14, 0.2])[:, None] * (1.0 - 0.45 * outside * seam)
     shade = shade.ravel() * rng.uniform(0.9, 1.1, len(vertices))
-    return solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.34, 0.315, 0.265]))
+    return Form(solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.34, 0.315, 0.265])))
 
 
-def tube_worm(rng: np.random.Generator) -> Solid:
+def tube_worm(rng: np.random.Generator) -> Form:
     """A chalky tube that winds over the ground and lifts its mouth (Spirobranchus); of unit length."""
     count = 22
     bend = np.cumsum(rng.normal(0.0, 0.3, count)) + np.linspace(0.0, rng.uniform(-3.5, 3.5), count)
     flat = np.cumsum(np.column_stack([np.cos(bend), np.sin(bend)]), axis=0) / count
     s = np.linspace(0.0, 1.0, count)
     path = np.column_stack([flat - flat.mean(axis=0), 0.01 + 0.05 * s**7])
-    vertices, faces = tube(path, 0.01 + 0.024 * s, 7)
-    shade = np.repeat(0.7 + 0.3 * rng.random(count), 7)
-    shade[-7:] *= 0.25
-    return solid(vertices, faces, np.outer(shade, [0.40, 0.37, 0.31]))
+    shade = 0.7 + 0.3 * rng.random(count)
+    shade[-1] *= 0.25
+    return Form(None, (Strip(path, 0.01 + 0.024 * s, np.outer(shade, [0.40, 0.37, 0.31]), sides=7),))
 
 
 def valve(rng: np.random.Generator, width: float, depth: float, rings: float) -> Solid:
@@ -53,29 +52,39 @@ def valve(rng: np.random.Generator, width: float, depth: float, rings: float) ->
     return solid(vertices, grid_faces(b, a, closed=False), shade.reshape(-1, 1) * np.ones(3))
 
 
-def shell(rng: np.random.Generator) -> Solid:
+def shell(rng: np.random.Generator) -> Form:
     """An empty valve on the ground, now and then upside down, or a piece of one."""
     whole = valve(rng, rng.uniform(0.5, 0.66), rng.uniform(0.18, 0.3), rng.uniform(4.0, 8.0))
     vertices, faces = whole.vertices.copy(), whole.faces
     if rng.random() < 0.3:
         vertices[:, 1:] *= -1.0
-        vertices[:, 2] += vertices[:, 2].max() * 0.5 + 0.1
     if rng.random() < 0.35:  # broken off
         middle = vertices[faces].mean(axis=1)
         faces = faces[middle @ [np.cos(a := rng.uniform(0, 6.28)), np.sin(a), 0.0] < rng.uniform(0.0, 0.25)]
-    return Solid(vertices, faces, whole.colours * [0.42, 0.39, 0.34])
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices[:, 2] -= vertices[used, 2].min() + rng.uniform(0.03, 0.06)
+    return Form(solid(vertices[used], faces.reshape(-1, 3), whole.colours[used] * [0.42, 0.39, 0.34]))
 
 
-def mussel(rng: np.random.Generator) -> Solid:
-    """Two valves closed, on edge, hinge down among its byssus; of unit length."""
-    half = valve(rng, 0.3, 0.2, 7.0)
-    across = half.vertices * [1.0, 1.0, rng.uniform(0.9, 1.1)]
-    mirrored = Solid(across * [1.0, 1.0, -1.0], half.faces[:, ::-1], half.colours)
-    both = together([Solid(across, half.faces, half.colours), mirrored])
-    lean, turn = rng.uniform(0.3, 1.2), rng.uniform(-0.5, 0.5)
-    x, y, z = both.vertices.T
-    up = np.column_stack([x * np.cos(turn) - z * np.sin(turn), y * np.cos(lean), 0.3 + y * np.sin(lean) + 0.4 * (
-        x * np.sin(turn) + z * np.cos(turn))])
-    up[:, 2] -= up[:, 2].min() + 0.08
-    edge = np.clip(1.2 - np.abs(y + 0.1), 0.3, 1.0)[:, None]
-    return Solid(up, both.faces, both.colours * edge * [0.055, 0.052, 0.07])
+def mussel(rng: np.random.Generator) -> Form:
+    """A blue mussel (Mytilus): a wedge of two closed valves, its narrow end down among the byssus; of unit length."""
+    rows, sides = 15, 24
+    s, t = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, rows)), around(sides)
+    wide = np.interp(s, [0, 0.04, 0.15, 0.4, 0.65, 0.85, 0.96, 1], [0.01, 0.07, 0.15, 0.235, 0.26, 0.22, 0.12, 0.01])
+    thick = np.interp(s, [0, 0.04, 0.15, 0.35, 0.6, 0.9, 1], [0.01, 0.06, 0.13, 0.18, 0.16, 0.06, 0.005])
+    thick = thick * rng.uniform(0.85, 1.1)
+    keel = np.abs(np.sin(t)) ** 1.25 * np.sign(np.sin(t))  # valves meet in an edge
+    across, through = np.outer(wide, np.cos(t)), np.outer(thick, keel)
+    bow = (0.1 * np.sin(np.pi * s) * rng.uniform(0.6, 1.4))[:, None]
+    x, y, z = (each.ravel() for each in (across + bow, np.repeat(s[:, None], sides, 1), through))
+    rings = 1.0 + 0.16 * np.sin(np.hypot(x, 1.1 * y) * rng.uniform(55.0, 75.0)) * np.clip(2.0 * y, 0.0, 1.0)
+    shade = (rings * rng.uniform(0.85, 1.15, rows * sides))[:, None] * [0.03, 0.032, 0.043]
+    worn = np.clip(1.0 - y / rng.uniform(0.12, 0.4), 0.0, 1.0)[:, None] * rng.uniform(0.2, 1.0)  # down to the chalk
+    seam = np.repeat(0.5 * np.exp(-(np.sin(t) / 0.2) ** 2)[None], rows, axis=0).reshape(-1, 1)
+    colours = shade + worn * [0.13, 0.11, 0.10] + seam * [0.04, 0.03, 0.018]
+    lean, turn = rng.uniform(0.35, 1.2), rng.uniform(-0.9, 0.9)
+    x, z = x * np.cos(turn) - z * np.sin(turn), x * np.sin(turn) + z * np.cos(turn)
+    stood = np.column_stack([x, y * np.cos(lean) - z * np.sin(lean), y * np.sin(lean) + z * np.cos(lean)])
+    stood[:, 1] -= 0.5 * np.cos(lean)
+    stood[:, 2] -= stood[:, 2].min() + rng.uniform(0.08, 0.16)
+    return Form(solid(stood, grid_faces(rows, sides)[:, ::-1], colours))

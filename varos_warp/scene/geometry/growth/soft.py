@@ -1,22 +1,22 @@
 """Soft animals: anemones, hydroids and starfish."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from varos_warp.scene.geometry.growth.solids import (
     UP,
-    Solid,
+    Form,
+    Strip,
     around,
     grid_faces,
     revolved,
-    ribbon,
     solid,
-    together,
-    tube,
     waves,
 )
 
 
-def anemone(rng: np.random.Generator) -> Solid:
+def anemone(rng: np.random.Generator) -> Form:
     """A plumose anemone (Metridium): a leaning column and a crown of thin tentacles, or drawn in; of unit height."""
     open_ = rng.random() < 0.75
     z = np.array([-0.05, 0.0, 0.05, 0.2, 0.4, 0.55, 0.66, 0.72, 0.70, 0.68])
@@ -26,13 +26,15 @@ def anemone(rng: np.random.Generator) -> Solid:
     column = revolved(r, z, 1.0 + 0.05 * np.cos(2.0 * around(18) + rng.uniform(0.0, 6.0)))
     column += 0.008 * waves(column, 0.15, rng)[:, None]
     shade = np.repeat(np.interp(z, [-0.05, 0.1, 0.5, 0.75], [0.5, 0.7, 1.0, 1.1]), 18) * rng.uniform(0.9, 1.1, 180)
-    solids = [solid(column, grid_faces(10, 18), np.outer(shade, [0.30, 0.17, 0.09]))]
-    for _ in range(44 if open_ else 0):
-        solids.append(_tentacle(rng))
-    whole = together(solids)
-    vertices = whole.vertices.copy()
-    vertices[:, :2] += np.outer(np.maximum(vertices[:, 2], 0.0) ** 2, rng.normal(0.0, 0.25, 2))
-    return Solid(vertices, whole.faces, whole.colours)
+    tentacles = [_tentacle(rng) for _ in range(44 if open_ else 0)]
+    lean = rng.normal(0.0, 0.25, 2)
+    body = solid(_leaning(column, lean), grid_faces(10, 18), np.outer(shade, [0.30, 0.17, 0.09]))
+    return Form(body, tuple(replace(each, path=_leaning(each.path, lean)) for each in tentacles))
+
+
+def _leaning(points, lean):
+    """The same aside by the square of their height."""
+    return points + np.maximum(points[:, 2:], 0.0) ** 2 * [*lean, 0.0]
 
 
 def _tentacle(rng):
@@ -41,13 +43,13 @@ def _tentacle(rng):
     s, outwards = np.linspace(0.0, 1.0, 5)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
     path = [0.0, 0.0, 0.69] + outwards * (start + length * out * s) + UP * (
         length * (s - 0.6 * out * s**2)) + 0.012 * np.cumsum(rng.standard_normal((5, 3)), axis=0)
-    vertices, faces = tube(path, np.linspace(0.02, 0.006, 5), 4)
-    return solid(vertices, faces, np.array([0.40, 0.28, 0.18]) * rng.uniform(0.8, 1.15))
+    colours = np.tile([0.40, 0.28, 0.18], (5, 1)) * rng.uniform(0.8, 1.15)
+    return Strip(path, np.linspace(0.02, 0.006, 5), colours, sides=4)
 
 
-def hydroid(rng: np.random.Generator) -> Solid:
+def hydroid(rng: np.random.Generator) -> Form:
     """A tuft of thin bent stems with side branches, as of Obelia or turf; of unit height."""
-    solids = []
+    strips = []
     for _ in range(rng.integers(13, 20)):
         t, length, out = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.45, 1.0), abs(rng.normal(0.0, 0.36))
         root = np.append(rng.normal(0.0, 0.09, 2), -0.05)
@@ -55,12 +57,12 @@ def hydroid(rng: np.random.Generator) -> Solid:
         path = root + outwards * out * length * s**1.5 + UP * length * (s - 0.25 * out * s**2)
         path = path + 0.018 * np.cumsum(rng.standard_normal((6, 3)), axis=0)
         tone = rng.uniform(0.7, 1.3)
-        solids.append(_blade(path, 0.011, tone, rng))
+        strips.append(_blade(path, 0.011, tone, rng))
         for k in (2, 3, 4):
             away = rng.standard_normal(3) * [1.0, 1.0, 0.4] + [0.0, 0.0, 0.6]
             reach = 0.22 * length * away / np.linalg.norm(away) * np.linspace(0.0, 1.0, 3)[:, None]
-            solids.append(_blade(path[k] + reach, 0.009, 1.15 * tone, rng))
-    return together(solids)
+            strips.append(_blade(path[k] + reach, 0.009, 1.15 * tone, rng))
+    return Form(None, tuple(strips))
 
 
 def _blade(path, half_width, tone, rng):
@@ -68,20 +70,43 @@ def _blade(path, half_width, tone, rng):
     across = np.cross(path[-1] - path[0], rng.standard_normal(3))
     across /= max(np.linalg.norm(across), 1e-9)
     s = np.linspace(0.0, 1.0, len(path))
-    vertices, faces = ribbon(path, np.outer(half_width * (1.0 - 0.7 * s), across))
-    return solid(vertices, faces, np.outer(np.repeat(tone * (0.55 + 0.6 * s), 2), [0.17, 0.125, 0.07]))
+    return Strip(path, half_width * (1.0 - 0.7 * s), np.outer(tone * (0.55 + 0.6 * s), [0.17, 0.125, 0.07]),
+                 np.tile(across, (len(path), 1)))
 
 
-def starfish(rng: np.random.Generator) -> Solid:
-    """Five arms, one or two of them bent, that lie on the ground; of unit width."""
-    rings, sides = 10, 110
-    t, s = around(sides), np.linspace(0.0, 1.0, rings)[:, None]
-    arm = np.abs(np.cos(2.5 * t)) ** 2.4
-    reach = 0.5 * (0.26 + 0.74 * arm) * (1.0 + 0.1 * np.cos(t + rng.uniform(0.0, 6.0)))
-    bend = rng.uniform(-0.35, 0.35) * s**2 * np.cos(t + rng.uniform(0.0, 6.0)) * arm
+def starfish(rng: np.random.Generator) -> Form:
+    """Five arms that taper from a small disk, one or two of them bent (Asterias); of unit width."""
+    rings, half = 11, 11
+    t, reach = _star(half)
+    s, out = np.linspace(0.0, 1.0, rings)[:, None], np.clip((reach - 0.15) / 0.35, 0.0, 1.0)
+    reach = reach * (1.0 + 0.12 * np.cos(t + rng.uniform(0.0, 6.0)))
+    bend = rng.uniform(-0.5, 0.5) * s**2 * np.cos(t + rng.uniform(0.0, 6.0)) * out
     x, y = s * reach * np.cos(t + bend), s * reach * np.sin(t + bend)
-    z = 0.085 * np.sqrt(np.maximum(1.0 - s**2, 0.0)) * (0.5 + 0.5 * np.clip(0.15 / reach, 0.0, 1.0)) - 0.012
-    knobs = rng.random((rings, sides)) * (1.0 - s**4)
-    vertices = np.stack([x, y, z + 0.008 * knobs], -1).reshape(-1, 3)
-    shade = (0.75 + 0.35 * knobs).reshape(-1, 1)
-    return solid(vertices, grid_faces(rings, sides)[:, ::-1], shade * [0.27, 0.10, 0.045])
+    z = 0.08 * np.sqrt(np.maximum(1.0 - s**2, 0.0)) * (1.0 - 0.45 * s * out) - 0.012
+    spines = rng.random((rings, len(t))) ** 3 * (1.0 - s**4)
+    vertices = np.stack([x, y, z + 0.014 * spines], -1).reshape(-1, 3)
+    mottle = np.clip(waves(vertices, 0.12, rng), -1.5, 1.5)[:, None]
+    shade = 0.75 + 0.13 * mottle + 0.25 * np.repeat(s, len(t), axis=0)
+    pale = np.clip(mottle - 0.4, 0.0, 0.8) * [0.05, 0.06, 0.05]
+    whole = solid(vertices, grid_faces(rings, len(t))[:, ::-1], shade * [0.21, 0.085, 0.043] + pale)
+    tips, notches = np.arange(half - 1, len(t), 2 * half), np.arange(2 * half - 1, len(t), 2 * half)
+    corners, flanks = np.union1d(tips, notches), np.union1d(tips - 6, tips + 6)
+    return Form(whole, coarser=tuple(_some(whole, len(t), [0, rings // 2, rings - 1], columns)
+                                     for columns in (np.union1d(corners, flanks), corners)))
+
+
+def _some(whole, sides, rows, columns):
+    """A closed grid of some rows and columns of another."""
+    chosen = (np.array(rows)[:, None] * sides + columns).ravel()
+    return solid(whole.vertices[chosen], grid_faces(len(rows), len(columns))[:, ::-1], whole.colours[chosen])
+
+
+def _star(half):
+    """Directions [rad] and distances of the border of a star of radius 0.5, ``half`` points on each side of an arm."""
+    r = np.linspace(0.13, 0.5, 400)
+    aside = np.arcsin(np.minimum(0.115 * (1.0 - (r / 0.5) ** 1.6) ** 0.6 / r, 1.0))
+    chosen = np.linspace(np.searchsorted(-aside, -np.pi / 5.0), len(r) - 1, half + 1).astype(int)[1:]
+    one = np.concatenate([-aside[chosen], aside[chosen[-2::-1]], [np.pi / 5.0]])
+    notch = r[np.searchsorted(-aside, -np.pi / 5.0)]
+    reach = np.concatenate([r[chosen], r[chosen[-2::-1]], [notch]])
+    return (one + 2.0 * np.pi / 5.0 * np.arange(5)[:, None]).ravel(), np.tile(reach, 5)

@@ -47,6 +47,51 @@ def together(solids: list[Solid]) -> Solid:
                  np.concatenate([each.colours for each in solids]))
 
 
+@dataclass(frozen=True)
+class Strip:
+    """A ribbon or a tube about a line, narrow for its length."""
+
+    path: np.ndarray
+    """float64 [K, 3]: its line."""
+    radius: np.ndarray
+    """float64 [K]: half its width there."""
+    colours: np.ndarray
+    """float64 [K, 3]: linear reflectances."""
+    across: np.ndarray | None = None
+    """float64 [K, 3]: the way that a ribbon is wide there, unit vectors; None: a tube."""
+    sides: int = 2
+    """Of a tube."""
+
+    def solid(self) -> Solid:
+        """Its mesh."""
+        if self.across is None:
+            vertices, faces = tube(self.path, self.radius, self.sides)
+        else:
+            vertices, faces = ribbon(self.path, self.radius[:, None] * self.across)
+        return solid(vertices, faces, np.repeat(self.colours, len(vertices) // len(self.path), axis=0))
+
+    @property
+    def surface(self) -> float:
+        """Area of all that is seen of it from some side [m^2]: of ribbons both faces."""
+        made = self.solid()
+        a, b, c = np.moveaxis(made.vertices[made.faces], 1, 0)
+        return (1.0 if self.across is None else 2.0) * 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a prototype is made of, for coarser ones to be made of it as well."""
+
+    body: Solid | None
+    strips: tuple[Strip, ...] = ()
+    coarser: tuple[Solid, ...] = ()
+    """Coarser meshes, one for each level, of what has arms that it would lose with its edges; none: they are made."""
+
+    def whole(self) -> Solid:
+        """All of it as one mesh."""
+        return together([*([] if self.body is None else [self.body]), *(strip.solid() for strip in self.strips)])
+
+
 def grid_faces(rows: int, columns: int, closed: bool = True) -> np.ndarray:
     """Faces [F, 3] of a grid of vertices, row after row; ``closed``: the last column joins the first."""
     i = np.arange(rows - 1)[:, None] * columns
