@@ -74,7 +74,7 @@ class Carrier:
         part = self._part
         arrays = [part.vertices, part.faces, np.array(part.smooth_angle)]
         arrays += [part.normals if part.normals is not None else np.zeros(0)]
-        arrays += [part.T_w_o, np.array(part.first)] if isinstance(part, Instances) else []
+        arrays += [part.T_w_o, part.numbers] if isinstance(part, Instances) else []
         return digest(*arrays, *([] if self._holes is None else [self._holes]))
 
     @property
