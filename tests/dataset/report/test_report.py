@@ -103,7 +103,9 @@ def test_no_text_of_a_dataset_is_taken_for_html(copy, tmp_path):
     meta = files.read_json(copy / "dataset.json")
     names = {key: meta[key] for key in ("sequence", "vehicle", "outputs", "depth", "cameras")}  # they name files
     denoisers = {key: meta["samples"][key] for key in ("denoise", "denoise_b")}  # which have a few names only
+    integrator = {"integrator": meta["samples"]["plan"]["integrator"]}  # likewise
     samples = marked(meta["samples"]) | denoisers
+    samples["plan"] |= integrator
     files.write_json(copy / "dataset.json", marked(meta) | names | {"samples": samples})
     data = Dataset(copy)
     data.meta["samples"] |= marked(denoisers)  # as if one of them got past the reader

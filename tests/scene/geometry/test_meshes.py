@@ -9,7 +9,7 @@ import trimesh
 
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene, scene_from_dict
-from varos_warp.scene.geometry.build import build_parts
+from varos_warp.scene.geometry.build import build_parts, build_single_parts
 from varos_warp.scene.geometry.mesh_files import load_mesh, write_ply
 from varos_warp.scene.geometry.terrain import write_ply
 
@@ -248,7 +248,7 @@ def test_a_missing_mesh_names_its_key_in_the_scene(tmp_path):
 
 def test_the_example_has_its_terrain_in_metres_around_the_course():
     scene = load_scene(EXAMPLE / "scene.yaml")
-    terrain, = build_parts(scene.model_copy(update={"objects": [], "scatter": []}))
+    terrain, = build_single_parts(scene.model_copy(update={"objects": []}))
     np.testing.assert_allclose(terrain.vertices[:, :2].min(axis=0), [850, 270])
     np.testing.assert_allclose(terrain.vertices[:, :2].max(axis=0), [930, 350])
     assert len(scene.trajectory.waypoints) == 20
