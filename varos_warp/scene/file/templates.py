@@ -9,8 +9,8 @@ SCHEMA_FILE = "varos-warp.schema.json"
 TEMPLATES = {
     "starter": "a pipe on supports over sand; every block with comments",
     "pipeline_inspection": "along a pipeline with field joints, an anode, a flange and boulders",
-    "harbour_wall": "up and down a wall of piles with fenders, a ladder and rubble, in coastal water",
-    "hull": "under a ship's bottom with weld seams, anodes, a sea chest and a bilge keel, in harbour water",
+    "harbour_wall": "along a wall of sheet piles with fenders, a ladder, a chain and rubble, in coastal water",
+    "hull": "along a ship's side with draught figures, anodes, a sea chest and a bilge keel, in harbour water",
     "calibration": "a checkerboard before a stereo pair behind flat ports, in poses that a calibration needs",
     "stereo_survey": "a lawn mower over a boulder field, a stereo pair looking down",
     "static_observer": "a camera that stands in the world watches a vehicle's lights at a valve",
