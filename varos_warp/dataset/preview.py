@@ -27,6 +27,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.patterns import HullFollowing
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.source import located
@@ -57,7 +58,9 @@ NOT_MOVING["vehicle"] = {"lights", "cameras"}
 def _solid(scene: Scene) -> dict[str, Any]:
     """What terrain, objects and materials depend on."""
     solid = scene.model_dump(exclude=NOT_SOLID)
-    if scene.growth:  # none of it is placed that the course does not come near to
+    if scene.growth or any(isinstance(material, Layered) for material in scene.materials.values()):
+        # as fine as the course comes near, and none of what it does not come near to
+        solid["max_triangles"], solid["current"] = scene.render.max_triangles, scene.current.velocity
         solid["seen"] = scene.model_dump(include={"surface_depth_m": True, "trajectory": True, "vehicles": True,
                                                   "vehicle": {"cameras"}})
         solid["segments"] = scene.render.segments

@@ -12,13 +12,14 @@ BEHIND = wp.constant(-0.3)
 
 @wp.kernel(module="unique")
 def find_nearest_view(
-    first_row: int, eyes: wp.array(dtype=wp.vec3), axes: wp.array(dtype=wp.vec3), cosines: wp.array(dtype=wp.float32),
+    first_row: int, eyes: wp.array(dtype=wp.vec3), axes: wp.array(dtype=wp.vec3), halves: wp.array(dtype=wp.float32),
     points: wp.array(dtype=wp.vec3), normals: wp.array(dtype=wp.vec3),  # zero: not known
+    radius: wp.array(dtype=wp.float32),  # of balls about the points [m]
     # out
     distance: wp.array(dtype=wp.float32),  # from the nearest eye [m]; shape [N]
-    seen: wp.array(dtype=wp.float32),  # from the nearest that has the point in its cone [m]; infinite: none has
+    seen: wp.array(dtype=wp.float32),  # from the nearest whose cone meets the ball [m]; infinite: none does
 ):
-    """How near eyes come to points; what is seen at a slant is as if it were farther away."""
+    """How near eyes come to balls; what is seen at a slant is as if it were farther away."""
     i = first_row + wp.tid()
     known = wp.length_sq(normals[i]) > 0.0
     nearest = float(wp.inf)
@@ -26,10 +27,13 @@ def find_nearest_view(
     for k in range(eyes.shape[0]):
         way = points[i] - eyes[k]
         d = wp.length(way)
-        nearest = wp.min(nearest, d)
+        near = wp.max(d - radius[i], 0.0)
+        nearest = wp.min(nearest, near)
         facing = wp.where(known, -wp.dot(way, normals[i]) / wp.max(d, 1.0e-6), 1.0)
-        slanted = d / wp.sqrt(wp.max(facing, SLANT))
-        if facing > BEHIND and slanted < in_view and wp.dot(way, axes[k]) >= d * cosines[k]:
-            in_view = slanted
+        slanted = near / wp.sqrt(wp.max(facing, SLANT))
+        if facing > BEHIND and slanted < in_view:
+            aside = wp.acos(wp.clamp(wp.dot(way, axes[k]) / wp.max(d, 1.0e-6), -1.0, 1.0))
+            if near == 0.0 or aside <= halves[k] + wp.asin(radius[i] / d):
+                in_view = slanted
     distance[i] = nearest
     seen[i] = in_view

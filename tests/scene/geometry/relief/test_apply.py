@@ -50,10 +50,23 @@ def test_near_copies_have_a_finer_mesh_than_far_ones_and_all_keep_their_numbers(
     assert names == ["terrain", *(f"scatter.0.{i}" for i in range(30))]
 
 
-def test_too_few_triangles_are_told_with_the_factor():
+def test_too_few_triangles_are_told_with_the_factor(tmp_path):
+    (tmp_path / "plate.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    plate = {"file": str(tmp_path / "plate.obj"), "position": [-0.5, 1.5, 0], "material": "rock"}
     with pytest.warns(UserWarning, match=r"render\.max_triangles: 1000 triangles are few .* times as long"):
-        parts = build_parts(scene(objects=[STONE], render={"max_triangles": 1000}))
+        parts = build_parts(scene(objects=[plate], render={"max_triangles": 1000}))
     assert parts[1].relief["edge_factor"] > 2.0
+    assert 500 < len(parts[1].faces) < 2000
+
+
+def test_what_passes_near_a_camera_is_as_fine_as_it_must_be_there(tmp_path):
+    """Its stops are far away on both sides, its way passes 1.5 m before the camera."""
+    (tmp_path / "plate.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    path = [{"time_s": 0, "position": [-20, 1.5, 0.5]}, {"time_s": 20, "position": [20, 1.5, 0.5]}]
+    moving = {"file": str(tmp_path / "plate.obj"), "material": "rock", "path": path}
+    (passing,) = build_parts(scene(objects=[moving], terrain=None))
+    edges = np.linalg.norm(passing.vertices[passing.faces[:, 0]] - passing.vertices[passing.faces[:, 1]], axis=1)
+    assert edges.mean() < 3.0 * 1.5 / 640
 
 
 def test_drifts_without_relief_are_refused():
@@ -66,3 +79,25 @@ def test_open_meshes_are_warned_of(tmp_path):
     plate = {"file": str(tmp_path / "open.obj"), "position": [0, 3, 0], "material": "rock"}
     parts = build_parts(scene(objects=[plate]))
     assert any("its mesh has holes (4 open edges)" in words for words in parts[1].doubts)
+
+
+def test_all_vehicles_see_the_same_ground():
+    """Their bodies, of which each sees another's, are of different sizes, and the bound is short."""
+    bodies = [{"kind": "boulder", "diameter": d, "material": "rock"} for d in (1.5, 0.5)]
+    vehicles = [{"id": str(i), "cameras": [CAMERA], "body": body, "trajectory": {"poses": [
+        {"position": [0, 3.0 * i, 1]}]}} for i, body in enumerate(bodies)]
+    grounds = [build_parts(scene_from_dict({
+        "terrain": {"kind": "procedural", "size_m": 4, "resolution": 9, "material": "rock"}, "observer": observer,
+        "materials": {"rock": {"kind": "layered", "relief": "rock"}}, "vehicles": vehicles,
+        "render": {"max_triangles": 20_000}}))[0] for observer in ("0", "1")]
+    np.testing.assert_array_equal(grounds[0].vertices, grounds[1].vertices)
+
+
+@pytest.mark.parametrize(("faces", "words"), [
+    ("f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n", "faces look inwards"),
+    ("f 1 3 2\nf 1 3 4\nf 1 4 2\nf 2 4 3\n", "others outwards"),
+    ("f 1 2 3\nf 3 2 1\n", "back to back")])
+def test_meshes_without_an_outside_are_warned_of(tmp_path, faces, words):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n" + faces)
+    parts = build_parts(scene(objects=[{"file": str(tmp_path / "a.obj"), "position": [0, 3, 0], "material": "rock"}]))
+    assert any(words in doubt for doubt in parts[1].doubts)

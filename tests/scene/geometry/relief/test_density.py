@@ -51,7 +51,7 @@ def test_what_no_camera_looks_at_is_coarse():
 def test_a_slanted_surface_is_as_coarse_as_its_pixels_are_large():
     """By the root of the area: at 60 degrees twice the area; at grazing views relief faces the camera anyway."""
     seen, point = footprint(scene(), []), np.array([[5.0, 0, 0]])
-    level, steep, grazing, behind = (seen.distance(point, np.array([n])) + ASIDE_M for n in (
+    level, steep, grazing, behind = (seen.distance(point, np.array([n])) + seen.aside for n in (
         [0.0, 0, 1], [0, np.sqrt(0.75), 0.5], [0, 1.0, 0], [0, 0, -1.0]))
     assert steep[0] / level[0] == pytest.approx(np.sqrt(2.0), rel=1e-3)
     assert grazing[0] / level[0] == pytest.approx(np.sqrt(2.5), rel=1e-3)
@@ -107,6 +107,24 @@ def test_a_bound_that_is_kept_anyway_asks_for_no_factor():
     assert factor_for([rough(*generate_terrain(6.0, 13, 0.5), pixel)], 100_000_000) == 1.0
 
 
-def test_a_bound_that_cannot_be_kept_gives_the_largest_factor():
+@pytest.mark.parametrize("most", [50_000, 30_000, 20_000])
+def test_small_bounds_do_not_fall_off(most):
+    """Of a plane of two triangles with pixels of 1 mm; counts are powers of two."""
+    mesh = generate_terrain(2.0, 2, 0.0)
+    factor = factor_for([rough(*mesh, lambda points, normals: np.full(len(points), 1e-3))], most)
+    count = len(refine(*mesh, lambda points, normals: np.full(len(points), longest_edge(1e-3, factor)))[1])
+    assert 0.5 * most < count < 1.5 * most
+
+
+def test_a_bound_below_what_a_mesh_has_is_half_as_many_again():
     mesh = generate_terrain(6.0, 65, 0.5)
-    assert factor_for([rough(*mesh, pixel)], 1000) == pytest.approx(256.0)
+    factor = factor_for([rough(*mesh, pixel)], 1000)
+    count = len(refine(*mesh, lambda points, normals: longest_edge(pixel(points, normals), factor))[1])
+    assert len(mesh[1]) <= count < 2 * len(mesh[1])
+
+
+def test_a_ball_is_seen_where_some_of_it_is():
+    """Its middle is outside of the cone, at 45 degrees; half of it is in view."""
+    seen, middle = footprint(scene(), []), np.array([[12.0, 0, 0]])
+    assert seen.distance(middle)[0] > 10.0
+    below(seen.distance(middle, radius=1.5), np.array([np.hypot(2, 2) - 1.5]))

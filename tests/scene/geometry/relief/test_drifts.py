@@ -61,3 +61,33 @@ def test_the_ground_has_no_steps_between_bodies():
     _, height = drifts.surroundings(ground(*np.column_stack([x, 0.3 + 0 * x])), [ball(0, 1), group], STILL)
     assert np.ptp(height) > 0.03
     assert np.abs(np.diff(height)).max() < 1e-3
+
+
+def test_small_stones_around_a_large_one_do_not_hide_it():
+    T = np.tile(np.eye(4), (151, 1, 1))
+    T[1:, :3, :3] *= 0.04
+    angle = np.linspace(0, 2 * np.pi, 150, endpoint=False)
+    T[1:, 0, 3], T[1:, 1, 3] = 1.1 * np.cos(angle), 1.1 * np.sin(angle)
+    group = Instances("scatter.0", MESH.vertices, np.array(MESH.faces, np.int32), Diffuse(), T)
+    clear, height = drifts.surroundings(ground((0.81, 0)), [group], STILL)
+    assert clear[0] == pytest.approx(0.01, abs=1e-6)
+    assert height[0] > 0.05
+
+
+def test_drifts_turn_with_a_body():
+    box = trimesh.creation.box((8.0, 0.4, 0.4))
+    spin = np.array([[np.cos(0.7), -np.sin(0.7), 0], [np.sin(0.7), np.cos(0.7), 0], [0, 0, 1]])
+    places = ground((0, 0.25), (3.0, 0.3), (0, -0.35))
+    current = np.array([0.0, 1.0])
+    plain, turned = (drifts.surroundings(places @ R.T, [Part("objects.0", box.vertices @ R.T, np.array(
+        box.faces, np.int32), Diffuse())], (R[:2, :2] @ current))[1] for R in (np.eye(3), spin))
+    np.testing.assert_allclose(turned, plain, atol=2e-3)
+    assert np.ptp(plain) > 5e-3
+
+
+@pytest.mark.parametrize("height", [0.55, -0.55, 1.0])
+def test_what_does_not_stand_in_the_ground_leaves_no_trace(height):
+    box = trimesh.creation.box((1.0, 1.0, 1.0)).apply_translation((0, 0, height))
+    part = Part("objects.0", np.array(box.vertices), np.array(box.faces, np.int32), Diffuse())
+    _, drifted = drifts.surroundings(ground((0, 0), (0.6, 0), (0.9, 0)), [part], STILL)
+    assert (drifted == 0.0).all()

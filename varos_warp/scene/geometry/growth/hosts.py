@@ -105,7 +105,7 @@ class Carrier:
             return
         part = self._part
         box, scale, names = part.extents(), part.scale, part.names
-        gap = self._footprint.distance(box.mean(axis=1)) - 0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1)
+        gap = self._footprint.distance(box.mean(axis=1), radius=0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1))
         for i in np.flatnonzero(gap <= REACH_M):
             T = part.T_w_o[i]
             yield self._near(names[i], part.vertices @ T[:3, :3].T + T[:3, 3], self._whole[2] @ T[:3, :3].T / scale[i])
@@ -144,7 +144,7 @@ def _gaps(vertices, faces, footprint):
     for part in chunks(len(faces)):
         corners = vertices[faces[part]]
         middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
-        gap[part] = footprint.distance(middle) - _longest(corners, middle[:, None])
+        gap[part] = footprint.distance(middle, radius=_longest(corners, middle[:, None]))
     return gap
 
 

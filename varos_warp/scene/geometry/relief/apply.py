@@ -1,5 +1,6 @@
 """Which parts of a scene have relief, how fine each becomes, and the parts as they are afterwards."""
 
+import itertools
 import zlib
 from dataclasses import replace
 
@@ -9,13 +10,16 @@ from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.surfaces import Layered
+from varos_warp.scene.geometry.course import places, used_stops
 from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, factor_for, rough
-from varos_warp.scene.geometry.relief.density import NEAREST_M, Footprint, Pixels, footprint, longest_edge
+from varos_warp.scene.geometry.relief.density import STEP_M, Footprint, Pixels, footprint, longest_edge
 from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
-from varos_warp.scene.geometry.relief.form import Base, base_of, formed
-from varos_warp.scene.geometry.topology import edge_uses
+from varos_warp.scene.geometry.relief.form import Base, base_of, formed, vertex_normals
+from varos_warp.scene.geometry.topology import area_normals, edge_uses, is_consistent
 
+TOLD_SHARE = 0.02
+"""Share of faces back to back that is warned of."""
 TOLD_FACES = 20_000
 """A line of the log is for surfaces of more triangles than this before their relief."""
 LEVELS = 4
@@ -38,9 +42,11 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
         part.material, Layered) else [part])]
     chosen = [i for i, part in enumerate(parts) if isinstance(part.material, Layered)]
     bases = {i: base_of(parts[i]) for i in chosen}
-    pixels = {i: pixels_on(parts[i], bases[i], seen) for i in chosen}
+    pixels = {i: pixels_on(scene, parts[i], bases[i], seen) for i in chosen}
     most = scene.render.max_triangles or MOST_TRIANGLES
-    factor = _factor(list(bases.values()), list(pixels.values()), seen, parts, most)
+    # without bodies, of which every vehicle sees others: all see the same world
+    alike = [i for i in chosen if parts[i].name not in scene.companions]
+    factor = _factor(scene, {i: (parts[i], bases[i], pixels[i]) for i in alike}, seen, most)
     done = {i: _formed(scene, parts[i], parts, bases[i], pixels[i], seen, factor) for i in chosen}
     if factor > TOLD_FACTOR:
         warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
@@ -48,25 +54,36 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
     return [done.get(i, part) for i, part in enumerate(parts)]
 
 
-def _factor(bases, pixels, seen, parts, most):
+def _factor(scene, surfaces, seen, most):
     """By how much all edges are longer than asked; kept, as it takes seconds."""
-    depends_on = {"meshes": [digest(base.vertices, base.faces, base.normals, base.middle) for base in bases],
-                  "copies": [digest(part.T_w_o) for part in parts if isinstance(part, Instances)], "most": most,
+    depends_on = {"meshes": [digest(base.vertices, base.faces, base.normals, base.middle)
+                             for _, base, _ in surfaces.values()],
+                  "places": [_places_of(scene, part) for part, _, _ in surfaces.values()], "most": most,
                   "cameras": _digest(seen), "code": _code()}
-    return float(cached("relief_factor", depends_on, lambda: {"factor": np.array(factor_for(
-        [rough(base.vertices, base.faces, pixel, base.normals) for base, pixel in zip(bases, pixels, strict=True)],
-        most))})["factor"])
+
+    def build():
+        looks = [rough(base.vertices, base.faces, pixel, base.normals) for _, base, pixel in surfaces.values()]
+        return {"factor": np.array(factor_for(looks, most))}
+
+    return float(cached("relief_factor", depends_on, build)["factor"])
 
 
 def _digest(seen):
-    return [digest(seen.eyes, seen.axes, seen.cosines), seen.angle]
+    return [digest(seen.eyes, seen.axes, seen.halves), seen.aside, seen.angle]
+
+
+def _places_of(scene, part):
+    """What tells where a part comes to, beside its mesh; None of what stands in one place."""
+    if isinstance(part, Instances):
+        return digest(part.T_w_o)
+    return digest(way_of(scene, part), np.array(part.origin)) if isinstance(part, Moving) else None
 
 
 def _code():
-    return code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))
+    return code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh", "varos_warp.kernels.world"))
 
 
-def pixels_on(part: Part | Instances, base: Base, seen: Footprint) -> Pixels:
+def pixels_on(scene: Scene, part: Part | Instances, base: Base, seen: Footprint) -> Pixels:
     """How wide a pixel is at points about a base's middle.
 
     Copies share one mesh, which the copy decides that is nearest for its size; so does what moves.
@@ -74,9 +91,10 @@ def pixels_on(part: Part | Instances, base: Base, seen: Footprint) -> Pixels:
     if isinstance(part, Instances):
         alike = float(_pixels(part, seen).min())
     elif isinstance(part, Moving):
-        stops = np.array([stop.position for stop in part.path] or [part.origin])
-        reach = np.linalg.norm(base.vertices, axis=1).max()
-        alike = float(seen.angle * np.maximum(seen.distance(stops) - reach, NEAREST_M).min())
+        reach = np.linalg.norm(base.vertices + base.middle - part.origin, axis=1).max()
+        if vehicle := scene.companions.get(part.name):
+            seen = footprint(scene, [], but=vehicle.id)
+        alike = float(seen.angle * seen.distance(way_of(scene, part), radius=reach).min())
     else:
         return lambda points, normals: seen(points + base.middle, normals)
     return lambda points, normals: np.full(len(points), alike)
@@ -85,8 +103,17 @@ def pixels_on(part: Part | Instances, base: Base, seen: Footprint) -> Pixels:
 def _pixels(copies: Instances, seen: Footprint) -> np.ndarray:
     """Width [N] of a pixel on each of some copies, in the axes of their prototype [m]."""
     reach = np.linalg.norm(copies.vertices, axis=1).max()
-    nearest = np.maximum(seen.distance(copies.T_w_o[:, :3, 3]) - reach * copies.scale, NEAREST_M)
-    return seen.angle * nearest / copies.scale
+    return seen.angle * seen.distance(copies.T_w_o[:, :3, 3], radius=reach * copies.scale) / copies.scale
+
+
+def way_of(scene: Scene, part: Moving) -> np.ndarray:
+    """Places [N, 3] along the straight lines between the stops of what moves, or along the course of a vehicle."""
+    vehicle = scene.companions.get(part.name)
+    stops = np.array([stop.position for stop in part.path] or [part.origin], float)
+    if vehicle is not None:
+        stops = places(vehicle.trajectory)[used_stops(vehicle.trajectory)]
+    pieces = [np.linspace(a, b, int(np.ceil(np.linalg.norm(b - a) / STEP_M)) + 1) for a, b in itertools.pairwise(stops)]
+    return np.concatenate([stops, *pieces])
 
 
 def _by_detail(copies: Instances, seen: Footprint) -> list[Instances]:
@@ -103,10 +130,9 @@ def _formed(scene, part, parts, base, pixels, seen, factor):
     around = _around(scene, others) if part.name == "terrain" else None
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
                   "look": look.model_dump(mode="json"), "cameras": _digest(seen), "code": _code(),
-                  "copies": digest(part.T_w_o) if isinstance(part, Instances) else None,
-                  "path": [stop.model_dump(mode="json") for stop in getattr(part, "path", ())],
+                  "places": _places_of(scene, part),
                   "ground": around and [digest(*_standing(other)) for other in others],
-                  "around": around and [bool(scene.terrain.around_objects), list(scene.current.velocity)]}
+                  "around": around and bool(scene.terrain.around_objects) and list(scene.current.velocity)}
 
     def build():
         return formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around)
@@ -123,12 +149,28 @@ def _formed(scene, part, parts, base, pixels, seen, factor):
 def _doubts(part, base):
     """What relief cannot do well on a mesh, a sentence each; a sea floor may end anywhere."""
     open_edges, crossed = (len(keys) for keys in edge_uses(base.faces))
+    corners = base.vertices[base.faces]
+    if not open_edges and np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:
+        yield ("its faces look inwards: silt lies below and growth stands inside; turn them around in the program that "
+               "made the mesh")
+    elif not is_consistent(base.faces):
+        yield "some of its faces look inwards, others outwards: relief and silt are torn there; make them agree"
+    if _back_to_back(base) > TOLD_SHARE:
+        yield ("faces of it lie back to back, so that it has no outside there: relief cannot move them; give it a "
+               "thickness, or leave out one side")
     if open_edges and part.name != "terrain":
         yield (f"its mesh has holes ({open_edges} open edges): relief moves their rims, and what is thin may cross "
                "itself; close them, or choose relief: none")
     if crossed:
         yield (f"{crossed} edges of its mesh have more than two faces: relief moves all of them one way; divide it "
                "into closed meshes, or choose relief: none")
+
+
+def _back_to_back(base):
+    """Share of the faces whose corners' mean normals are at right angles to them or behind."""
+    face = area_normals(base.vertices, base.faces)
+    facing = np.einsum("fki,fi->fk", vertex_normals(base.vertices, base.faces)[base.faces], face)
+    return float((facing.max(axis=1) < 0.1 * np.linalg.norm(face, axis=1)).mean())
 
 
 def _seed(scene, part):

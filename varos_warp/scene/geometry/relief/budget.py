@@ -1,6 +1,6 @@
 """How many triangles surfaces with relief take, and the one factor on their edges that keeps them within a bound."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ FILL = 0.17
 (measured on grids and spheres: 0.16 to 0.18)."""
 COARSE = 8.0
 """Factor on the edges of the meshes that the count is estimated from."""
+MOST_CROWDED = 2.0
 LARGEST_FACTOR = 256.0
 STEPS = 40
 
@@ -27,10 +28,17 @@ class Rough:
     """float64 [F] [m^2]"""
     pixel: np.ndarray
     """float64 [F] [m]"""
+    least: int
+    """Triangles that it has anyway."""
+    crowded: float = 1.0
+    """Triangles of the coarse mesh over those expected: needles take more, and halved edges are powers of two."""
 
     def count(self, factor: float) -> float:
         """About how many triangles it takes."""
-        return float(np.maximum(self.area / (FILL * np.square(longest_edge(self.pixel, factor))), 1.0).sum())
+        return max(self.crowded * self._expected(factor), self.least)
+
+    def _expected(self, factor):
+        return float((self.area / (FILL * np.square(longest_edge(self.pixel, factor)))).sum())
 
 
 def rough(vertices: np.ndarray, faces: np.ndarray, pixel: Pixels, normals: np.ndarray | None = None) -> Rough:
@@ -46,14 +54,17 @@ def rough(vertices: np.ndarray, faces: np.ndarray, pixel: Pixels, normals: np.nd
     middles, twice = np.concatenate([v[f[some]].mean(axis=1) for some in chunks(len(f))]), area_normals(v, f)
     area = np.linalg.norm(twice, axis=1)
     facing = np.zeros(twice.shape) if normals is None else twice / np.maximum(area, 1e-300)[:, None]
-    return Rough(0.5 * area, pixel(middles, facing))
+    found = Rough(0.5 * area, pixel(middles, facing), len(faces))
+    return replace(found, crowded=float(np.clip(len(f) / found.count(COARSE), 1.0, MOST_CROWDED)))
 
 
 def factor_for(surfaces: list[Rough], most: int) -> float:
-    """The least factor of 1 or more on all edges with which the surfaces take no more than ``most`` triangles.
+    """The least factor of 1 or more on all edges with which the surfaces take about ``most`` triangles.
 
-    Where even `LARGEST_FACTOR` takes more, that is returned.
+    Where the meshes have so many already, the bound is half as many again as they have.
     """
+    most = max(most, int(1.5 * sum(surface.least for surface in surfaces)))
+
     def count(factor):
         return sum(surface.count(factor) for surface in surfaces)
 

@@ -22,8 +22,8 @@ from varos_warp.scene.optics.camera import camera_model
 
 PIXELS = 3.0
 """Longest edge, in pixels of the nearest view; the mean is then about two thirds of it."""
-SHORTEST_M, LONGEST_M = 0.001, 0.25
-"""Bounds of edges [m]; longer ones would show no form at all."""
+SHORTEST_M, LONGEST_M = 0.001, 2.0
+"""Bounds of edges [m]; those of a mesh that are longer show no form."""
 NEAREST_M = 0.25
 """No camera is taken to come nearer than this [m]."""
 STEP_M, STEP_RAD = 0.1, 0.1
@@ -49,30 +49,36 @@ class Footprint:
     """float64 [N, 3]: places of cameras along the courses of all vehicles [m]."""
     axes: np.ndarray
     """float64 [N, 3]: unit vectors along which they look."""
-    cosines: np.ndarray
-    """float64 [N]: of the half angles of the cones that they see, with what the vehicle may be turned aside; -1: they
-    see everything."""
+    halves: np.ndarray
+    """float64 [N]: half angles of the cones that they see, with what the vehicle may be turned aside; pi: they see
+    everything [rad]."""
+    aside: float
+    """How far cameras may be from these places [m]."""
     angle: float
     """The smallest of all cameras' angles of a pixel [rad]."""
 
-    def distance(self, points: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
+    def distance(self, points: np.ndarray, normals: np.ndarray | None = None, radius: np.ndarray | float = 0.0
+                 ) -> np.ndarray:
         """Least distance [N] [m] of any camera that sees points [N, 3], on the safe side.
 
         Where none does, `UNSEEN` times that of the nearest. With ``normals`` [N, 3], zero where they are not known,
         only of cameras before the surface, and farther where they see it at a slant, by the area of a pixel there.
+        With a ``radius`` [m], one or [N], of balls about the points: of those that see some of the ball, from its
+        nearest point.
         """
         middle = self.eyes.mean(axis=0)
         nearest, seen = (wp.empty(len(points), dtype=wp.float32, device="cpu") for _ in range(2))
         launch(find_nearest_view, len(points), {
             "eyes": upload((self.eyes - middle).astype(np.float32), wp.vec3, "cpu"),
             "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
-            "cosines": upload(self.cosines.astype(np.float32), wp.float32, "cpu"),
+            "halves": upload(self.halves.astype(np.float32), wp.float32, "cpu"),
+            "radius": upload(np.broadcast_to(np.float32(radius), len(points)).copy(), wp.float32, "cpu"),
             "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
             "normals": upload(np.asarray(np.zeros(points.shape) if normals is None else normals, np.float32), wp.vec3,
                               "cpu"),
             "distance": nearest, "seen": seen}, "cpu")
         found = np.minimum(seen.numpy(), UNSEEN * nearest.numpy()).astype(float)
-        return np.maximum(found - ASIDE_M, NEAREST_M)
+        return np.maximum(found - self.aside, NEAREST_M)
 
     def __call__(self, points: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
         """Width [N] of a pixel at points [N, 3] [m]: the root of its area."""
@@ -81,33 +87,36 @@ class Footprint:
 
 def longest_edge(pixel: np.ndarray, factor: float = 1.0) -> np.ndarray:
     """The longest edge [m] where a pixel is so wide [m]; ``factor`` times as long."""
-    return np.clip(factor * PIXELS * pixel, SHORTEST_M, LONGEST_M)
+    return factor * np.clip(PIXELS * pixel, SHORTEST_M, LONGEST_M)
 
 
-def footprint(scene: Scene, parts: list[Part | Instances]) -> Footprint:
+def footprint(scene: Scene, parts: list[Part | Instances], but: str | None = None) -> Footprint:
     """What the cameras of a scene come to see, of all of its vehicles alike.
 
     Args:
         scene: Its courses are found, if they follow a surface.
         parts: The scene's geometry before relief.
+        but: Id of a vehicle whose cameras do not count, as they never see its body; unless it is the only one.
     """
-    observed = [scene.observed_by(vehicle.id) for vehicle in scene.vehicles] if scene.vehicles else [scene]
-    views, angles = [], []
+    others = [vehicle for vehicle in scene.vehicles or () if vehicle.id != but] or scene.vehicles
+    observed = [scene.observed_by(vehicle.id) for vehicle in others] if others else [scene]
+    views, angles, aside = [], [], ASIDE_M
     for seen in observed:
         find_course(seen, parts)
         poses = _poses(seen.trajectory)
+        aside = max(aside, ASIDE_M + 0.5 * float(_steps(poses).max(initial=0.0)))
         angles += [camera_model(camera).pixel_angle for camera in seen.vehicle.cameras]
         views += [_view(camera, poses) for camera in seen.vehicle.cameras] or [
-            (poses[:, :3, 3], poses[:, :3, 1], np.full(len(poses), -1.0))]
-    return Footprint(*map(np.concatenate, zip(*views, strict=True)), min(angles, default=WITHOUT_CAMERA))
+            (poses[:, :3, 3], poses[:, :3, 1], np.full(len(poses), np.pi))]
+    return Footprint(*map(np.concatenate, zip(*views, strict=True)), aside, min(angles, default=WITHOUT_CAMERA))
 
 
 def _view(camera: Camera, poses):
-    """Places, axes and cosines of a camera along poses [N, 4, 4] of its vehicle, or where it stands."""
+    """Places, axes and half angles of a camera along poses [N, 4, 4] of its vehicle, or where it stands."""
     fixed = camera.mount == "world"
     T_w_c = camera_pose(camera, np.eye(4)[None] if fixed else poses)
     half = min(_half_angle(camera) + (0.0 if fixed else ASIDE_RAD), np.pi)
-    return T_w_c[:, :3, 3], T_w_c[:, :3, 2], np.full(len(T_w_c), np.cos(half))
+    return T_w_c[:, :3, 3], T_w_c[:, :3, 2], np.full(len(T_w_c), half)
 
 
 def _half_angle(camera):
@@ -117,6 +126,11 @@ def _half_angle(camera):
     direction = camera_model(camera).rays(grid).direction
     z = direction[np.isfinite(direction).all(axis=1), 2]
     return float(np.arccos(np.clip(z.min(), -1.0, 1.0))) if len(z) == len(grid) else np.pi
+
+
+def _steps(poses):
+    """Distances [N - 1] from pose to pose [m]."""
+    return np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
 
 
 def _poses(trajectory):

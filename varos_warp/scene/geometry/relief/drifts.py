@@ -7,11 +7,11 @@ scour before it and along its sides, and a tail in its lee.
 import itertools
 
 import numpy as np
+import trimesh
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.topology import chunks
 
 SMALLEST_M, LARGEST_M = 0.05, 2.5
 """Widths of bodies that drifts are made for [m]; those of wider ones are as high as of the widest."""
@@ -23,8 +23,10 @@ REACH = 1.2
 """Beyond this many widths from a body the ground knows nothing of it."""
 FOOT = 0.8
 """Radius of the circle that a copy fills on the ground, over its largest radius seen from above."""
-COPIES = 6
-"""Copies that shape one place, at most, the nearest."""
+BESIDE_M = 0.1
+"""How far from a body the ground still tells whether it stands in it [m]."""
+TURNS = 36
+"""Directions in which the width of a body is measured."""
 
 
 def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.ndarray
@@ -55,7 +57,7 @@ def drift(distance: np.ndarray, width: np.ndarray | float, lee: np.ndarray | flo
     Args:
         distance: From its surface [N] [m].
         width: Of the body [m].
-        lee: Cosine [N] of the angle between the current and the direction from the body's middle; 0 without current.
+        lee: Cosine [N] of the angle between the current and the direction from the body; 0 without current.
     """
     x = distance / width
     bank = BANK * np.exp(-np.square(x / BANK_WIDTH)) * (0.7 + 0.3 * lee)
@@ -69,34 +71,45 @@ def flow_direction(velocity: tuple[float, float, float]) -> np.ndarray:
 
 
 def _near_object(points, part):
-    """Points near to an object: their numbers, distances, the object's width, and directions from its middle."""
+    """Points near to an object: their numbers, distances, the object's width, and directions from its surface."""
     low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
-    width = float(np.clip((high - low)[:2].min(), SMALLEST_M, LARGEST_M))
+    width = float(np.clip(_least_width(part.vertices[:, :2]), SMALLEST_M, LARGEST_M))
     reach = REACH * width
     near = np.flatnonzero(((points > low - reach) & (points < high + reach)).all(axis=1))
-    if len(near):
-        distance, _ = Surface(part.vertices, part.faces).nearest(points[near], reach)
+    if _stands(points[near], low, high):
+        distance, face = Surface(part.vertices, part.faces).nearest(points[near], reach)
         there = np.isfinite(distance)
-        yield near[there], distance[there], width, _directions(points[near[there], :2] - 0.5 * (low + high)[:2])
+        place = trimesh.triangles.closest_point(part.vertices[part.faces[face[there]]], points[near[there]])
+        yield near[there], distance[there], width, _directions(points[near[there], :2] - place[:, :2])
+
+
+def _stands(points, low, high):
+    """Whether a body between two corners stands in the ground: it neither hovers over it nor lies under it."""
+    under = ((points[:, :2] >= low[:2] - BESIDE_M) & (points[:, :2] <= high[:2] + BESIDE_M)).all(axis=1)
+    height = points[under if under.any() else slice(None), 2]
+    return bool(((height >= low[2]) & (height <= high[2])).any())
+
+
+def _least_width(places):
+    """The least extent of places [N, 2] seen from above, whichever way they are turned."""
+    turns = np.linspace(0.0, np.pi, TURNS, endpoint=False)
+    return np.ptp(places @ np.stack([np.cos(turns), np.sin(turns)]), axis=0).min()
 
 
 def _near_copies(points, groups):
-    """Likewise of the nearest few copies, one after the other."""
-    if not groups:
+    """Likewise of every copy, by the circle that it fills, and directions from its middle."""
+    if not groups or not len(points):
         return
-    foot = np.concatenate([FOOT * np.linalg.norm(group.vertices[:, :2], axis=1).max() * group.scale
-                           for group in groups])
-    width = np.clip(2.0 * foot, SMALLEST_M, LARGEST_M)
-    middle = np.concatenate([group.T_w_o[:, :2, 3] for group in groups])
-    tree, most = cKDTree(middle), min(COPIES, len(middle))
-    for part in chunks(len(points)):
-        off, copy = tree.query(points[part, :2], k=np.arange(1, most + 1), workers=-1,
-                               distance_upper_bound=float((foot + REACH * width).max()))
-        for k in range(most):
-            near = np.flatnonzero(np.isfinite(off[:, k]))
-            of, chosen = copy[near, k], part.start + near
-            yield (chosen, np.maximum(off[near, k] - foot[of], 0.0), width[of],
-                   _directions(points[chosen, :2] - middle[of]))
+    tree = cKDTree(points[:, :2])
+    for group in groups:
+        foot = FOOT * np.linalg.norm(group.vertices[:, :2], axis=1).max() * group.scale
+        width, middle = np.clip(2.0 * foot, SMALLEST_M, LARGEST_M), group.T_w_o[:, :2, 3]
+        near = tree.query_ball_point(middle, foot + REACH * width, workers=-1)
+        for chosen, where, radius, wide in zip(map(np.asarray, near), middle, foot, width, strict=True):
+            if len(chosen):
+                off = points[chosen, :2] - where
+                distance = np.maximum(np.linalg.norm(off, axis=1) - radius, 0.0)
+                yield chosen.astype(int), distance, wide, _directions(off)
 
 
 def _directions(vectors):

@@ -90,10 +90,11 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
         clear, height = around(p + base.middle)
         x = p + height[:, None] * UP
         normals = vertex_normals(x, faces)
+    middle, spread = _spread(base)
     size = float(np.ptp(base.vertices, axis=0).max())
     sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if around is None else min(size, LARGEST_FORM_M),
                   height=x[:, 2] - x[:, 2].min() if around is None else np.zeros(len(x)),
-                  clear=clear,
+                  clear=clear, middle=middle, spread=spread,
                   sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
     surfaces = _blended(sites, look)
     for step in ("coarse", "fine"):
@@ -108,6 +109,18 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
     x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
     return {"vertices": x.astype(np.float32), "faces": faces, "normals": vertex_normals(x, faces).astype(np.float32),
             "colours": colour.astype(np.float32)}
+
+
+def _spread(base):
+    """Middle [3] and covariance [3, 3] of a surface, by area: they do not depend on how fine its mesh becomes."""
+    area = np.linalg.norm(area_normals(base.vertices, base.faces), axis=1)
+    corners = base.vertices[base.faces]
+    weight = area / max(area.sum(), 1e-300)
+    middle = np.einsum("f,fki->i", weight, corners) / 3.0
+    # of a triangle: the mean over its corners and its middle, the latter with nine times the weight
+    off, centre = corners - middle, corners.mean(axis=1) - middle
+    within = np.einsum("f,fki,fkj->ij", weight, off, off) / 12.0
+    return middle, within + 0.75 * np.einsum("f,fi,fj->ij", weight, centre, centre)
 
 
 def _blended(sites, look):

@@ -48,6 +48,8 @@ def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np
         faces = split(faces, _numbers(edge_keys(faces), halved, len(vertices)))
         vertices, normals = np.concatenate([vertices, middles]), np.concatenate([normals, turned])
         length, faces = np.concatenate([length, wanted(middles, turned)]), flip_needles(vertices, faces)
+    else:
+        finished.append(faces)
     return vertices, np.concatenate(finished), length
 
 

@@ -81,7 +81,7 @@ class Sand:
 
 
 def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude [m] and profile -1..1 of ripples, each [N]; no steeper than 0.15, their crests sharp."""
+    """Amplitude [m] and profile -1..1 of ripples, each [N]; a ninth as high as long, their crests sharp."""
     turn = np.random.default_rng([pattern.seed, 4]).uniform(0.0, np.pi)
     along = sites.p @ np.array([np.cos(turn), np.sin(turn), 0.0])
     # crests wander, fork and end where the phase is uneven

@@ -51,6 +51,10 @@ class Sites:
     """float64 [N]: height over the ground, or over the lowest point of the object [m]."""
     clear: np.ndarray
     """float64 [N]: distance to the nearest other thing that stands there [m]; inf where there is none."""
+    middle: np.ndarray | None = None
+    """float64 [3]: middle of the object's surface, in the axes of ``p``; None: the mean of the places."""
+    spread: np.ndarray | None = None
+    """float64 [3, 3]: covariance of the object's surface about it, by area [m^2]; None: that of the places."""
     sharp: np.ndarray | None = None
     """float64 [N]: convexity of the mesh before the recipe moved it, as of `Shape`: where edges chip and wear first.
     None: it has no edges."""

@@ -100,8 +100,10 @@ def _damage(sites: Sites, pattern: Patterns, look: Look) -> Damage:
 
 def _seams(sites: Sites, seed: int) -> np.ndarray:
     """Weld seams across the long axis of what is at least four times as long as wide, [N]: 1 on their crest."""
-    centred = sites.p - sites.p.mean(axis=0)
-    spread, axes = np.linalg.eigh(centred.T @ centred / max(len(centred), 1))
+    centred = sites.p - (sites.p.mean(axis=0) if sites.middle is None else sites.middle)
+    covariance = np.einsum("ni,nj->ij", centred, centred) / max(len(centred), 1)
+    spread, axes = np.linalg.eigh(covariance if sites.spread is None else sites.spread)
+    axes = axes * np.sign(np.take_along_axis(axes, np.abs(axes).argmax(axis=0)[None], axis=0))
     if spread[2] < 16.0 * max(spread[1], 1e-12) or sites.size < 1.0:
         return np.zeros(len(centred))
     along = centred @ axes[:, 2] / SEAM_SPACING_M + np.random.default_rng([seed, 2]).random()
