@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.file.load import demo_scene_path, load_scene
+from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
 
@@ -84,7 +84,7 @@ SCENES = {scene.name: scene for scene in (
     BenchScene("open_water", "the paper's water with two lights, no surfaces", HERE / "scenes/open_water.yaml"),
     *(BenchScene(name, unlike.SCENES[name][0]) for name in
       ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")),
-    BenchScene("demo", "the scene of varos-warp demo: textures, depth of field", demo_scene_path(),
+    BenchScene("demo", "a pipe and boulders: textures, depth of field", HERE / "scenes/textured.yaml",
                ("vehicle.cameras.0.resolution=[160,90]",)))}
 QUICK = ("open_water", "jerlov_1b")
 

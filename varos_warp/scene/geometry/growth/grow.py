@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from varos_warp.cache import cached, code_hash, digest
+from varos_warp.cache import cached, code_hash
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -52,7 +52,7 @@ def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> tuple[l
     """Names of the hosts of a block, and its copies; from the user's cache where they were placed before."""
     depends_on = {"block": wanted.block.model_dump(mode="json"), "seed": wanted.seed,
                   "surface_depth_m": wanted.surface_depth_m, "hosts": [carrier.digest for carrier in carriers],
-                  "cameras": [digest(near.eyes, near.axes, near.cosines), near.angle],
+                  "cameras": near.digest,
                   "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
     kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
     return kept["names"].tolist(), Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))

@@ -59,17 +59,13 @@ def _factor(scene, surfaces, seen, most):
     depends_on = {"meshes": [digest(base.vertices, base.faces, base.normals, base.middle)
                              for _, base, _ in surfaces.values()],
                   "places": [_places_of(scene, part) for part, _, _ in surfaces.values()], "most": most,
-                  "cameras": _digest(seen), "code": _code()}
+                  "cameras": seen.digest, "code": _code()}
 
     def build():
         looks = [rough(base.vertices, base.faces, pixel, base.normals) for _, base, pixel in surfaces.values()]
         return {"factor": np.array(factor_for(looks, most))}
 
     return float(cached("relief_factor", depends_on, build)["factor"])
-
-
-def _digest(seen):
-    return [digest(seen.eyes, seen.axes, seen.halves), seen.aside, seen.angle]
 
 
 def _places_of(scene, part):
@@ -129,7 +125,7 @@ def _formed(scene, part, parts, base, pixels, seen, factor):
     others = [other for other in parts if other is not part and not isinstance(other, Moving)]
     around = _around(scene, others) if part.name == "terrain" else None
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
-                  "look": look.model_dump(mode="json"), "cameras": _digest(seen), "code": _code(),
+                  "look": look.model_dump(mode="json"), "cameras": seen.digest, "code": _code(),
                   "places": _places_of(scene, part),
                   "ground": around and [digest(*_standing(other)) for other in others],
                   "around": around and bool(scene.terrain.around_objects) and list(scene.current.velocity)}

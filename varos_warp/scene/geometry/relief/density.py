@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from scipy.spatial.transform import Rotation, Slerp
 
+from varos_warp.cache import digest
 from varos_warp.device.devices import upload
 from varos_warp.device.launch import launch
 from varos_warp.kernels.mesh.views import find_nearest_view
@@ -56,6 +57,11 @@ class Footprint:
     """How far cameras may be from these places [m]."""
     angle: float
     """The smallest of all cameras' angles of a pixel [rad]."""
+
+    @property
+    def digest(self) -> list:
+        """All of it, as plain types."""
+        return [digest(self.eyes, self.axes, self.halves), self.aside, self.angle]
 
     def distance(self, points: np.ndarray, normals: np.ndarray | None = None, radius: np.ndarray | float = 0.0
                  ) -> np.ndarray:
