@@ -154,7 +154,7 @@ def _doubts(part, base):
     if _back_to_back(base) > TOLD_SHARE:
         yield ("faces of it lie back to back, so that it has no outside there: relief cannot move them; give it a "
                "thickness, or leave out one side")
-    if open_edges and part.name != "terrain":
+    if open_edges and part.name != "terrain" and part.material.relief != "none":
         yield (f"its mesh has holes ({open_edges} open edges): relief moves their rims, and what is thin may cross "
                "itself; close them, or choose relief: none")
     if crossed:
