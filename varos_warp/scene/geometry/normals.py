@@ -3,7 +3,7 @@
 import numpy as np
 
 from varos_warp.cache import cached, code_hash, digest
-from varos_warp.scene.geometry.topology import area_normals, groups, paired_edges
+from varos_warp.scene.geometry.topology import area_normals, groups, next_corner, paired_edges
 
 UP = np.array([0.0, 0.0, 1.0])
 """Normal of a degenerate face, which no ray can hit."""
@@ -85,9 +85,5 @@ def _smooth_groups(faces, flat, has_area, angle):
     smooth = (np.arctan2(sine, cosine) <= angle + 1e-7) & has_area[face_one] & has_area[face_two]
     one, two = one[smooth], two[smooth]
     # Half-edge k runs from corner k to the face's next corner; its twin runs the other way.
-    rows, columns = np.concatenate([one, _next(one)]), np.concatenate([_next(two), two])
+    rows, columns = np.concatenate([one, next_corner(one)]), np.concatenate([next_corner(two), two])
     return groups(np.column_stack([rows, columns]), len(start))
-
-
-def _next(corner):
-    return corner - corner % 3 + (corner + 1) % 3

@@ -61,6 +61,11 @@ def edge_keys(faces: np.ndarray, directed: bool = False) -> np.ndarray:
     return a
 
 
+def next_corner(corner: np.ndarray) -> np.ndarray:
+    """The corner after each in its face; corner i of face f is number 3 f + i, as its half-edge is."""
+    return corner - corner % 3 + (corner + 1) % 3
+
+
 def edge_uses(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Keys of the edges that are not shared by two faces: of those used once, and of those used three times or more."""
     keys, uses = np.unique(edge_keys(faces), return_counts=True)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from varos_warp.scene.geometry.growth.solids import UP, Form, Strip
+from varos_warp.scene.geometry.growth.solids import Form, Strip
+from varos_warp.scene.geometry.normals import UP
 
 
 def kelp(rng: np.random.Generator) -> Form:

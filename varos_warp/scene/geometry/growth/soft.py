@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from varos_warp.scene.geometry.growth.solids import (
-    UP,
     Form,
     Strip,
     around,
@@ -14,6 +13,7 @@ from varos_warp.scene.geometry.growth.solids import (
     solid,
     waves,
 )
+from varos_warp.scene.geometry.normals import UP
 
 
 def anemone(rng: np.random.Generator) -> Form:

@@ -6,7 +6,6 @@ from typing import Self
 import numpy as np
 
 Rgb = tuple[float, float, float]
-UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Halving the edges of a needle makes four needles; flipped in between, its new ve
 
 import numpy as np
 
-from varos_warp.scene.geometry.topology import area_normals, edge_keys, paired_edges
+from varos_warp.scene.geometry.topology import area_normals, edge_keys, next_corner, paired_edges
 
 NEEDLE = 4.0
 """Longest over shortest edge beyond which a triangle is a needle."""
@@ -47,8 +47,8 @@ def _flip_once(vertices, faces, needles):
     one, two = one[some], two[some]
     if not len(one):
         return None
-    a, c = faces.ravel()[one], faces.ravel()[_next(_next(one))]
-    b, d = faces.ravel()[_next(one)], faces.ravel()[_next(_next(two))]
+    a, c = faces.ravel()[one], faces.ravel()[next_corner(next_corner(one))]
+    b, d = faces.ravel()[next_corner(one)], faces.ravel()[next_corner(next_corner(two))]
     normals = area_normals(vertices, faces)
     agree = faces.ravel()[two] == b
     plane = _cosine(normals[one // 3], normals[two // 3]) > PLANE
@@ -95,7 +95,3 @@ def _cosine(u, v):
 
 def _key(a, b):
     return (np.minimum(a, b).astype(np.int64) << 32) | np.maximum(a, b)
-
-
-def _next(corner):
-    return corner - corner % 3 + (corner + 1) % 3

@@ -14,6 +14,8 @@ from varos_warp.scene.geometry.joining import merge_equal
 from varos_warp.scene.geometry.noise import fbm
 from varos_warp.scene.geometry.normals import UP, corner_normals
 from varos_warp.scene.geometry.parts import Shape
+from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
+from varos_warp.scene.geometry.relief.recipes.layers import DARKEST, PALEST
 from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 from varos_warp.scene.geometry.relief.recipes.sites import Sites
@@ -30,8 +32,6 @@ LARGEST_FORM_M = 1.0
 """Size that the forms of a sea floor go by [m]."""
 GRAIN = 0.11
 """Deviation of the reflectance from vertex to vertex, as a share."""
-REFLECTANCES = (0.01, 0.85)
-"""Darkest and palest surface of the sea."""
 MOST_OF_RADIUS = 0.4
 """Displacement into a hollow, at most, as a share of its radius of curvature: beyond, it would cross itself."""
 
@@ -105,7 +105,7 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
     shape = shape_of(x, faces, normals, sites.edge)
     coats = [(share, *recipe.colour(sites, shape, look)) for recipe, share in surfaces]
     colour = sum(share[:, None] * coat for share, coat, _ in coats)
-    colour = np.clip(colour * _grain(len(x), look.seed)[:, None], *REFLECTANCES)
+    colour = np.clip(colour * _grain(len(x), look.seed)[:, None], DARKEST, PALEST)
     x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
     return {"vertices": x.astype(np.float32), "faces": faces, "normals": vertex_normals(x, faces).astype(np.float32),
             "colours": colour.astype(np.float32)}
@@ -128,8 +128,7 @@ def _blended(sites, look):
     if look.steep is None or look.steep == look.relief:
         return [(RECIPES[look.relief], np.ones(len(sites.p)))]
     up = sites.n[:, 2] + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge)
-    t = np.clip((up - STEEP[0]) / (STEEP[1] - STEEP[0]), 0.0, 1.0)
-    flat = t * t * (3.0 - 2.0 * t)
+    flat = smoothstep(*STEEP, up)
     return [(RECIPES[look.relief], flat), (RECIPES[look.steep], 1.0 - flat)]
 
 
