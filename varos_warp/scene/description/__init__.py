@@ -124,17 +124,31 @@ class Scene(Block):
             raise ValueError(problem)
         return self
 
+    def _placed_blocks(self):
+        """All that may have a material, with its key; the terrain, or None, comes first."""
+        return [("terrain", self.terrain), *((f"objects.{i}", o) for i, o in enumerate(self.objects)),
+                *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter)),
+                *((f"vehicles.{i}.body", v.body) for i, v in enumerate(self.vehicles or ()))]
+
     @model_validator(mode="after")
     def _materials_exist(self):
-        blocks = [("terrain", self.terrain), *((f"objects.{i}", o) for i, o in enumerate(self.objects)),
-                  *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter)),
-                  *((f"vehicles.{i}.body", v.body) for i, v in enumerate(self.vehicles or ()))]
-        for key, placed in blocks:
+        for key, placed in self._placed_blocks():
             if placed is not None and placed.material is not None and placed.material not in self.materials:
                 known = ", ".join(sorted(self.materials)) or "none"
                 near = did_you_mean(placed.material, self.materials)
                 raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})"
                                  + (f". {near}" if near else ""))
+        return self
+
+    @model_validator(mode="after")
+    def _only_ground_is_steep(self):
+        """``steep`` chooses the relief of a terrain's slopes; of an object it would be left aside without a word."""
+        for key, placed in self._placed_blocks()[1:]:
+            material = placed and self.materials.get(placed.material or "")
+            if isinstance(material, Layered) and material.steep is not None:
+                raise ValueError(f"materials.{placed.material}.steep: {material.steep} is the relief of steep places "
+                                 f"of a terrain, and {key} has this material; leave out steep, or give {key} a "
+                                 "material of its own")
         return self
 
     @model_validator(mode="after")

@@ -301,6 +301,9 @@ class Scatter(Block):
     overlap."""
     sink_m: float = 0.0
     """How deep the lowest point lies under the ground [m], times the copy's scale; negative: above it."""
+    buried: tuple[Unit, Unit] | None = Field(default=None, examples=[[0.1, 0.5]])
+    """Least and largest share of a copy's height that lies under the ground, beside ``sink_m``; chance decides. Absent:
+    0.1 to 0.5 of boulders of a layered material, which stones on the sea floor are; 0 of all else."""
     random_yaw: bool = True
     """Whether each copy is turned about the vertical at random."""
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
@@ -308,11 +311,14 @@ class Scatter(Block):
     max_slope_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
     """Only where the terrain is no steeper than this [degrees]."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)
-    """Smallest and largest scale; all between are equally likely."""
+    """Smallest and largest scale; all between are equally likely, unless ``size_exponent`` says otherwise."""
+    size_exponent: Annotated[float, Field(ge=0.0, le=10.0)] | None = Field(default=None, examples=[2.0])
+    """The number of copies of more than a scale s falls as s to the minus this, within ``scale_range``: few are large,
+    as of broken rock, whose exponent is 2 to 3. Absent: all scales are equally likely."""
     shapes: Annotated[int, Field(ge=1, le=64)] | None = Field(default=None, examples=[12])
     """How many shapes of a boulder there are, of seeds that follow its own; copies have them in turn. Absent: 1."""
 
-    _written = unwritten_if_absent("shapes")
+    _written = unwritten_if_absent("shapes", "buried", "size_exponent")
 
     @model_validator(mode="after")
     def _only_boulders_differ(self):
@@ -331,6 +337,8 @@ class Scatter(Block):
             raise ValueError("the object of a scatter has no position; sink_m lowers the copies, or raises them")
         if self.scale_range[0] > self.scale_range[1]:
             raise ValueError("scale_range is [smallest, largest]")
+        if self.buried is not None and self.buried[0] > self.buried[1]:
+            raise ValueError(f"buried: {list(self.buried)} begins above its end; give [least, largest]")
         return self
 
 

@@ -13,12 +13,15 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.cache import cached, code_hash, digest
 from varos_warp.errors import InputError
-from varos_warp.scene.description.world import Scatter
+from varos_warp.scene.description.surfaces import Layered
+from varos_warp.scene.description.world import Boulder, Scatter
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.query import clearance, crossings, is_inside
 
 BATCH = 256
 """Places drawn at a time; the copies do not depend on it."""
+BURIED = (0.1, 0.5)
+"""Share of the height of stones that lies under the ground, where their block does not say."""
 PATIENCE = 4000
 """Places in a row without a copy after which the area counts as full: less than a thousandth of it is left."""
 
@@ -74,9 +77,11 @@ def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, se
     places = places["places"]
     ground.take(places, reach)
     T = np.tile(np.eye(4), (len(places), 1, 1))
+    deep = _depths(block, shapes, prototypes[0].material, places[:, 3], seed)
     for pose, (x, y, z, scale, yaw, dzdx, dzdy) in zip(T, places, strict=True):
         turned = _lean(dzdx, dzdy, np.radians(block.max_tilt_deg)) * Rotation.from_euler("z", yaw)
         pose[:3, :3], pose[:3, 3] = scale * turned.as_matrix(), (x, y, z)
+    T[:, 2, 3] -= deep
     groups, first = [], 0
     for k, (own, prototype) in enumerate(zip(shapes, prototypes, strict=True)):
         of_shape = T[k::len(shapes)]
@@ -87,6 +92,19 @@ def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, se
                 smooth_shading=prototype.smooth_shading, skin=prototype.skin, files=prototype.files))
         first += len(of_shape)
     return groups
+
+
+def _depths(block, shapes, material, scale, seed):
+    """How far copies [N] are let into the ground [m]: a share of their height by chance.
+
+    Each shape has a part of the range for itself, so that its mesh, which its copies share, knows where the ground is.
+    """
+    stone = isinstance(block.object, Boulder) and isinstance(material, Layered)
+    low, high = block.buried or (BURIED if stone else (0.0, 0.0))
+    rng = np.random.default_rng([seed, block.seed, 7])
+    part, height = rng.permutation(len(shapes)), np.array([np.ptp(own[:, 2]) for own in shapes])
+    shape = np.arange(len(scale)) % len(shapes)
+    return (low + (high - low) * (part[shape] + rng.random(len(scale))) / len(shapes)) * height[shape] * scale
 
 
 def _places(block, key, vertices, reach, ground, seed):
@@ -114,8 +132,19 @@ def _places(block, key, vertices, reach, ground, seed):
 def _draw(block, low, high, rng):
     """A batch of rows x, y, scale, yaw in the area of a block."""
     u = rng.random((BATCH, 4))
-    xy, scale = low + u[:, :2] * (high - low), block.scale_range[0] + u[:, 2] * np.ptp(block.scale_range)
+    xy, scale = low + u[:, :2] * (high - low), _scales(block, u[:, 2])
     return np.column_stack([xy, scale, 2.0 * np.pi * u[:, 3] * block.random_yaw])[_within(block, xy)]
+
+
+def _scales(block, u):
+    """Scales [N] of uniform numbers [N], by the law of a block."""
+    low, high = block.scale_range
+    if block.size_exponent is None:
+        return low + u * np.ptp(block.scale_range)
+    if block.size_exponent == 0.0:
+        return low * (high / low)**u
+    most, least = low**-block.size_exponent, high**-block.size_exponent
+    return (most + u * (least - most))**(-1.0 / block.size_exponent)
 
 
 def _standing(block, drawn, vertices, reach, ground, dropped):

@@ -75,7 +75,8 @@ def _place(wanted, carriers, near):
 def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
     """The copies of one block, by their shapes and tints, and by how fine they are."""
     if not len(copies.size):
-        why = (f"all of about {copies.too_small:.0f} would be smaller than {LEAST_PIXELS:g} pixels"
+        why = ("its per_m2 is 0" if wanted.per_m2 == 0.0 else
+               f"all of about {copies.too_small:.0f} would be smaller than {LEAST_PIXELS:g} pixels"
                if copies.too_small >= 1.0 else
                f"no surface of its hosts within {REACH_M:g} m of the course is as it asks, or chance leaves none")
         warn(f"{wanted.key}: no {wanted.block.kind} is placed: {why}")

@@ -13,9 +13,12 @@ from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.course import places, used_stops
 from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, factor_for, rough
+from varos_warp.scene.geometry.relief.contact import foot_of
 from varos_warp.scene.geometry.relief.density import STEP_M, Footprint, Pixels, footprint, longest_edge
 from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
 from varos_warp.scene.geometry.relief.form import Base, base_of, formed, vertex_normals
+from varos_warp.scene.geometry.relief.recipes.sand import tint_of
+from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.topology import area_normals, edge_uses, is_consistent
 
 TOLD_SHARE = 0.02
@@ -47,7 +50,10 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
     # without bodies, of which every vehicle sees others: all see the same world
     alike = [i for i in chosen if parts[i].name not in scene.companions]
     factor = _factor(scene, {i: (parts[i], bases[i], pixels[i]) for i in alike}, seen, most)
-    done = {i: _formed(scene, parts[i], parts, bases[i], pixels[i], seen, factor) for i in chosen}
+    done: dict[int, Part | Instances] = {}
+    for i in sorted(chosen, key=lambda i: parts[i].name == "terrain"):  # the ground comes last: it lies against them
+        now = [done.get(k, part) for k, part in enumerate(parts)]
+        done[i] = _formed(scene, parts[i], now, bases[i], pixels[i], seen, factor)
     if factor > TOLD_FACTOR:
         warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
              "times as long as asked, so the finest forms are missing; raise it")
@@ -122,16 +128,21 @@ def _by_detail(copies: Instances, seen: Footprint) -> list[Instances]:
 def _formed(scene, part, parts, base, pixels, seen, factor):
     """A part with its relief; from the user's cache where it was made before."""
     look = part.material.model_copy(update={"seed": _seed(scene, part)})
-    others = [other for other in parts if other is not part and not isinstance(other, Moving)]
+    others = [other for other in parts if other.name != part.name and not isinstance(other, Moving)]
     around = _around(scene, others) if part.name == "terrain" else None
+    ground = _ground_of(part, parts)
+    tint = tint_of(ground.material if ground else part.material)
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
                   "look": look.model_dump(mode="json"), "cameras": seen.digest, "code": _code(),
-                  "places": _places_of(scene, part),
+                  "places": _places_of(scene, part), "tint": tint.tolist(),
+                  "stands": ground and [digest(ground.vertices, ground.faces), *map(digest, _standing(part)[2:])],
                   "ground": around and [digest(*_standing(other)) for other in others],
                   "around": around and bool(scene.terrain.around_objects) and list(scene.current.velocity)}
 
     def build():
-        return formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around)
+        foot = foot_of(part, ground and Surface(ground.vertices, ground.faces), base.middle)
+        return formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around, foot,
+                      tint)
 
     made = cached("relief", depends_on, build,
                   what=f"the relief of {part.name}" if len(base.faces) > TOLD_FACES else None)
@@ -139,7 +150,21 @@ def _formed(scene, part, parts, base, pixels, seen, factor):
     facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}
     return replace(part, vertices=vertices, faces=faces, normals=made["normals"][faces], smooth_shading=True,
                    smooth_angle=np.pi, skin=Skin(made["colours"][faces]), relief=facts, before=part,
-                   doubts=(*part.doubts, *_doubts(part, base)))
+                   doubts=(*part.doubts, *_doubts(part, base), *_held(made)))
+
+
+def _ground_of(part, parts):
+    """The terrain that a part may stand in; None for itself, and for what moves."""
+    if part.name == "terrain" or isinstance(part, Moving):
+        return None
+    return next((other for other in parts if other.name == "terrain"), None)
+
+
+def _held(made):
+    """That a part is too thin for its form, if it is."""
+    if made["held"] > TOLD_SHARE:
+        yield (f"it is {1000.0 * float(made['thinnest']):.3g} mm thin at the least: its form goes inwards by a third "
+               f"of the thickness at most, which holds it back on {100.0 * float(made['held']):.0f} % of its surface")
 
 
 def _doubts(part, base):
@@ -170,8 +195,12 @@ def _back_to_back(base):
 
 
 def _seed(scene, part):
-    """The seed of a part's patterns: by its material, its name and the scene, not by where it stands."""
-    return zlib.crc32(f"{part.name} {part.material.seed}".encode(), scene.seed) % 2**31
+    """The seed of a part's patterns: by its material, its name and the scene, not by where it stands.
+
+    Of copies also by their shape: stones of one block differ.
+    """
+    shape = f" {digest(part.vertices)}" if isinstance(part, Instances) else ""
+    return zlib.crc32(f"{part.name} {part.material.seed}{shape}".encode(), scene.seed) % 2**31
 
 
 def _around(scene, others):
@@ -179,7 +208,7 @@ def _around(scene, others):
     flow, shaped = flow_direction(scene.current.velocity), float(bool(scene.terrain.around_objects))
 
     def around(points):
-        clear, height = surroundings(points, others, flow)
+        clear, height = surroundings(points, others, flow, scene.seed)
         return clear, shaped * height
 
     return around

@@ -1,68 +1,84 @@
 """What stands in the ground shapes it: a bank of sediment against its foot, and a moat where the current scours.
 
 After the shapes that flow around a body on sand leaves (Whitehouse, "Scour at Marine Structures", 1998): a horseshoe
-scour before it and along its sides, and a tail in its lee.
+scour before it and along its sides, and a tail in its lee. Banks lean on what is there as fillets, steep at the wall,
+with a toe that thins out.
 """
 
 import itertools
 
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 
+from varos_warp.scene.geometry.noise import fbm
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
 from varos_warp.scene.geometry.surface import Surface
 
-SMALLEST_M, LARGEST_M = 0.05, 2.5
-"""Widths of bodies that drifts are made for [m]; those of wider ones are as high as of the widest."""
-BANK, BANK_WIDTH = 0.07, 0.16
-"""Height of the bank against the foot, and where it falls to 1 / e, as shares of the body's width."""
-MOAT, MOAT_AT, MOAT_WIDTH = 0.035, 0.40, 0.20
+SMALLEST_M, LARGEST_M = 0.03, 1.5
+"""Sizes of bodies that drifts are made for [m]; those of larger ones are as high as of the largest."""
+BANK, BANK_WIDTH = 0.24, 0.62
+"""Height of the bank against the foot, and how far it reaches, as shares of the body's size."""
+APRON, APRON_WIDTH = 0.05, 0.55
+"""Height of what lies about it widely, and where that falls to 1 / e, likewise."""
+MOAT, MOAT_AT, MOAT_WIDTH = 0.07, 0.62, 0.26
 """Depth of the moat, where it is deepest and how wide it is, likewise."""
-REACH = 1.2
-"""Beyond this many widths from a body the ground knows nothing of it."""
-FOOT = 0.8
-"""Radius of the circle that a copy fills on the ground, over its largest radius seen from above."""
+REACH = 1.6
+"""Beyond this many sizes from a body the ground knows nothing of it."""
+UNEVEN, UNEVEN_CYCLES = 1.7, 1.4
+"""How much banks and moats differ along a body, over the noise, and cells of the noise over a size."""
 BESIDE_M = 0.1
 """How far from a body the ground still tells whether it stands in it [m]."""
 TURNS = 36
 """Directions in which the width of a body is measured."""
 
 
-def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.ndarray
+def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.ndarray, seed: int = 0
                  ) -> tuple[np.ndarray, np.ndarray]:
-    """What the ground knows of all that stands near: objects by their surfaces, copies by the circles that they fill.
+    """What the ground knows of all that stands near: objects and copies, by their surfaces.
 
     Args:
         points: float64 [N, 3], of the ground.
         parts: All else; what moves leaves no trace.
         current: float64 [2]: the current's horizontal direction; zeros: it comes from everywhere alike.
+        seed: Of how uneven banks are.
 
     Returns:
-        Distance [N] from the nearest [m], infinite where nothing is near, and the height [N] that all together add [m].
+        Distance [N] from the nearest [m], infinite where nothing is near, and the height [N] that all together
+        add [m].
     """
     clear, height = np.full(len(points), np.inf), np.zeros(len(points))
     groups = [part for part in parts if isinstance(part, Instances)]
     objects = [part for part in parts if not isinstance(part, Instances | Moving)]
-    found = itertools.chain(*(_near_object(points, part) for part in objects), _near_copies(points, groups))
-    for chosen, distance, width, aside in found:
+    found = itertools.chain(*(_near_object(points, part) for part in objects),
+                            *(_near_copies(points, group) for group in groups))
+    for chosen, distance, size, aside in found:
         clear[chosen] = np.minimum(clear[chosen], distance)
-        height[chosen] += drift(distance, width, aside @ current)
+        uneven = UNEVEN * fbm(points[chosen], UNEVEN_CYCLES / size, 3, seed)
+        height[chosen] += drift(distance, size, aside @ current, uneven)
     return clear, height
 
 
-def drift(distance: np.ndarray, width: np.ndarray | float, lee: np.ndarray | float) -> np.ndarray:
+def drift(distance: np.ndarray, size: float, lee: np.ndarray | float, uneven: np.ndarray | float = 0.0) -> np.ndarray:
     """Height [N] [m] that a body adds to the ground beside it.
 
     Args:
         distance: From its surface [N] [m].
-        width: Of the body [m].
+        size: Of the body [m].
         lee: Cosine [N] of the angle between the current and the direction from the body; 0 without current.
+        uneven: How much more there is than on average, as a share.
     """
-    x = distance / width
-    bank = BANK * np.exp(-np.square(x / BANK_WIDTH)) * (0.7 + 0.3 * lee)
-    moat = MOAT * np.exp(-np.square((x - MOAT_AT) / MOAT_WIDTH)) * (0.5 - 0.5 * lee)
-    return np.where(x < REACH, width * (bank - moat), 0.0)
+    x = distance / size
+    more = np.clip(1.0 + np.asarray(uneven), 0.35, 1.9)
+    fillet = BANK * more * np.square(np.clip(1.0 - x / (BANK_WIDTH * (0.5 + 0.5 * more)), 0.0, 1.0))
+    bank = (fillet + APRON * np.exp(-np.square(x / APRON_WIDTH))) * (0.7 + 0.3 * lee)
+    moat = MOAT * (2.0 - more) * np.exp(-np.square((x - MOAT_AT) / MOAT_WIDTH)) * (0.5 - 0.5 * lee)
+    return size * (bank - moat) * (1.0 - smoothstep(0.7 * REACH, REACH, x))
+
+
+def bank_height(size: float) -> float:
+    """About how high the bank against a body of a size is [m]."""
+    return (BANK + APRON) * 0.7 * float(np.clip(size, SMALLEST_M, LARGEST_M))
 
 
 def flow_direction(velocity: tuple[float, float, float]) -> np.ndarray:
@@ -71,45 +87,66 @@ def flow_direction(velocity: tuple[float, float, float]) -> np.ndarray:
 
 
 def _near_object(points, part):
-    """Points near to an object: their numbers, distances, the object's width, and directions from its surface."""
+    """Points near to an object: their numbers, distances, the object's size, and directions from its surface."""
     low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
-    width = float(np.clip(_least_width(part.vertices[:, :2]), SMALLEST_M, LARGEST_M))
-    reach = REACH * width
+    width = least_width(part.vertices[:, :2])
+    reach = REACH * float(np.clip(width, SMALLEST_M, LARGEST_M))
     near = np.flatnonzero(((points > low - reach) & (points < high + reach)).all(axis=1))
-    if _stands(points[near], low, high):
-        distance, face = Surface(part.vertices, part.faces).nearest(points[near], reach)
-        there = np.isfinite(distance)
-        place = trimesh.triangles.closest_point(part.vertices[part.faces[face[there]]], points[near[there]])
-        yield near[there], distance[there], width, _directions(points[near[there], :2] - place[:, :2])
+    ground = _stands(points[near], low, high)
+    if ground is None:
+        return
+    size = size_of(width, high[2] - ground)
+    distance, aside = _beside(Surface(part.vertices, part.faces), points[near], REACH * size)
+    there = np.isfinite(distance)
+    yield near[there], distance[there], size, _directions(aside[there, :2])
+
+
+def size_of(width: float, height: float) -> float:
+    """What banks and moats go by [m]: the lesser of a body's width and of how far it stands out of the ground."""
+    return float(np.clip(min(width, height), SMALLEST_M, LARGEST_M))
+
+
+def _beside(surface, points, reach):
+    """Distance [N] of points from a surface, infinite beyond a reach, and the way [N, 3] to them."""
+    local = surface.local(points)
+    place, face = surface.project(local, reach)
+    way = (local - place).astype(float)
+    return np.where(face >= 0, np.linalg.norm(way, axis=1), np.inf), way
 
 
 def _stands(points, low, high):
-    """Whether a body between two corners stands in the ground: it neither hovers over it nor lies under it."""
+    """Height of the ground [m] where a body between two corners stands in it; None: it hovers, or lies under it."""
     under = ((points[:, :2] >= low[:2] - BESIDE_M) & (points[:, :2] <= high[:2] + BESIDE_M)).all(axis=1)
     height = points[under if under.any() else slice(None), 2]
-    return bool(((height >= low[2]) & (height <= high[2])).any())
+    inside = height[(height >= low[2]) & (height <= high[2])]
+    return float(np.median(inside)) if len(inside) else None
 
 
-def _least_width(places):
-    """The least extent of places [N, 2] seen from above, whichever way they are turned."""
+def least_width(places: np.ndarray) -> float:
+    """The least extent of places [N, 2] seen from above, whichever way they are turned [m]."""
     turns = np.linspace(0.0, np.pi, TURNS, endpoint=False)
-    return np.ptp(places @ np.stack([np.cos(turns), np.sin(turns)]), axis=0).min()
+    return float(np.ptp(places @ np.stack([np.cos(turns), np.sin(turns)]), axis=0).min())
 
 
-def _near_copies(points, groups):
-    """Likewise of every copy, by the circle that it fills, and directions from its middle."""
-    if not groups or not len(points):
+def _near_copies(points, group):
+    """Likewise of every copy of a mesh."""
+    if not len(points):
         return
-    tree = cKDTree(points[:, :2])
-    for group in groups:
-        foot = FOOT * np.linalg.norm(group.vertices[:, :2], axis=1).max() * group.scale
-        width, middle = np.clip(2.0 * foot, SMALLEST_M, LARGEST_M), group.T_w_o[:, :2, 3]
-        near = tree.query_ball_point(middle, foot + REACH * width, workers=-1)
-        for chosen, where, radius, wide in zip(map(np.asarray, near), middle, foot, width, strict=True):
-            if len(chosen):
-                off = points[chosen, :2] - where
-                distance = np.maximum(np.linalg.norm(off, axis=1) - radius, 0.0)
-                yield chosen.astype(int), distance, wide, _directions(off)
+    surface, scale = Surface(group.vertices, group.faces), group.scale
+    width, reach = least_width(group.vertices[:, :2]), np.linalg.norm(group.vertices, axis=1).max()
+    tree, middle = cKDTree(points[:, :2]), group.T_w_o[:, :3, 3]
+    radius = scale * (reach + REACH * np.clip(width, SMALLEST_M / scale, LARGEST_M / scale))
+    for chosen, T, s in zip(tree.query_ball_point(middle[:, :2], radius, workers=-1), group.T_w_o, scale, strict=True):
+        near = np.array(chosen, int)
+        corners = group.vertices @ T[:3, :3].T + T[:3, 3]
+        ground = _stands(points[near], corners.min(axis=0), corners.max(axis=0)) if len(near) else None
+        if ground is None:
+            continue
+        size = size_of(width * s, corners[:, 2].max() - ground)
+        own = (points[near] - T[:3, 3]) @ T[:3, :3] / s**2
+        distance, aside = _beside(surface, own, REACH * size / s)
+        there = np.isfinite(distance)
+        yield near[there], s * distance[there], size, _directions((aside[there] @ T[:3, :3].T)[:, :2])
 
 
 def _directions(vectors):

@@ -14,12 +14,14 @@ from varos_warp.scene.geometry.joining import merge_equal
 from varos_warp.scene.geometry.noise import fbm
 from varos_warp.scene.geometry.normals import UP, corner_normals
 from varos_warp.scene.geometry.parts import Shape
+from varos_warp.scene.geometry.relief.contact import Foot, beside, settled
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
 from varos_warp.scene.geometry.relief.recipes.layers import DARKEST, PALEST
 from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 from varos_warp.scene.geometry.relief.recipes.sites import Sites
 from varos_warp.scene.geometry.relief.subdivision import Lengths, refine
+from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.topology import area_normals
 
 STEEP = (0.79, 0.85)
@@ -32,6 +34,11 @@ LARGEST_FORM_M = 1.0
 """Size that the forms of a sea floor go by [m]."""
 GRAIN = 0.11
 """Deviation of the reflectance from vertex to vertex, as a share."""
+WHITE = np.ones(3)
+SHARE_OF_THICKNESS = 1.0 / 3.0
+"""Displacement inwards, at most, as a share of a part's thickness there: a third is left between both sides."""
+SKIN = 1e-4
+"""How far inside rays that measure thickness begin, as a share of the part's size: rounding stays behind them."""
 MOST_OF_RADIUS = 0.4
 """Displacement into a hollow, at most, as a share of its radius of curvature: beyond, it would cross itself."""
 
@@ -68,8 +75,8 @@ def base_of(shape: Shape) -> Base:
     return Base(vertices, faces, normals, middle)
 
 
-def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
-           ) -> dict[str, np.ndarray]:
+def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None, foot: Foot | None = None,
+           tint: np.ndarray = WHITE) -> dict[str, np.ndarray]:
     """A surface with its relief, as arrays of plain types.
 
     Args:
@@ -77,10 +84,13 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
         look: Its material; its seed is the object's own.
         wanted: The longest edges, at points about the base's middle.
         around: Of a sea floor; absent: it is an object.
+        foot: How an object stands in the ground; absent: it does not.
+        tint: Of the sediment where objects and ground meet, [3], over that of silt.
 
     Returns:
         ``vertices`` float32 [V, 3] about the base's middle, ``faces`` int32 [F, 3], ``normals`` float32 [V, 3] and
-        ``colours`` float32 [V, 3], linear reflectances.
+        ``colours`` float32 [V, 3], linear reflectances. ``held``: share of the vertices whose displacement the
+        thickness of the part bounds, and ``thinnest``, the least thickness there [m].
     """
     p, faces, edge = refine(base.vertices, base.faces, wanted, base.normals)
     normals = vertex_normals(p, faces)
@@ -93,22 +103,85 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None
     middle, spread = _spread(base)
     size = float(np.ptp(base.vertices, axis=0).max())
     sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if around is None else min(size, LARGEST_FORM_M),
-                  height=x[:, 2] - x[:, 2].min() if around is None else np.zeros(len(x)),
+                  height=_heights(x, foot) if around is None else np.zeros(len(x)),
                   clear=clear, middle=middle, spread=spread,
                   sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
     surfaces = _blended(sites, look)
+    room = Room(base, x, faces, normals) if around is None else None
     for step in ("coarse", "fine"):
         h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
-        x = x + (_bounded(h, x, normals, faces))[:, None] * normals
+        h = _bounded(h, x, normals, faces)
+        h = h if room is None else room.bounded(h)
+        x = x + h[:, None] * normals
         normals = vertex_normals(x, faces)
         sites = replace(sites, n=normals)
     shape = shape_of(x, faces, normals, sites.edge)
     coats = [(share, *recipe.colour(sites, shape, look)) for recipe, share in surfaces]
     colour = sum(share[:, None] * coat for share, coat, _ in coats)
+    pattern = sites.patterns(look.seed)
+    if foot is not None:
+        colour = settled(colour, foot.covers(x, pattern), pattern, tint)
+    elif around is not None and np.isfinite(clear).any():
+        colour = settled(colour, beside(clear, pattern), pattern, tint)
     colour = np.clip(colour * _grain(len(x), look.seed)[:, None], DARKEST, PALEST)
     x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
     return {"vertices": x.astype(np.float32), "faces": faces, "normals": vertex_normals(x, faces).astype(np.float32),
-            "colours": colour.astype(np.float32)}
+            "colours": colour.astype(np.float32), "held": np.array(room.held if room else 0.0),
+            "thinnest": np.array(room.thinnest if room else np.inf)}
+
+
+class Room:
+    """How far a part may be displaced inwards: by a third of its thickness there, so that it does not cross itself.
+
+    Rays inwards measure it; where no displacement comes near to a third of the least thickness, from few places.
+    """
+
+    def __init__(self, base: Base, x: np.ndarray, faces: np.ndarray, normals: np.ndarray):
+        self._x, self._faces, self._normals = x, faces, normals
+        self._moved = np.zeros(len(x))
+        self._room: np.ndarray | None = None
+        self._least = SHARE_OF_THICKNESS * self._rough(base)
+        self.held, self.thinnest = 0.0, np.inf
+
+    @staticmethod
+    def _rough(base):
+        """The least thickness below the middles of the base's faces [m]."""
+        inwards = -area_normals(base.vertices, base.faces)
+        size = np.linalg.norm(inwards, axis=1)
+        whole = size > 0.0
+        inwards = inwards[whole] / size[whole, None]
+        middles = base.vertices[base.faces[whole]].mean(axis=1)
+        return _thickness(Surface(base.vertices, base.faces), middles, inwards).min(initial=np.inf)
+
+    def bounded(self, h: np.ndarray) -> np.ndarray:
+        """Displacements [V] of a step [m], less far inwards where there is no room."""
+        after = self._moved + h
+        if after.min(initial=0.0) < -self._least:
+            if self._room is None:
+                surface = Surface(self._x, self._faces)
+                self._room = SHARE_OF_THICKNESS * _thickness(surface, self._x, -self._normals)
+            held = after < -self._room
+            if held.any():
+                self.held = max(self.held, float(held.mean()))
+                self.thinnest = min(self.thinnest, float(self._room[held].min()) / SHARE_OF_THICKNESS)
+            after = np.maximum(after, -self._room)
+        h = after - self._moved
+        self._moved = after
+        return h
+
+
+def _thickness(surface, points, inwards):
+    """Distance [N] from points on a surface to its other side [m]; infinite where rays meet none."""
+    skin = SKIN * float(np.ptp(surface.vertices, axis=0).max())
+    return skin + surface.distances(points + skin * inwards, inwards)
+
+
+def _heights(x, foot):
+    """Heights [V] over the ground, or over the lowest place where a thing does not stand in any."""
+    if foot is None:
+        return x[:, 2] - x[:, 2].min()
+    height = foot.height(x)
+    return np.where(np.isfinite(height), height, x[:, 2] - x[:, 2].min())
 
 
 def _spread(base):

@@ -79,7 +79,7 @@ class Rock:
             stone = mix(stone, _crust_tone(pattern), 0.75 * _crusts(pattern, shape) * min(1.0, 2.0 * look.film))
         if look.paint is not None:
             stone = stone * (np.asarray(look.paint) / np.mean([PALE, DARK], axis=0))
-        return covered(stone, sites, shape, look, hold=0.84)
+        return covered(stone, sites, shape, look, hold=0.74)
 
 
 def _bent(sites: Sites, look: Look) -> Patterns:

@@ -1,0 +1,94 @@
+"""Where things meet the ground: how high they stand over it, and the fine sediment that lies against their foot.
+
+The bank of the ground and the foot of the thing are of one tone, which thins out on both, so that no line of colour is
+left where they meet.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from varos_warp.scene.geometry.noise import Patterns
+from varos_warp.scene.geometry.parts import Instances, Moving, Part
+from varos_warp.scene.geometry.relief.drifts import bank_height, least_width, size_of
+from varos_warp.scene.geometry.relief.recipes.blending import mix, smoothstep
+from varos_warp.scene.geometry.relief.recipes.layers import SILT, SILT_DARK
+from varos_warp.scene.geometry.surface import Surface
+
+TONE = 0.82
+"""Reflectance of what lies at a foot over that of silt: sand is mixed into it."""
+THIN, THINNEST_M, WIDEST_M = 0.22, 0.015, 0.09
+"""Height over the bank by which the sediment on a body has thinned out, over the body's size, and its bounds [m]."""
+BESIDE_M = 0.16
+"""How far from a body the ground has its tone [m]."""
+SALT = 950
+"""Of the noise of these layers."""
+
+Height = Callable[[np.ndarray], np.ndarray]
+"""Height [N] over the ground [m] of points [N, 3]; infinite where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Foot:
+    """How a thing stands in the ground."""
+
+    height: Height
+    """Over the ground before its relief, of points about the middle of the thing's base."""
+    size: float
+    """What the bank against it goes by [m]."""
+
+    def covers(self, points: np.ndarray, pattern: Patterns) -> np.ndarray:
+        """How much of the surface is under sediment, [N]: all below the bank's top, then less; ragged."""
+        bank, thin = bank_height(self.size), float(np.clip(THIN * self.size, THINNEST_M, WIDEST_M))
+        over = self.height(points) - bank * (0.85 + 1.1 * pattern.fbm(1.4 / self.size, 3, SALT))
+        return 1.0 - smoothstep(-0.4 * thin, thin, over + thin * (1.6 * pattern.fbm(30.0, 4, SALT + 1)))
+
+
+def foot_of(part: Part | Instances, ground: Surface | None, middle: np.ndarray) -> Foot | None:
+    """How a part stands in the ground; None: it does not, or there is none, or it moves.
+
+    Copies of one mesh share what lies on it, by the mean of where they stand.
+    """
+    if ground is None or isinstance(part, Moving):
+        return None
+    top, width = part.vertices[:, 2].max(), least_width(part.vertices[:, :2])
+    if isinstance(part, Instances):
+        level = _ground_under(ground, part.T_w_o[:, :3, 3])
+        level = ((level - part.T_w_o[:, 2, 3]) / part.scale)[np.isfinite(level)]
+        if not len(level):
+            return None
+        mean = float(level.mean())
+        return _foot(part, mean, top, width, lambda points: points[:, 2] + middle[2] - mean)
+    under = _ground_under(ground, part.vertices)
+    if not np.isfinite(under).any():
+        return None
+    gap = part.vertices[:, 2] - under
+    level = float(np.median(under[np.argsort(np.where(np.isfinite(gap), np.abs(gap), np.inf))[:20]]))
+    return _foot(part, level, top, width,
+                 lambda points: points[:, 2] + middle[2] - _ground_under(ground, points + middle))
+
+
+def _foot(part, level, top, width, height):
+    """A foot, if the part stands in ground of a level."""
+    stands = part.vertices[:, 2].min() <= level <= top
+    return Foot(height, size_of(width, top - level)) if stands else None
+
+
+def _ground_under(ground, points):
+    """Height [N] of the highest ground under or over points [N, 3]; -inf beside it."""
+    from_above = np.column_stack([points[:, :2], np.full(len(points), ground.vertices[:, 2].max() + 1.0)])
+    return from_above[:, 2] - ground.distances(from_above, np.broadcast_to([0.0, 0.0, -1.0], from_above.shape))
+
+
+def beside(clear: np.ndarray, pattern: Patterns) -> np.ndarray:
+    """How much of the ground has the tone of what lies at a foot, [N], by the distance from the nearest body."""
+    near = np.minimum(clear, 2.0 * BESIDE_M)
+    return 1.0 - smoothstep(0.15 * BESIDE_M, BESIDE_M, near + BESIDE_M * (0.9 * pattern.fbm(7.0, 4, SALT + 2)))
+
+
+def settled(colour: np.ndarray, cover: np.ndarray, pattern: Patterns, tint: np.ndarray) -> np.ndarray:
+    """Colours [N, 3] under fine sediment that covers so much [N]; its tint [3] is that of the ground."""
+    tone = mix(SILT_DARK, SILT, smoothstep(-0.4, 0.4, pattern.fbm(5.0, 4, SALT + 3)))
+    tone = TONE * tint * tone * (1.0 + 0.5 * pattern.fbm(60.0, 3, SALT + 4))[:, None]
+    return mix(colour, tone, 0.92 * cover)
