@@ -1,4 +1,4 @@
-"""Structures made from their measures: a piece of a ship's hull, a mooring chain, a quay wall, a panel for ROVs."""
+"""Structures from their measures: a piece of a ship's hull, a mooring chain, a quay wall, a panel for ROVs, an ROV."""
 
 from typing import Annotated, Literal
 
@@ -10,6 +10,7 @@ from varos_warp.scene.description.placed import Measure, Parametric
 HullPiece = Literal["plating", "stiffeners", "bilge_keel", "marks"]
 QuayPiece = Literal["piles", "coping", "fenders", "ladder"]
 PanelPiece = Literal["panel", "receptacles", "stems", "handles", "marks"]
+RovPiece = Literal["foam", "frame", "housings", "lamps", "thrusters"]
 FITTINGS_LIMIT = 400
 """Fittings on a panel."""
 
@@ -186,3 +187,22 @@ class WellheadPanel(Parametric):
             if size < needed * count:
                 raise ValueError(f"{key}: {count} fittings need {needed:g} m each, {needed * count:g} m in all")
         return self
+
+
+class Rov(Parametric):
+    """An inspection ROV in axes of a vehicle: x right, y forward, z up, its middle at the origin; as a ``body``."""
+
+    kind: Literal["rov"]
+    length_m: Annotated[float, Field(ge=0.3, le=5.0)] = 0.75
+    """Along its own y axis, without lamps [m]."""
+    width_m: Annotated[float, Field(ge=0.25, le=5.0)] = 0.55
+    """Along its own x axis, without lamps [m]."""
+    height_m: Annotated[float, Field(ge=0.2, le=5.0)] = 0.42
+    """Along its own z axis [m]."""
+    lamps: Annotated[list[Position], Field(max_length=16)] = [(-0.2, 0.45, 0.05), (0.2, 0.45, 0.05)]
+    """Middles of the front panes of its lamps, which look along +y, in its axes [m]; a light of the vehicle shines from
+    a few centimetres before each, so that no housing shades it."""
+    lamp_radius_m: Annotated[float, Field(ge=0.01, le=0.5)] = 0.045
+    """Radius of a lamp's housing [m]."""
+    only: Annotated[list[RovPiece], Field(min_length=1)] | None = Field(default=None, examples=[["foam"]])
+    """Which pieces are made: foam, frame, housings, lamps, thrusters. Absent: all."""

@@ -16,7 +16,7 @@ from varos_warp.scene.block import (
     unwritten_if_absent,
 )
 from varos_warp.scene.description.placed import Measure, Movable, Parametric, Placed
-from varos_warp.scene.description.structures import HullSection, MooringChain, QuayWall, WellheadPanel
+from varos_warp.scene.description.structures import HullSection, MooringChain, QuayWall, Rov, WellheadPanel
 from varos_warp.scene.description.surfaces import Layered
 
 # ---------------------------------------------------------------------------------------------------------- geometry
@@ -274,7 +274,7 @@ class CalibrationBoard(Movable):
 
 
 ParametricObject = (Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder | HullSection | MooringChain
-                    | QuayWall | WellheadPanel)
+                    | QuayWall | WellheadPanel | Rov)
 Object = Annotated[MeshObject | ParametricObject | CalibrationBoard, Field(discriminator="kind"),
                    kind_by_default("mesh")]
 

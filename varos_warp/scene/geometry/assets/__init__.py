@@ -13,6 +13,7 @@ from varos_warp.scene.geometry.assets.structures.chain import mooring_chain
 from varos_warp.scene.geometry.assets.structures.hull import hull_section
 from varos_warp.scene.geometry.assets.structures.panel import BUCKET, wellhead_panel
 from varos_warp.scene.geometry.assets.structures.quay import quay_wall
+from varos_warp.scene.geometry.assets.structures.rov import rov
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.topology import area_normals
 
@@ -33,10 +34,11 @@ _MAKERS: dict = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, wor
            world.Bolt: bolt, world.Nut: nut, world.Valve: valve, world.Boulder: boulder}
 _RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
                 world.MooringChain: lambda block: 0.5 * block.link_m,
-                world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET}
+                world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET,
+                world.Rov: lambda block: block.lamp_radius_m}
 """What stands for the radius of an object that has none, for its chord error [m]."""
 _STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
-                     world.WellheadPanel: wellhead_panel}
+                     world.WellheadPanel: wellhead_panel, world.Rov: rov}
 
 
 def make_asset(block: world.ParametricObject, key: str = "object", *,

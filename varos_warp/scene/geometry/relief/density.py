@@ -32,6 +32,9 @@ STEP_M, STEP_RAD = 0.1, 0.1
 MOST_POSES = 2000
 ASIDE_M, ASIDE_RAD = 0.15, 0.2
 """How far from its course a vehicle may be, or turned from it: it takes curves where the course has corners."""
+FASTER, AHEAD_M = 1.25, 0.5
+"""How much faster than asked a vehicle may be, and how much farther along its course [m]: where ``duration_s`` ends a
+sequence, what comes after it is not seen."""
 UNSEEN = 8.0
 """Where no camera looks, surfaces are as coarse as if they were this many times as far away."""
 WITHOUT_CAMERA = 1e-3
@@ -139,6 +142,13 @@ def _steps(poses):
     return np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
 
 
+def _longest_way(trajectory):
+    """How far along its course a vehicle may come within the sequence [m]."""
+    if trajectory.duration_s is None or trajectory.is_exact:
+        return np.inf
+    return FASTER * trajectory.speed * trajectory.duration_s + AHEAD_M
+
+
 def _poses(trajectory):
     """Poses [N, 4, 4] along a course that is found, close enough to each other."""
     used = used_stops(trajectory)
@@ -149,6 +159,7 @@ def _poses(trajectory):
     wide = (turn[:-1].inv() * turn[1:]).magnitude()
     steps = np.maximum(np.ceil(np.maximum(far / STEP_M, wide / STEP_RAD)), 1.0)
     way = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, way[-1], min(int(way[-1]), MOST_POSES - 1) + 1)
+    end = np.interp(_longest_way(trajectory), np.concatenate([[0.0], np.cumsum(far)]), way)
+    at = np.linspace(0.0, end, min(int(np.ceil(end)), MOST_POSES - 1) + 1)
     along = np.column_stack([np.interp(at, way, place[:, axis]) for axis in range(3)])
     return transform(Slerp(way, Rotation.concatenate([turn]))(at).as_matrix(), along)

@@ -68,7 +68,7 @@ class Rock:
         beds, thin = _beds(bent, _bedding(look.seed), _thickness(size), 20), _thin_beds(sites, look)
         joint = _joints(sites, bent)[2]
         stone = mix(DARK, PALE, smoothstep(-0.35, 0.35, bent.fbm(1.6 / size, 4, 80)))
-        stone = stone * (0.78 + 0.44 * beds.tone)[:, None]
+        stone = stone * (0.78 + 0.44 * beds.tone)[:, None] * _family(look.seed)
         stone = stone * (1.0 + 0.4 * (thin.tone - 0.5) * _laminated(sites, look))[:, None]
         stone = mix(stone, np.asarray(IRON) * (0.6 + 0.6 * beds.tone)[:, None],
                     0.55 * patches(bent.fbm(4.0 / size, 5, 81), 0.22, 0.12))
@@ -80,6 +80,12 @@ class Rock:
         if look.paint is not None:
             stone = stone * (np.asarray(look.paint) / np.mean([PALE, DARK], axis=0))
         return covered(stone, sites, shape, look, hold=0.74)
+
+
+def _family(seed: int) -> np.ndarray:
+    """Factors [3] of the reflectance of one stone: those of a place differ in tone, and a little in hue."""
+    tone, warm = np.random.default_rng([seed, 9]).uniform(-1.0, 1.0, 2)
+    return np.exp(0.38 * tone) * np.array([1.0 + 0.10 * warm, 1.0, 1.0 - 0.12 * warm])
 
 
 def _bent(sites: Sites, look: Look) -> Patterns:
