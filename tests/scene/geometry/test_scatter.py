@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
+from scipy.stats import kstest
 
 from varos_warp.errors import InputError
 from varos_warp.scene.checks import check_scene
@@ -8,6 +9,7 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_instances, build_parts, build_single_parts
 from varos_warp.scene.geometry.parts import Instances
 from varos_warp.scene.geometry.query import heights_at
+from varos_warp.scene.geometry.scatter import _scales
 from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.terrain import write_ply
 from varos_warp.scene.info import scene_info
@@ -237,3 +239,56 @@ def test_info_counts_the_copies_of_a_block_together():
     assert rows[1]["triangles"] == 20 * len(parts[1].faces)
     low, high = rows[1]["bounds_m"]
     assert -10.2 < low[0] < high[0] < 10.2
+
+
+STONES = {"materials": {"stone": {"kind": "layered", "relief": "rock"}}}
+
+
+def shares(**block):
+    """How much of the height of each copy lies under the ground, which is flat at 0."""
+    rock = {**ROCK, "material": "stone"}
+    groups = scattered({"object": rock, "count": 60, "scale_range": [0.5, 2.0], **block}, terrain=FLAT, **STONES)
+    lowest, height = (np.concatenate([[measure(part.vertices[:, 2]) for part in group.parts()] for group in groups])
+                      for measure in (np.min, np.ptp))
+    level = build_single_parts(scene(terrain=FLAT))[0].vertices[:, 2].max()
+    return (level - lowest) / height
+
+
+def test_stones_are_let_into_the_ground_by_a_tenth_to_a_half():
+    for more in ({}, {"shapes": 4}, {"buried": [0.1, 0.5]}):
+        share = shares(**more)
+        assert share.min() > 0.1 - 1e-9
+        assert share.max() < 0.5 + 1e-9
+        assert np.ptp(share) > 0.3
+
+
+def test_how_deep_is_as_the_block_says():
+    assert shares(buried=[0.3, 0.3]) == pytest.approx(0.3)
+    assert shares(buried=[0.0, 0.0]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_more_copies_leave_the_first_as_deep_as_they_were():
+    few, many = (scattered({"object": ROCK, "count": n, "buried": [0.1, 0.5]})[0] for n in (20, 40))
+    np.testing.assert_array_equal(few.T_w_o, many.T_w_o[:20])
+
+
+def test_a_range_that_begins_above_its_end_is_refused():
+    with pytest.raises(InputError, match=r"buried: \[0\.5, 0\.1\] begins above its end"):
+        scene({"object": ROCK, "count": 1, "buried": [0.5, 0.1]})
+
+
+@pytest.mark.parametrize("exponent", [0.0, 2.0])
+def test_scales_follow_the_power_law(exponent):
+    """Kolmogorov-Smirnov against N(>s) ~ s^-exponent within the range; of exponent 0, as it goes to it."""
+    u = np.random.default_rng(1).random(20_000)
+    block = scene({"object": ROCK, "count": 1, "scale_range": [0.2, 2.0], "size_exponent": exponent}).scatter[0]
+    scales = _scales(block, u)
+
+    def share_below(s):
+        if exponent == 0.0:
+            return np.log(s / 0.2) / np.log(10.0)
+        return (0.2**-exponent - s**-exponent) / (0.2**-exponent - 2.0**-exponent)
+
+    assert scales.min() >= 0.2
+    assert scales.max() <= 2.0
+    assert kstest(scales, share_below).pvalue > 0.01

@@ -24,6 +24,7 @@ STRUCTURES = {
     "hanging chain": {"kind": "mooring_chain", "links": 5, "sag_m": 0.4},
     "quay": {"kind": "quay_wall", "length_m": 4.8},
     "panel": {"kind": "wellhead_panel", "fittings": [["bucket", "t_bar"], ["valve_stem", "hot_stab"]]},
+    "rov": {"kind": "rov", "lamps": [[-0.33, 0.38, 0.0], [0.2, 0.45, 0.05]]},
 }
 SMOOTH_HULL = {"kind": "hull_section", "only": ["plating"], "dent_m": 0, "seam_m": 0}
 
@@ -222,3 +223,26 @@ def test_colours_are_reflectances_of_faces():
     assert colours.dtype == np.float32
     assert 0.0 < colours.min() < colours.max() <= 0.5
     assert make_coloured(block_of({"kind": "nut", "size": "M24"}))[2] is None
+
+
+# ------------------------------------------------------------------------------------------------------------------ rov
+
+
+def test_nothing_of_an_rov_is_before_its_lamps_in_their_cones():
+    """A light 4 cm before each pane, a cone of 90 degrees: no ray of it meets the body."""
+    lamps = np.array([(-0.33, 0.38, 0.0), (0.33, 0.38, 0.0)])
+    mesh = make({"kind": "rov", "lamps": lamps.tolist()})
+    surface = Surface(np.array(mesh.vertices), np.array(mesh.faces, np.int32))
+    turn, off = (a.ravel() for a in np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 24), np.radians([5.0, 25.0, 45.0])))
+    rays = np.column_stack([np.sin(off) * np.cos(turn), np.cos(off), np.sin(off) * np.sin(turn)])
+    for lamp in lamps:
+        start = np.broadcast_to(lamp + [0.0, 0.04, 0.0], rays.shape)
+        assert np.isinf(surface.distances(start, rays)).all()
+
+
+def test_panes_of_an_rov_lie_where_its_lamps_are_said_to():
+    lamps = [(-0.33, 0.38, 0.0)]
+    mesh = make({"kind": "rov", "lamps": lamps, "only": ["lamps"]})
+    surface = Surface(np.array(mesh.vertices), np.array(mesh.faces, np.int32))
+    t = surface.distances(np.array([[-0.33, 1.38, 0.0]]), np.array([[0.0, -1.0, 0.0]]))
+    assert t == pytest.approx([1.0], abs=1e-9)

@@ -180,6 +180,11 @@ def test_thinning_is_that_of_one_after_the_other():
     assert set(np.flatnonzero(apart(points, size, 0.8, priority.astype(np.uint64)))) == set(kept)
 
 
+def test_a_block_that_asks_for_none_is_told_so():
+    with pytest.warns(UserWarning, match=r"growth\.0: no barnacle is placed: its per_m2 is 0"):
+        assert grown({"on": ["terrain"], "kind": "barnacle", "per_m2": 0}) == []
+
+
 def test_what_is_smaller_than_one_and_a_half_pixels_is_left_out_and_told():
     """A pixel is 1/160 wide at a metre: 2 cm from the nearest of the hills, which is over 2 m away."""
     with pytest.warns(UserWarning, match=r"growth\.0: no barnacle is placed: all of about \d+ would be smaller"):

@@ -101,3 +101,23 @@ def test_meshes_without_an_outside_are_warned_of(tmp_path, faces, words):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n" + faces)
     parts = build_parts(scene(objects=[{"file": str(tmp_path / "a.obj"), "position": [0, 3, 0], "material": "rock"}]))
     assert any(words in doubt for doubt in parts[1].doubts)
+
+
+def test_a_part_too_thin_for_its_form_is_told_by_name(tmp_path):
+    box = "".join(f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 0.02))
+    faces = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+    (tmp_path / "slab.obj").write_text(box + faces)
+    slab = {"file": str(tmp_path / "slab.obj"), "position": [-0.5, 2.5, 3], "material": "rock"}
+    parts = build_parts(scene(objects=[slab, {**STONE, "position": [3, 3, 0]}]))
+    assert any("20 mm thin" in doubt for doubt in parts[1].doubts)
+    assert not any("thin" in doubt for doubt in parts[2].doubts)
+
+
+def test_steep_on_the_material_of_an_object_is_refused_with_its_key():
+    with pytest.raises(ValueError, match=r"materials\.rock\.steep: .*objects\.0 has this material"):
+        scene(objects=[STONE], materials={"rock": {"kind": "layered", "relief": "sand", "steep": "rock"}})
+
+
+def test_steep_on_the_material_of_the_ground_is_not():
+    ground = {"kind": "procedural", "size_m": 10, "resolution": 21, "material": "sand"}
+    scene(terrain=ground, materials={"sand": {"kind": "layered", "relief": "sand", "steep": "rock"}})

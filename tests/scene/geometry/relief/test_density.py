@@ -7,7 +7,9 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.geometry.procedural import generate_terrain
 from varos_warp.scene.geometry.relief.budget import factor_for, rough
 from varos_warp.scene.geometry.relief.density import (
+    AHEAD_M,
     ASIDE_M,
+    FASTER,
     NEAREST_M,
     STEP_M,
     UNSEEN,
@@ -128,3 +130,19 @@ def test_a_ball_is_seen_where_some_of_it_is():
     seen, middle = footprint(scene(), []), np.array([[12.0, 0, 0]])
     assert seen.distance(middle)[0] > 10.0
     below(seen.distance(middle, radius=1.5), np.array([np.hypot(2, 2) - 1.5]))
+
+
+def test_what_lies_beyond_the_sequence_is_not_seen():
+    """At 0.5 m/s for 4 s a vehicle comes 2 m far on its way of 10 m; without an end of the sequence all the way."""
+    course = {"waypoints": [{"position": [0, 0, 2]}, {"position": [10, 0, 2]}], "speed": 0.5}
+    far = np.array([[9.0, 0.0, 0.0]])
+    short = footprint(scene(trajectory={**course, "duration_s": 4.0}), [])
+    below(footprint(scene(trajectory=course), []).distance(far), [2.0])
+    assert short.eyes[:, 0].max() == pytest.approx(FASTER * 2.0 + AHEAD_M)
+    assert short.distance(far)[0] > 10.0
+
+
+def test_poses_have_times_and_count_all():
+    poses = [{"position": [0, 0, 2]}, {"position": [10, 0, 2], "time_s": 5}]
+    seen = footprint(scene(trajectory={"poses": poses, "duration_s": 1.0}), [])
+    assert seen.eyes[:, 0].max() == 10.0

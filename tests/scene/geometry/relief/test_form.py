@@ -114,3 +114,35 @@ def test_sharp_edges_stay_where_they_are_and_smooth_ones_are_rounded():
     part = Part("objects.0", np.array(ball.vertices), np.array(ball.faces, np.int32), Diffuse(), smooth_shading=True)
     base = form.base_of(part)
     assert np.einsum("ij,ij->i", base.normals, base.vertices) == pytest.approx(1.0, abs=1e-3)
+
+
+class Inwards(Waves):
+    """Everything 10 cm inwards."""
+
+    def coarse(self, sites, look):
+        return np.full(len(sites.p), -0.1)
+
+
+def slab(thickness):
+    box = trimesh.creation.box((1.0, 1.0, thickness))
+    return Part("objects.0", np.array(box.vertices), np.array(box.faces, np.int32), Diffuse())
+
+
+def test_a_thin_slab_keeps_a_third_of_its_thickness(monkeypatch):
+    """From both sides the form takes a third of 5 cm at most."""
+    monkeypatch.setitem(form.RECIPES, "rock", Inwards())
+    mesh = made(slab(0.05), 0.05)
+    v = mesh["vertices"].astype(float)
+    inside = np.abs(v[:, :2]).max(axis=1) < 0.3
+    assert np.abs(v[inside, 2]) == pytest.approx(0.05 / 6.0, abs=1e-5)
+    assert mesh["held"] > 0.5
+    assert mesh["thinnest"] == pytest.approx(0.05, rel=1e-3)
+
+
+def test_a_thick_slab_is_moved_as_far_as_its_recipe_says(monkeypatch):
+    monkeypatch.setitem(form.RECIPES, "rock", Inwards())
+    mesh = made(slab(0.5), 0.05)
+    v = mesh["vertices"].astype(float)
+    inside = np.abs(v[:, :2]).max(axis=1) < 0.3
+    assert np.abs(v[inside, 2]) == pytest.approx(0.15, abs=1e-6)
+    assert mesh["held"] == 0.0

@@ -135,12 +135,13 @@ def _formed(scene, part, parts, base, pixels, seen, factor):
     depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
                   "look": look.model_dump(mode="json"), "cameras": seen.digest, "code": _code(),
                   "places": _places_of(scene, part), "tint": tint.tolist(),
-                  "stands": ground and [digest(ground.vertices, ground.faces), *map(digest, _standing(part)[2:])],
+                  "stands": ground and [bool(scene.terrain.around_objects), digest(*_standing(ground))],
                   "ground": around and [digest(*_standing(other)) for other in others],
                   "around": around and bool(scene.terrain.around_objects) and list(scene.current.velocity)}
 
     def build():
-        foot = foot_of(part, ground and Surface(ground.vertices, ground.faces), base.middle)
+        foot = foot_of(part, ground and Surface(ground.vertices, ground.faces), base.middle,
+                       bool(ground and scene.terrain.around_objects), scene.seed)
         return formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around, foot,
                       tint)
 

@@ -5,13 +5,13 @@ left where they meet.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from varos_warp.scene.geometry.noise import Patterns
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
-from varos_warp.scene.geometry.relief.drifts import bank_height, least_width, size_of
+from varos_warp.scene.geometry.relief.drifts import drift, least_width, size_of, unevenness
 from varos_warp.scene.geometry.relief.recipes.blending import mix, smoothstep
 from varos_warp.scene.geometry.relief.recipes.layers import SILT, SILT_DARK
 from varos_warp.scene.geometry.surface import Surface
@@ -29,6 +29,10 @@ Height = Callable[[np.ndarray], np.ndarray]
 """Height [N] over the ground [m] of points [N, 3]; infinite where there is none."""
 
 
+def _no_bank(points):
+    return np.zeros(len(points))
+
+
 @dataclass(frozen=True, eq=False)
 class Foot:
     """How a thing stands in the ground."""
@@ -37,42 +41,48 @@ class Foot:
     """Over the ground before its relief, of points about the middle of the thing's base."""
     size: float
     """What the bank against it goes by [m]."""
+    bank: Height = field(default=_no_bank)
+    """How high the bank is at the places [N, 3]."""
 
     def covers(self, points: np.ndarray, pattern: Patterns) -> np.ndarray:
         """How much of the surface is under sediment, [N]: all below the bank's top, then less; ragged."""
-        bank, thin = bank_height(self.size), float(np.clip(THIN * self.size, THINNEST_M, WIDEST_M))
-        over = self.height(points) - bank * (0.85 + 1.1 * pattern.fbm(1.4 / self.size, 3, SALT))
-        return 1.0 - smoothstep(-0.4 * thin, thin, over + thin * (1.6 * pattern.fbm(30.0, 4, SALT + 1)))
+        thin = float(np.clip(THIN * self.size, THINNEST_M, WIDEST_M))
+        ragged = 1.3 * pattern.fbm(30.0, 4, SALT + 1) - 0.5
+        return 1.0 - smoothstep(0.0, thin, self.height(points) - self.bank(points) + thin * ragged)
 
 
-def foot_of(part: Part | Instances, ground: Surface | None, middle: np.ndarray) -> Foot | None:
+def foot_of(part: Part | Instances, ground: Surface | None, middle: np.ndarray, banked: bool, seed: int = 0
+            ) -> Foot | None:
     """How a part stands in the ground; None: it does not, or there is none, or it moves.
 
     Copies of one mesh share what lies on it, by the mean of where they stand.
+
+    Args:
+        part: What stands there.
+        ground: The terrain before its relief.
+        middle: Of the part's base: points are about it.
+        banked: Whether the ground banks up against what stands in it.
+        seed: As of `surroundings`.
     """
     if ground is None or isinstance(part, Moving):
         return None
-    top, width = part.vertices[:, 2].max(), least_width(part.vertices[:, :2])
     if isinstance(part, Instances):
-        level = _ground_under(ground, part.T_w_o[:, :3, 3])
-        level = ((level - part.T_w_o[:, 2, 3]) / part.scale)[np.isfinite(level)]
-        if not len(level):
-            return None
-        mean = float(level.mean())
-        return _foot(part, mean, top, width, lambda points: points[:, 2] + middle[2] - mean)
-    under = _ground_under(ground, part.vertices)
-    if not np.isfinite(under).any():
+        level = (_ground_under(ground, part.T_w_o[:, :3, 3]) - part.T_w_o[:, 2, 3]) / part.scale
+        level = float(level[np.isfinite(level)].mean()) if np.isfinite(level).any() else np.inf
+
+        def height(points):
+            return points[:, 2] + middle[2] - level
+    else:
+        under = _ground_under(ground, part.vertices)
+        level = float(under[np.argmin(np.abs(part.vertices[:, 2] - under))])
+
+        def height(points):
+            return points[:, 2] + middle[2] - _ground_under(ground, points + middle)
+    top = part.vertices[:, 2].max()
+    if not part.vertices[:, 2].min() <= level <= top:
         return None
-    gap = part.vertices[:, 2] - under
-    level = float(np.median(under[np.argsort(np.where(np.isfinite(gap), np.abs(gap), np.inf))[:20]]))
-    return _foot(part, level, top, width,
-                 lambda points: points[:, 2] + middle[2] - _ground_under(ground, points + middle))
-
-
-def _foot(part, level, top, width, height):
-    """A foot, if the part stands in ground of a level."""
-    stands = part.vertices[:, 2].min() <= level <= top
-    return Foot(height, size_of(width, top - level)) if stands else None
+    size = size_of(least_width(part.vertices[:, :2]), top - level)
+    return Foot(height, size, lambda points: banked * drift(0.0, size, 0.0, unevenness(points + middle, size, seed)))
 
 
 def _ground_under(ground, points):

@@ -54,8 +54,7 @@ def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.
                             *(_near_copies(points, group) for group in groups))
     for chosen, distance, size, aside in found:
         clear[chosen] = np.minimum(clear[chosen], distance)
-        uneven = UNEVEN * fbm(points[chosen], UNEVEN_CYCLES / size, 3, seed)
-        height[chosen] += drift(distance, size, aside @ current, uneven)
+        height[chosen] += drift(distance, size, aside @ current, unevenness(points[chosen], size, seed))
     return clear, height
 
 
@@ -76,9 +75,9 @@ def drift(distance: np.ndarray, size: float, lee: np.ndarray | float, uneven: np
     return size * (bank - moat) * (1.0 - smoothstep(0.7 * REACH, REACH, x))
 
 
-def bank_height(size: float) -> float:
-    """About how high the bank against a body of a size is [m]."""
-    return (BANK + APRON) * 0.7 * float(np.clip(size, SMALLEST_M, LARGEST_M))
+def unevenness(points: np.ndarray, size: float, seed: int) -> np.ndarray:
+    """How much more sediment than on average there is at points [N, 3] by a body of a size, as a share, [N]."""
+    return UNEVEN * fbm(points, UNEVEN_CYCLES / size, 3, seed)
 
 
 def flow_direction(velocity: tuple[float, float, float]) -> np.ndarray:

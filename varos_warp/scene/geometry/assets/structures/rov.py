@@ -4,7 +4,7 @@ import numpy as np
 
 from varos_warp.scene.description.structures import Rov
 from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, lathe, rounded
-from varos_warp.scene.geometry.assets.slabs import box, circle, rectangle, slab
+from varos_warp.scene.geometry.assets.slabs import box, rectangle, slab
 from varos_warp.scene.geometry.assets.structures.pieces import ALONG_X, Mesh, Piece, chosen, placed
 
 YELLOW, BLACK, GREY, BARE = (0.36, 0.23, 0.02), (0.035, 0.035, 0.037), (0.14, 0.145, 0.15), (0.26, 0.26, 0.25)
