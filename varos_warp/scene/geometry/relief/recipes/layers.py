@@ -93,7 +93,7 @@ def _filmed(colour, tones, shape, film):
         return colour
     edge = np.clip(3.0 * shape.convexity, 0.0, 1.0)
     hung = drawn(tones, shape)
-    dense = (1.0 + 0.9 * tones.broad + 0.8 * hung + 0.3 * tones.fine + 0.10 * shape.up + 0.25 * shape.hollow
+    dense = (1.0 + 0.9 * tones.broad + 0.5 * hung + 0.3 * tones.fine + 0.10 * shape.up + 0.25 * shape.hollow
              - 0.35 * edge)
     own = FILM * (1.0 + 0.35 * hung + 0.6 * tones.fine - 0.25 * tones.broad)[:, None]
     return mix(colour, own, np.clip(0.85 * film * dense, 0.0, 0.93))
@@ -137,7 +137,7 @@ def silted(colour: np.ndarray, tones: Tones, sites: Sites, shape: Shape, silt: f
     # silt that waves have thrown up lies at the foot of things, thinner upwards
     foot = smoothstep(0.22, 0.0, sites.height + 0.16 * tones.middle + 0.08 * tones.broad) * smoothstep(-0.5, 0.4, lies)
     cover = np.maximum(cover, 0.7 * min(1.0, 2.0 * silt) * foot)
-    dust = 0.5 * silt * smoothstep(-0.5, 0.8, shape.up + 0.6 * drawn(tones, shape) + 0.4 * tones.broad)
+    dust = 0.5 * silt * smoothstep(-0.5, 0.8, shape.up + 0.4 * drawn(tones, shape) + 0.4 * tones.broad)
     relief = np.clip(shape.convexity, -0.3, 0.3)  # grains and edges stand out of it
     share = height_blend([1.0 - cover, cover], [relief, 0.3 * tones.fine])[1]
     tone = mix(SILT_DARK, SILT, np.clip(0.55 + 0.6 * tones.broad - 0.6 * tones.middle + 0.5 * tones.fine, 0.0, 1.0))

@@ -85,7 +85,7 @@ class Steel:
         rusted = np.maximum(0.95 * damage.bare, 0.9 * np.minimum(damage.tubercles, 1.0))
         steel = mix(paint, _rust(tones, hung, damage), rusted)
         steel = steel * (1.0 + 0.9 * np.clip(shape.convexity, -0.33, 0.33))[:, None]
-        gathers = np.maximum(np.maximum(sites.edges, 0.7 * _seams(sites, look.seed)), 0.6 * shape.hollow)
+        gathers = np.max([sites.edges, 0.7 * _seams(sites, look.seed), 0.6 * shape.hollow, 0.7 * damage.bare], axis=0)
         return covered(steel, sites, shape, look, hold=0.62, tones=tones, start=gathers)
 
 
@@ -101,7 +101,7 @@ def _damaged(sites, pattern, look):
     worn = 0.42 * zone + 0.95 * chips + edges * min(1.0, 4.0 * look.wear) + 0.95 * NOISE_STD * np.clip(
         ndtri(np.clip(look.wear**2, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
     # what is left out of the noise on coarse meshes would have made the edge ragged: there it is a blur
-    bare = smoothstep(0.0, 0.015 + 0.15 * (1.0 - pattern.resolved(0.02)), worn)
+    bare = smoothstep(0.0, 0.015 + 0.08 * (1.0 - pattern.resolved(0.02)), worn)
     cells = pattern.moved(0.006, 40.0, 5).worley(24.0, 6)
     rusting = (cells.id > 0.55) * smoothstep(-0.02, 0.14, worn + 0.15 * zone)
     domed = rusting * domes(cells.near, 0.24 + 0.25 * cells.id) * (0.30 + cells.id) * pattern.resolved(0.02)
@@ -123,8 +123,8 @@ def _scratches(sites: Sites, pattern: Patterns, seed: int) -> np.ndarray:
     tilt = np.random.default_rng([seed, 3]).normal(0.0, 0.06, 3)
     along = axes[:, 2] + tilt
     turned = np.linalg.qr(np.column_stack([along, axes[:, 1], axes[:, 0]]))[0]
-    lines = pattern.at(pattern.p @ turned).fbm((0.9, 60.0, 60.0), 2, 16)
-    return smoothstep(0.22, 0.34, lines + 0.6 * pattern.fbm(0.9, 2, 17)) * pattern.resolved(0.016)
+    lines = pattern.at(pattern.p @ turned).fbm((0.7, 32.0, 32.0), 2, 16)
+    return smoothstep(0.22, 0.34, lines + 0.6 * pattern.fbm(0.9, 2, 17))
 
 
 def _seams(sites: Sites, seed: int) -> np.ndarray:
