@@ -120,7 +120,7 @@ def running(pattern: Patterns, shape: Shape, start: np.ndarray, salt: int, longe
 def _curtained(colour, pattern, tones, shape, look, start):
     """Film that hangs in dark curtains from where it gathers, and silt that has trickled beside it."""
     run = running(pattern, shape, start, SALT + 4)
-    pale = smoothstep(-0.1, 0.2, tones.broad + 0.8 * tones.middle)[:, None]
+    pale = smoothstep(-0.4, 0.4, tones.broad + 0.8 * tones.middle)[:, None]
     tone = SLIME + (SILT_DARK - SLIME) * pale * min(1.0, 2.0 * look.silt)
     thick = np.clip(run * (0.8 + 0.8 * tones.fine), 0.0, 1.0)
     return mix(colour, tone, min(0.85, 1.8 * max(look.film, look.silt)) * thick)
@@ -131,9 +131,9 @@ def silted(colour: np.ndarray, tones: Tones, sites: Sites, shape: Shape, silt: f
     """A surface with silt on what faces up, in hollows and near the ground, and a dust of it; and its thickness [m]."""
     if silt == 0.0:
         return colour, np.zeros(len(colour))
-    lies = shape.up + 0.45 * tones.middle + 0.35 * tones.fine + 0.25 * shape.hollow + 0.3 * (0.8 - shape.exposure)
+    lies = shape.up + 0.32 * tones.middle + 0.35 * tones.fine + 0.25 * shape.hollow + 0.3 * (0.8 - shape.exposure)
     least = hold + 0.7 * (0.5 - silt)
-    cover = min(1.0, 4.0 * silt) * smoothstep(least, least + 0.35, lies)
+    cover = min(1.0, 4.0 * silt) * smoothstep(least - 0.06, least + 0.26, lies)
     # silt that waves have thrown up lies at the foot of things, thinner upwards
     foot = smoothstep(0.22, 0.0, sites.height + 0.16 * tones.middle + 0.08 * tones.broad) * smoothstep(-0.5, 0.4, lies)
     cover = np.maximum(cover, 0.7 * min(1.0, 2.0 * silt) * foot)

@@ -25,7 +25,10 @@ RUSTS = np.array([[0.022, 0.018, 0.016], [0.050, 0.029, 0.020], [0.095, 0.045, 0
 STAIN, STAINS = np.array([0.80, 0.52, 0.32]), np.array([0.024, 0.010, 0.002])
 """What rust that has run over paint leaves of its reflectance, and adds to it."""
 SEAM_SPACING_M, SEAM_WIDTH_M, SEAM_HEIGHT_M = 2.9, 0.014, 0.0032
+SCRATCHED = 0.15
+"""Mean of scratches over a surface of metres (measured on balls of 1 to 4 m: 0.12 to 0.18)."""
 LONGEST_STAIN_M = 0.55
+"""How long stains of rust are at most [m]."""
 SLENDER = 4.0
 """How many times longer than wide things are that have seams across, and scratches along."""
 
@@ -80,12 +83,14 @@ class Steel:
         paint = np.asarray(PAINT if look.paint is None else look.paint)
         paint = _faded(tones, hung, shape, paint, min(1.0, 3.0 * look.wear))
         paint = mix(paint, PAINT, 0.6 * min(1.0, 4.0 * look.wear) * _scratches(sites, pattern, look.seed))
-        stain = np.maximum((0.5 + 0.4 * look.wear) * damage.near, _stains(pattern, shape, damage, look))
+        # the more rust there is, the less the paint that is left stands out from it
+        stain = np.max([(0.5 + 0.4 * look.wear) * damage.near, _stains(pattern, shape, damage, look),
+                        np.full(len(paint), 0.8 * look.wear**2)], axis=0)
         paint = mix(paint, paint * STAIN + STAINS, 0.85 * stain)
         rusted = np.maximum(0.95 * damage.bare, 0.9 * np.minimum(damage.tubercles, 1.0))
         steel = mix(paint, _rust(tones, hung, damage), rusted)
         steel = steel * (1.0 + 0.9 * np.clip(shape.convexity, -0.33, 0.33))[:, None]
-        gathers = np.max([sites.edges, 0.7 * _seams(sites, look.seed), 0.6 * shape.hollow, 0.7 * damage.bare], axis=0)
+        gathers = np.max([sites.edges, 0.7 * _seams(sites, look.seed), 0.6 * shape.hollow, 0.7 * damage.lift], axis=0)
         return covered(steel, sites, shape, look, hold=0.62, tones=tones, start=gathers)
 
 
@@ -97,7 +102,9 @@ def _damaged(sites, pattern, look):
     """Where paint is gone: in chips, most along edges, seams and scratches, and more in some zones than in others."""
     zone = pattern.fbm(max(0.7, 1.0 / sites.size), 2, 14)
     chips = pattern.moved(0.02, 9.0, 3).fbm(11.0, 5, 13, 0.62)
-    edges = 0.28 * sites.edges + 0.20 * _seams(sites, look.seed) + 0.30 * _scratches(sites, pattern, look.seed)
+    # what scratches lose more, the rest loses less: the share of flat places stays that of wear
+    scratched = _scratches(sites, pattern, look.seed) - SCRATCHED
+    edges = 0.28 * sites.edges + 0.20 * _seams(sites, look.seed) + 0.30 * scratched
     worn = 0.42 * zone + 0.95 * chips + edges * min(1.0, 4.0 * look.wear) + 0.95 * NOISE_STD * np.clip(
         ndtri(np.clip(look.wear**2, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
     # what is left out of the noise on coarse meshes would have made the edge ragged: there it is a blur
@@ -118,11 +125,11 @@ def _axes(sites: Sites) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scratches(sites: Sites, pattern: Patterns, seed: int) -> np.ndarray:
-    """Scratches along what is long, [N], many in some places: where chains, fenders and nets have passed."""
-    _, axes = _axes(sites)
-    tilt = np.random.default_rng([seed, 3]).normal(0.0, 0.06, 3)
-    along = axes[:, 2] + tilt
-    turned = np.linalg.qr(np.column_stack([along, axes[:, 1], axes[:, 0]]))[0]
+    """Scratches along what is long, else level, [N], many in some places: where chains and nets have passed."""
+    spread, axes = _axes(sites)
+    longest = axes[:, 2] if spread[2] > 2.0 * spread[1] else np.array([1.0, 0.0, 0.0])
+    along = longest + np.random.default_rng([seed, 3]).normal(0.0, 0.06, 3)
+    turned = np.linalg.qr(np.column_stack([along, np.roll(np.eye(3), -np.argmax(np.abs(along)), axis=0)[1:].T]))[0]
     lines = pattern.at(pattern.p @ turned).fbm((0.7, 32.0, 32.0), 2, 16)
     return smoothstep(0.22, 0.34, lines + 0.6 * pattern.fbm(0.9, 2, 17))
 
