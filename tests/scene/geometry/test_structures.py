@@ -23,6 +23,11 @@ STRUCTURES = {
     "chain": {"kind": "mooring_chain", "links": 4},
     "hanging chain": {"kind": "mooring_chain", "links": 5, "sag_m": 0.4},
     "quay": {"kind": "quay_wall", "length_m": 4.8},
+    "anode": {"kind": "anode"},
+    "bracelet": {"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.2},
+    "flange joint": {"kind": "flange_joint", "radius": 0.15},
+    "hand wheel": {"kind": "hand_wheel"},
+    "concrete block": {"kind": "concrete_block"},
     "panel": {"kind": "wellhead_panel", "fittings": [["bucket", "t_bar"], ["valve_stem", "hot_stab"]]},
     "rov": {"kind": "rov", "lamps": [[-0.33, 0.38, 0.0], [0.2, 0.45, 0.05]]},
 }
@@ -77,6 +82,9 @@ def test_pieces_that_an_object_does_not_have_are_refused():
     {"kind": "mooring_chain", "sag_m": 5.0}, {"kind": "mooring_chain", "end": [7, 0, 0]},
     {"kind": "mooring_chain", "end": [0, 0, -3]}, {"kind": "quay_wall", "coping_m": 7.9},
     {"kind": "quay_wall", "ladder_m": 5.0}, {"kind": "quay_wall", "length_m": 1.0},
+    {"kind": "anode", "form": "bracelet"}, {"kind": "anode", "pipe_radius_m": 0.2}, {"kind": "anode", "length_m": 0.1},
+    {"kind": "anode", "width_m": 0.05}, {"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.02},
+    {"kind": "concrete_block", "eyes": 7}, {"kind": "concrete_block", "size_m": [1, 1, 0.05]},
     {"kind": "wellhead_panel", "width_m": 1.0}, {"kind": "wellhead_panel", "fittings": []},
 ])
 def test_measures_that_do_not_fit_are_refused(data):
@@ -246,3 +254,59 @@ def test_panes_of_an_rov_lie_where_its_lamps_are_said_to():
     surface = Surface(np.array(mesh.vertices), np.array(mesh.faces, np.int32))
     t = surface.distances(np.array([[-0.33, 1.38, 0.0]]), np.array([[0.0, -1.0, 0.0]]))
     assert t == pytest.approx([1.0], abs=1e-9)
+
+
+# ------------------------------------------------------------------------------------------------------------- fittings
+
+
+def cut(radius, angle):
+    """By how much rounding shortens what ends in an edge of an angle: its arc touches both sides."""
+    return radius * (1.0 / np.tan(0.5 * angle) - 1.0)
+
+
+def test_a_bar_of_zinc_has_its_measures_and_leans_by_its_mould():
+    mesh = make({"kind": "anode", "length_m": 0.5, "width_m": 0.12, "thick_m": 0.05, "only": ["zinc"]})
+    lean = 0.13 * 0.12
+    less = 2.0 * cut(0.06 * 0.05, np.arctan2(0.046, lean))
+    np.testing.assert_allclose(np.ptp(mesh.bounds, axis=0), [0.5 - less, 0.046, 0.12 - less], atol=1e-4)
+    outer = mesh.vertices[mesh.vertices[:, 1] < -0.05 + 1e-9]
+    assert np.ptp(outer[:, 2]) < 0.12 - 2.0 * lean
+
+
+def test_half_shells_of_a_bracelet_leave_gaps_and_clear_the_pipe():
+    mesh = make({"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.2, "thick_m": 0.06, "length_m": 0.5,
+                 "only": ["zinc"]})
+    shells = mesh.split()
+    assert len(shells) == 2
+    radius = np.linalg.norm(mesh.vertices[:, :2], axis=1)
+    assert radius.min() == pytest.approx(0.204, abs=2e-4)
+    assert radius.max() == pytest.approx(0.264, abs=2e-4)
+    assert abs(shells[0].vertices[:, 0]).min() == pytest.approx(0.015, rel=0.02)
+    assert mesh.bounds[1, 2] == pytest.approx(0.25 - cut(0.08 * 0.06, np.arctan2(0.06, 0.8 * 0.06)), abs=1e-4)
+
+
+def test_a_joint_has_a_stud_and_two_nuts_in_every_hole():
+    bolts = make({"kind": "flange_joint", "radius": 0.1619, "only": ["bolts"]}).split()
+    assert len(bolts) == 3 * 12  # DN 300
+    places = np.array([np.hypot(*solid.centroid[:2]) for solid in bolts])
+    np.testing.assert_allclose(places, 0.205, rtol=1e-3)  # half of the bolt circle of 410 mm, scaled to 323.8 mm
+
+
+def test_flanges_of_a_joint_mirror_each_other_and_hold_the_gasket_between_them():
+    flanges, gasket = (make({"kind": "flange_joint", "radius": 0.1, "only": [name]}) for name in ("flanges", "gasket"))
+    assert flanges.bounds[0, 2] == pytest.approx(-flanges.bounds[1, 2])
+    assert np.abs(gasket.vertices[:, 2]).max() > np.abs(flanges.vertices[:, 2]).min()
+
+
+def test_a_hand_wheel_has_its_radius_and_its_spokes():
+    mesh = make({"kind": "hand_wheel", "radius": 0.3, "spokes": 7, "stem_m": 0.0})
+    assert np.linalg.norm(mesh.vertices[:, :2], axis=1).max() == pytest.approx(0.3, abs=2e-4)
+    assert len(mesh.split()) == 7 + 3  # rim, hub, nut
+
+
+def test_a_concrete_block_has_its_size_and_rounded_edges():
+    block = make({"kind": "concrete_block", "size_m": [1.0, 0.5, 0.4], "chamfer_m": 0.03, "only": ["block"]})
+    np.testing.assert_allclose(block.bounds, [[-0.5, -0.25, 0.0], [0.5, 0.25, 0.4]], atol=1e-9)
+    assert 1.0 - 0.1 < block.volume / 0.2 < 1.0
+    eyes = make({"kind": "concrete_block", "eyes": 3, "only": ["eyes"]}).split()
+    np.testing.assert_allclose(sorted(solid.bounds.mean(axis=0)[0] for solid in eyes), [-0.4, 0.0, 0.4], atol=1e-6)

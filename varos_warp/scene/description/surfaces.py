@@ -6,7 +6,7 @@ from pydantic import Field
 
 from varos_warp.scene.block import Block, Unit, UnitRgb, unwritten_if_absent
 
-Relief = Literal["rock", "sand", "steel", "concrete", "none"]
+Relief = Literal["rock", "sand", "steel", "concrete", "zinc", "none"]
 
 
 class Layered(Block):

@@ -15,6 +15,7 @@ from varos_warp.scene.block import (
     kind_by_default,
     unwritten_if_absent,
 )
+from varos_warp.scene.description.fittings import Anode, ConcreteBlock, FlangeJoint, HandWheel
 from varos_warp.scene.description.placed import Measure, Movable, Parametric, Placed
 from varos_warp.scene.description.structures import HullSection, MooringChain, QuayWall, Rov, WellheadPanel
 from varos_warp.scene.description.surfaces import Layered
@@ -274,7 +275,7 @@ class CalibrationBoard(Movable):
 
 
 ParametricObject = (Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder | HullSection | MooringChain
-                    | QuayWall | WellheadPanel | Rov)
+                    | QuayWall | WellheadPanel | Rov | Anode | FlangeJoint | HandWheel | ConcreteBlock)
 Object = Annotated[MeshObject | ParametricObject | CalibrationBoard, Field(discriminator="kind"),
                    kind_by_default("mesh")]
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from surfaces import Look, ball, sheet, sites_of, vertex_normals
 
-from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel
+from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel, zinc
 from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M
 from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
@@ -11,6 +11,7 @@ NAMES = sorted(RECIPES)
 SIZE_M = 1.0
 BOUNDS = {"rock": (rock.LIMIT * SIZE_M, rock.FINE_LIMIT_M), "sand": (sand.LIMIT_M, sand.FINE_LIMIT_M),
           "steel": (steel.LIMIT_M, steel.FINE_LIMIT_M), "concrete": (concrete.LIMIT_M, concrete.FINE_LIMIT_M),
+          "zinc": (zinc.LIMIT_M, zinc.FINE_LIMIT_M),
           "none": (0.0, 0.0)}
 
 
@@ -87,7 +88,7 @@ def test_displacements_do_not_depend_on_which_vertices_are_asked_for(name):
                                    getattr(RECIPES[name], step)(whole, Look())[chosen], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["rock", "sand", "concrete", "steel"])
+@pytest.mark.parametrize("name", ["rock", "sand", "concrete", "steel", "zinc"])
 def test_coarse_meshes_show_the_large_forms_of_fine_ones(name):
     """At places that both have, a mesh of twice the edges differs by less than half of what it shows itself."""
     p, _, n = surface(name)
@@ -98,7 +99,7 @@ def test_coarse_meshes_show_the_large_forms_of_fine_ones(name):
     assert np.std(a - b) < 0.5 * np.std(b)
 
 
-@pytest.mark.parametrize("name", ["rock", "steel", "concrete", "none"])
+@pytest.mark.parametrize("name", ["rock", "steel", "concrete", "zinc", "none"])
 def test_silt_lies_on_what_faces_up(name):
     sites, _, _, _, silt = dressed(name)
     assert silt[sites.n[:, 2] > 0.9].mean() > 5.0 * silt[sites.n[:, 2] < 0.2].mean()

@@ -9,7 +9,9 @@ from varos_warp.scene.geometry.assets.grids import split_long
 from varos_warp.scene.geometry.assets.lofts import Detail
 from varos_warp.scene.geometry.assets.pipes import FLANGES_MM, elbow, flange, flange_measures, pipe, pipe_support, valve
 from varos_warp.scene.geometry.assets.rocks import boulder
+from varos_warp.scene.geometry.assets.structures.anode import anode
 from varos_warp.scene.geometry.assets.structures.chain import mooring_chain
+from varos_warp.scene.geometry.assets.structures.fitted import concrete_block, flange_joint, hand_wheel
 from varos_warp.scene.geometry.assets.structures.hull import hull_section
 from varos_warp.scene.geometry.assets.structures.panel import BUCKET, wellhead_panel
 from varos_warp.scene.geometry.assets.structures.quay import quay_wall
@@ -35,10 +37,12 @@ _MAKERS: dict = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, wor
 _RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
                 world.MooringChain: lambda block: 0.5 * block.link_m,
                 world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET,
-                world.Rov: lambda block: block.lamp_radius_m}
+                world.Anode: lambda block: block.pipe_radius_m or block.thick_m,
+                world.ConcreteBlock: lambda block: 0.1, world.Rov: lambda block: block.lamp_radius_m}
 """What stands for the radius of an object that has none, for its chord error [m]."""
 _STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
-                     world.WellheadPanel: wellhead_panel, world.Rov: rov}
+                     world.WellheadPanel: wellhead_panel, world.Rov: rov, world.Anode: anode, world.FlangeJoint: flange_joint,
+                     world.HandWheel: hand_wheel, world.ConcreteBlock: concrete_block}
 
 
 def make_asset(block: world.ParametricObject, key: str = "object", *,
@@ -84,7 +88,7 @@ def _pieces(block, key, detail):
         return [(_MAKERS[type(block)](block, key, detail), (0.0, 0.0, 0.0))]
     pieces = _STRUCTURES[type(block)](block, key, detail)
     if not pieces:
-        raise InputError("names nothing that this object has", key=f"{key}.only", value=block.only,
+        raise InputError("names nothing that this object has", key=f"{key}.only", value=getattr(block, "only", None),
                          remedy="Name other pieces, or leave it out for all of them.")
     return [((piece.vertices, piece.faces), piece.colour) for piece in pieces]
 

@@ -7,7 +7,8 @@ from varos_warp.scene.geometry.assets.grids import area, fill_between
 from varos_warp.scene.geometry.assets.lofts import SLENDER, Detail, band, circle_points, divided, outward, rounded
 
 
-def slab(loops, low: float, high: float, bevel: float, detail: Detail) -> tuple[np.ndarray, np.ndarray]:
+def slab(loops, low: float, high: float, bevel: float, detail: Detail, lean: float = 0.0
+         ) -> tuple[np.ndarray, np.ndarray]:
     """A solid between the planes z = low and z = high.
 
     Args:
@@ -16,16 +17,17 @@ def slab(loops, low: float, high: float, bevel: float, detail: Detail) -> tuple[
         bevel: Radius of the rounded edges between its faces and its walls [m], or what the outlines' own arcs and
             short sides allow; 0: sharp.
         detail: How fine it is; the outlines are divided as that asks for, and never moved.
+        lean: How far the upper face is drawn in [m]; of outlines without holes only.
     """
     loops = [np.asarray(loop, float) for loop in loops]
     if detail.is_grid:
         loops = [divided(loop, detail.edge, closed=True) for loop in loops]
     bevel = min(bevel, *(0.6 * _room(loop) for loop in loops))
     far = 1e3 * (high - low)
-    ends = np.array([(0.0, low), (0.0, high)])
+    ends = np.array([(0.0, low), (lean, high)])
     if bevel > 0.0:
-        ends = rounded([(far, low), (0.0, low), (0.0, high), (far, high)], bevel, detail)[1:-1]
-    deepest = ends[0, 0]
+        ends = rounded([(far, low), (0.0, low), (lean, high), (far, high)], bevel, detail)[1:-1]
+    deepest = ends[:, 0].max() if lean else ends[0, 0]
     detail.allow(2.0 * area(loops[0]) / detail.edge**2)
     try:
         loops, inner, triangles = fill_between(loops, detail.edge, lambda loops: [inset(x, deepest) for x in loops])

@@ -11,6 +11,7 @@ from varos_warp.scene.geometry.assets.fasteners import hex_measures
 from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, divided, lathe, rounded
 from varos_warp.scene.geometry.assets.slabs import box, circle, rectangle, slab
 from varos_warp.scene.geometry.assets.structures.figures import raised
+from varos_warp.scene.geometry.assets.structures.hardware import hexagon, rod
 from varos_warp.scene.geometry.assets.structures.pieces import FACING, Mesh, Piece, chosen, placed
 
 YELLOW, GREY, BARE, ORANGE = (0.42, 0.26, 0.02), (0.16, 0.17, 0.17), (0.3, 0.3, 0.29), (0.42, 0.11, 0.015)
@@ -97,7 +98,7 @@ def _bucket(detail) -> dict[str, list[Coloured]]:
     bolts = [_bolt_head("M10", detail, 0.016, (0.0975 * np.cos(a), 0.0975 * np.sin(a)))
              for a in np.pi / 4.0 + 0.5 * np.pi * np.arange(4)]
     square = rounded(rectangle((-0.5 * SQUARE,) * 2, (0.5 * SQUARE,) * 2), 0.003, detail, closed=True)
-    stem = [_rod(0.024, -deep - 0.02, -0.06, detail), slab([square], -0.061, -0.025, 0.002, detail)]
+    stem = [rod(0.024, -deep - 0.02, -0.06, detail), slab([square], -0.061, -0.025, 0.002, detail)]
     return {"receptacles": meshes + [(BARE, bolt) for bolt in bolts], "stems": [(BARE, mesh) for mesh in stem]}
 
 
@@ -115,8 +116,8 @@ def _hot_stab(detail) -> dict[str, list[Coloured]]:
 def _t_bar(detail) -> dict[str, list[Coloured]]:
     """A T-bar that an ROV holds on to: a foot, a stem, and a level bar across."""
     foot = slab([circle(0.05, detail)], -0.001, 0.012, 0.002, detail)
-    bar = placed(_rod(BAR, -0.11, 0.11, detail), [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (0.0, 0.0, 0.13))
-    return {"handles": [(ORANGE, foot), (ORANGE, _rod(BAR, 0.0, 0.13, detail)), (ORANGE, bar)]}
+    bar = placed(rod(BAR, -0.11, 0.11, detail), [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (0.0, 0.0, 0.13))
+    return {"handles": [(ORANGE, foot), (ORANGE, rod(BAR, 0.0, 0.13, detail)), (ORANGE, bar)]}
 
 
 def _valve_stem(detail) -> dict[str, list[Coloured]]:
@@ -130,7 +131,7 @@ def _valve_stem(detail) -> dict[str, list[Coloured]]:
                        (-0.02, half * 0.9)])
     paddle = rounded(paddle, 0.01, detail, closed=True)
     return {"receptacles": [(GREY, bonnet), *((BARE, bolt) for bolt in bolts)],
-            "stems": [(BARE, _rod(0.014, 0.04, 0.095, detail))],
+            "stems": [(BARE, rod(0.014, 0.04, 0.095, detail))],
             "handles": [(ORANGE, slab([paddle], 0.07, 0.082, 0.003, detail))]}
 
 
@@ -146,16 +147,7 @@ def _label(text, detail) -> list[Coloured]:
     return [(WHITE, plate), *((BLACK, placed(mesh, None, (-0.5 * width, -0.158, 0.0))) for mesh in letters)]
 
 
-def _rod(radius, low, high, detail) -> Mesh:
-    """A round bar along z with rounded ends."""
-    profile = [(0.0, low), (radius, low), (radius, high), (0.0, high)]
-    return lathe(rounded(profile, 0.15 * radius, detail), detail, circle_points(radius, detail))
-
-
 def _bolt_head(size, detail, low, at) -> Mesh:
     """The head of a hexagon bolt on a face at z = ``low``."""
     _, s, k, _ = hex_measures(size)
-    corners = np.pi / 3.0 * np.arange(6)
-    outline = s / np.sqrt(3.0) * np.column_stack([np.cos(corners), np.sin(corners)])
-    return placed(slab([rounded(outline, 0.04 * s, detail, closed=True)], low - 0.001, low + k, 0.05 * s, detail), None,
-                  (*at, 0.0))
+    return hexagon(s, low - 0.001, low + k, detail, at)

@@ -1,9 +1,12 @@
 """Masks that the form of a mesh tells: edges, grooves, what faces up, what is sheltered."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+
+from varos_warp.scene.geometry.relief.recipes.runs import Slopes, slopes_of
 
 ITERATIONS = 80
 TOLERANCE = 1e-2
@@ -14,22 +17,57 @@ BROAD = 2.0
 """Scale of what shelters, over that of convexity."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
-    """The form of a mesh at its N vertices."""
+    """The form of a mesh at its N vertices; what is not asked for is not computed."""
 
-    convexity: np.ndarray
-    """float64 [N]: height over the surface smoothed at the scale asked for, over that scale: +0.3 or so on a sharp
-    edge of 90 degrees, likewise negative in a groove; clipped to [-1, 1]. A ball of radius R has 2 s / R where the
-    scale s is small beside it."""
-    hollow: np.ndarray
-    """float64 [N]: 0 on flat and convex places to 1 in sharp grooves of that scale."""
-    up: np.ndarray
-    """float64 [N]: z of the normals."""
-    exposure: np.ndarray
-    """float64 [N]: 1 where water passes freely to 0 deep in hollows of twice the scale; 0.8 on a plane."""
-    neighbours: sparse.csr_array
-    """float64 [N, N]: 1 where an edge joins two vertices."""
+    p: np.ndarray
+    """float64 [N, 3]: places [m]."""
+    faces: np.ndarray
+    """int [F, 3]"""
+    n: np.ndarray
+    """float64 [N, 3]: unit normals."""
+    scale: np.ndarray
+    """float64 [N]: of convexity [m]."""
+
+    @property
+    def up(self) -> np.ndarray:
+        """float64 [N]: z of the normals."""
+        return self.n[:, 2]
+
+    @cached_property
+    def neighbours(self) -> sparse.csr_array:
+        """float64 [N, N]: 1 where an edge joins two vertices."""
+        return neighbours_of(len(self.p), self.faces)
+
+    @cached_property
+    def _smooth(self) -> np.ndarray:
+        return smoothed(self.p, self.p, self.neighbours, self.scale)
+
+    @cached_property
+    def convexity(self) -> np.ndarray:
+        """float64 [N]: height over the surface smoothed at the scale asked for, over that scale.
+
+        It is +0.3 or so on a sharp edge of 90 degrees, likewise negative in a groove; clipped to [-1, 1]. A ball of
+        radius R has 2 s / R where the scale s is small beside it.
+        """
+        return _convexity(self.p, self._smooth, self.n, self.scale)
+
+    @cached_property
+    def hollow(self) -> np.ndarray:
+        """float64 [N]: 0 on flat and convex places to 1 in sharp grooves of that scale."""
+        return np.clip(-3.0 * self.convexity, 0.0, 1.0)
+
+    @cached_property
+    def exposure(self) -> np.ndarray:
+        """float64 [N]: 1 where water passes freely to 0 deep in hollows of twice the scale; 0.8 on a plane."""
+        broad = smoothed(self.p, self.p, self.neighbours, BROAD * self.scale, near=self._smooth)
+        return np.clip(0.8 + 2.5 * np.minimum(_convexity(self.p, broad, self.n, BROAD * self.scale), 0.08), 0.0, 1.0)
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        """The ways of water down the surface."""
+        return slopes_of(self.p, self.n, self.neighbours)
 
 
 def neighbours_of(count: int, faces: np.ndarray) -> sparse.csr_array:
@@ -49,25 +87,26 @@ def shape_of(p: np.ndarray, faces: np.ndarray, n: np.ndarray, edge: np.ndarray) 
         n: Unit normals, float64 [N, 3].
         edge: Length of the edges at the vertices, float64 [N] [m].
     """
-    neighbours = neighbours_of(len(p), faces)
-    convexity = convexity_of(p, n, neighbours, EDGES * edge)
-    broad = convexity_of(p, n, neighbours, BROAD * EDGES * edge)
-    exposure = np.clip(0.8 + 2.5 * np.minimum(broad, 0.08), 0.0, 1.0)
-    return Shape(convexity, np.clip(-3.0 * convexity, 0.0, 1.0), n[:, 2], exposure, neighbours)
+    return Shape(p, faces, n, EDGES * edge)
 
 
 def convexity_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float) -> np.ndarray:
     """`Shape.convexity` at a scale [m], one or [N]; of a base mesh it is `Sites.sharp`. float64 [N]."""
-    height = np.einsum("ij,ij->i", p - smoothed(p, p, neighbours, scale), n)
-    return np.clip(height / scale, -1.0, 1.0)
+    return _convexity(p, smoothed(p, p, neighbours, scale), n, scale)
 
 
-def smoothed(values: np.ndarray, p: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float) -> np.ndarray:
+def _convexity(p, smooth, n, scale):
+    return np.clip(np.einsum("ij,ij->i", p - smooth, n) / scale, -1.0, 1.0)
+
+
+def smoothed(values: np.ndarray, p: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float,
+             near: np.ndarray | None = None) -> np.ndarray:
     """Values [N, K] after implicit diffusion on the mesh, q - scale^2 Laplace(q) = values.
 
     The mean over a ring of radius e is q + e^2 / 4 Laplace(q), so the Laplacian is that of the graph, times 4 / e^2
     with e^2 the mean square of a vertex' edges. Conjugate gradients take as many steps as a scale has edges; averaging
-    again and again would take the square of that.
+    again and again would take the square of that. ``near`` [N, K] is what the search begins from: the values where
+    nothing nearer is known.
     """
     squares = _edge_squares(p, neighbours)
     mass = np.bincount(squares.row, squares.data, minlength=len(p)) / (4.0 * np.square(scale))
@@ -77,25 +116,35 @@ def smoothed(values: np.ndarray, p: np.ndarray, neighbours: sparse.csr_array, sc
     adjacency = neighbours.astype(np.float32)
     offset = values.mean(axis=0)  # single precision is for what differs
     start = (values - offset).astype(np.float32)
-    found = _conjugate_gradients(lambda q: diagonal * q - adjacency @ q, mass * start, start, diagonal)
+    first = start if near is None else (near - offset).astype(np.float32)
+
+    def product(q):
+        return diagonal * q - adjacency @ q
+
+    # how far off the values themselves are is what the tolerance goes by, wherever the search begins
+    rest = mass * start - product(start)
+    goal = TOLERANCE**2 * _dots(rest, rest / diagonal)
+    found = _conjugate_gradients(product, mass * start, first, diagonal, goal)
     return offset + found
 
 
-def _conjugate_gradients(product, right, q, diagonal):
-    """Solution [N, K] of a positive definite system, each column by itself, with the diagonal as preconditioner."""
+def _conjugate_gradients(product, right, q, diagonal, goal):
+    """Solution [N, K] of a positive definite system, each column by itself, with the diagonal as preconditioner.
+
+    The search begins from ``q`` and ends where no column's residual is longer than the root of its ``goal``.
+    """
     residual = right - product(q)
     direction = residual / diagonal
     power = _dots(residual, direction)
-    goal = TOLERANCE**2 * power
     for _ in range(ITERATIONS):
-        image = product(direction)
-        step = power / np.maximum(_dots(direction, image), 1e-300)
-        q = q + step.astype(np.float32) * direction
-        residual = residual - step.astype(np.float32) * image
-        scaled = residual / diagonal
-        before, power = power, _dots(residual, scaled)
         if (power <= goal).all():
             break
+        image = product(direction)
+        step = (power / np.maximum(_dots(direction, image), 1e-300)).astype(np.float32)
+        q = q + step * direction
+        residual -= step * image
+        scaled = residual / diagonal
+        before, power = power, _dots(residual, scaled)
         direction = scaled + (power / np.maximum(before, 1e-300)).astype(np.float32) * direction
     return q.astype(np.float64)
 

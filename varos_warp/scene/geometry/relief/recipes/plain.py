@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from varos_warp.scene.geometry.relief.recipes.layers import covered
+from varos_warp.scene.geometry.relief.recipes.layers import covered, tones_of
 from varos_warp.scene.geometry.relief.recipes.masks import Shape
 from varos_warp.scene.geometry.relief.recipes.sites import Look, Sites
 
@@ -24,7 +24,10 @@ class Plain:
         return np.zeros(len(sites.p))
 
     def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
-        """The paint, uneven, under film and silt."""
-        tone = 1.0 + 0.3 * sites.patterns(look.seed).fbm(2.2, 4, 1)
+        """The paint, uneven and rubbed off edges, under film and silt that have run down from them."""
+        tones = tones_of(sites.patterns(look.seed))
+        rubbed = min(1.0, 2.0 * look.wear) * sites.edges
+        tone = 1.0 + 0.3 * tones.broad + 0.2 * tones.middle + 0.25 * rubbed
         paint = np.asarray(PAINT if look.paint is None else look.paint) * tone[:, None]
-        return covered(paint, sites, shape, look, hold=0.70)
+        return covered(paint, sites, shape, look, hold=0.70, tones=tones,
+                       start=np.maximum(sites.edges, 0.6 * shape.hollow))

@@ -6,5 +6,7 @@ from varos_warp.scene.geometry.relief.recipes.rock import Rock
 from varos_warp.scene.geometry.relief.recipes.sand import Sand
 from varos_warp.scene.geometry.relief.recipes.sites import Recipe
 from varos_warp.scene.geometry.relief.recipes.steel import Steel
+from varos_warp.scene.geometry.relief.recipes.zinc import Zinc
 
-RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in (Rock(), Sand(), Steel(), Concrete(), Plain())}
+RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in (Rock(), Sand(), Steel(), Concrete(), Zinc(),
+                                                          Plain())}

@@ -1,8 +1,9 @@
 """What a recipe of a surface is given, and what it gives."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -60,11 +61,19 @@ class Sites:
     None: it has no edges."""
     device: str = "cpu"
     """Where noise is computed."""
+    known: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
+    """What `once` has made, for all steps of a recipe."""
 
     @cached_property
     def edges(self) -> np.ndarray:
         """How much of a sharp edge is at a vertex, float64 [N]: 0 on flat places, 1 on an edge of about 90 degrees."""
         return np.zeros(len(self.p)) if self.sharp is None else np.clip(3.0 * self.sharp, 0.0, 1.0)
+
+    def once(self, name: Hashable, make: Callable[[], Any]) -> Any:
+        """What a recipe needs in more than one of its steps, made in the first: it must follow from ``p`` alone."""
+        if name not in self.known:
+            self.known[name] = make()
+        return self.known[name]
 
     def patterns(self, seed: int) -> Patterns:
         """Noise at the vertices."""
