@@ -27,7 +27,7 @@ class Growth(Block):
     """How many there are on a square metre of the surface where they may be, in the mean; fewer are left where
     bodies would overlap. Absent: the kind's own (docs/growth.md)."""
     cluster: Annotated[NonNegative, Field(le=20.0)] | None = Field(default=None, examples=[11])
-    """How much they keep together: 0 is even chance everywhere, 11 is dense clusters and bare places between them.
+    """How much they keep together: 0 is even chance everywhere, 11 is dense clumps and bare places between them.
     Absent: the kind's own."""
     up: tuple[Cosine, Cosine] | None = Field(default=None, examples=[[-1, 1]])
     """Least and largest vertical part of the surface's normal where they may be: -1 is an underside, 0 a wall, 1 level

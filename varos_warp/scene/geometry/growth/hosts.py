@@ -111,7 +111,8 @@ class Carrier:
             return
         part = self._part
         box, scale, names = part.extents(), part.scale, part.names
-        gap = self._footprint.distance(box.mean(axis=1), radius=0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1) + AROUND_M)
+        radius = 0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1)
+        gap = self._footprint.distance(box.mean(axis=1), radius=radius + AROUND_M)
         for i in np.flatnonzero(gap <= REACH_M):
             T = part.T_w_o[i]
             yield self._near(names[i], part.vertices @ T[:3, :3].T + T[:3, 3], self._whole[2] @ T[:3, :3].T / scale[i])
