@@ -25,7 +25,7 @@ PER_CLUSTER = 0.28
 """Clusters have exp(`PER_CLUSTER` cluster) times the mean, or as many as bodies fill the place."""
 MOST_CROWDED = 300.0
 """But no place has more copies in the mean than so many times ``per_m2``."""
-STRAY = 0.04
+STRAY = 0.015
 """Share of the copies that stand alone."""
 RIM = 0.25
 """How far the noise rises from the rim of a clump to where it is full."""
