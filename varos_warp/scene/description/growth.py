@@ -9,7 +9,7 @@ from varos_warp.errors import did_you_mean
 from varos_warp.scene.block import Block, NonNegative
 
 GrowthKind = Literal["barnacle", "tube_worm", "hydroid", "anemone", "coralline", "mussel", "starfish", "shell",
-                     "pebble", "kelp", "seagrass"]
+                     "pebble", "kelp", "seagrass", "turf"]
 SizeM = Annotated[float, Field(ge=1e-4, le=20.0)]
 Cosine = Annotated[float, Field(ge=-1.0, le=1.0)]
 Depth = Annotated[float, Field(ge=-1e4, le=1.2e4)]
@@ -21,12 +21,13 @@ class Growth(Block):
     on: Annotated[list[str], Field(min_length=1)] = Field(examples=[["objects.0", "terrain"]])
     """What carries it: ``terrain``, objects (``objects.0``) and blocks of scatter (``scatter.0``, on each copy)."""
     kind: GrowthKind = Field(examples=["barnacle"])
-    """What it is: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp, seagrass."""
+    """What it is: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp, seagrass,
+    turf."""
     per_m2: Annotated[NonNegative, Field(le=1e5)] | None = Field(default=None, examples=[230])
     """How many there are on a square metre of the surface where they may be, in the mean; fewer are left where
     bodies would overlap. Absent: the kind's own (docs/growth.md)."""
     cluster: Annotated[NonNegative, Field(le=20.0)] | None = Field(default=None, examples=[11])
-    """How much they keep together: 0 is even chance everywhere, 11 is dense clusters and bare places between them.
+    """How much they keep together: 0 is even chance everywhere, 11 is dense clumps and bare places between them.
     Absent: the kind's own."""
     up: tuple[Cosine, Cosine] | None = Field(default=None, examples=[[-1, 1]])
     """Least and largest vertical part of the surface's normal where they may be: -1 is an underside, 0 a wall, 1 level

@@ -11,6 +11,7 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.growth import placing
 from varos_warp.scene.geometry.growth.chance import crowding, key_of, poisson_counts, uniform
+from varos_warp.scene.geometry.growth.edges import edges_of
 from varos_warp.scene.geometry.growth.hosts import REACH_M
 from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
 from varos_warp.scene.geometry.growth.spacing import apart
@@ -77,12 +78,12 @@ def test_clusters_raise_the_variance():
     assert crowded.var() / crowded.mean() > 1.0 + 20.0 * error
 
 
-@pytest.mark.parametrize("scars", [None, "host"])
-@pytest.mark.parametrize("cluster", [4.5, 11.0])
-def test_the_mean_over_all_hosts_is_one(cluster, scars):
+@pytest.mark.parametrize("host", [None, "host"])
+@pytest.mark.parametrize("times", [4.0, 25.0])
+def test_the_mean_over_all_hosts_is_one(times, host):
     places = np.random.default_rng(0).random((2000, 3)) * 30
-    means = [crowding(cluster, 0.2, key_of(k), scars and key_of(scars, k))(places).mean() for k in range(200)]
-    # 24 waves are not quite a normal variable: a hundredth
+    means = [crowding(times, 0.2, key_of(k), host and key_of(host, k))(places)[0].mean() for k in range(200)]
+    # 24 waves are not quite a normal variable: a hundredth, and some more of what is rare
     assert abs(np.mean(means) - 1.0) < 4.0 * np.std(means) / np.sqrt(len(means)) + 0.01
 
 
@@ -271,3 +272,44 @@ def test_a_block_of_boulders_may_have_several_shapes():
     assert len({group.vertices.tobytes() for group in groups}) == 4
     (one,) = [part for part in build_parts(scene(scatter=[block])) if isinstance(part, Instances)]
     np.testing.assert_array_equal(one.vertices, groups[0].vertices)
+
+
+@pytest.mark.parametrize("cuts", [0, 5])
+def test_edges_stand_out_and_planes_do_not(cuts):
+    """Of a cube of a metre: samples of its two large triangles a side scatter, small ones do not."""
+    box = trimesh.creation.box([1.0, 1.0, 1.0])
+    for _ in range(cuts):
+        box = box.subdivide()
+    edges = edges_of(np.asarray(box.triangles), np.arange(len(box.faces), dtype=np.uint64))
+    level, edge, corner = edges(np.array([[0.03, 0.07, 0.5], [0.5, 0.1, 0.5], [0.5, 0.5, 0.5]]))
+    assert abs(level) < 1e-9
+    assert edge > 0.4
+    assert corner > 0.4
+
+
+def test_both_sides_of_a_thin_plate_make_it_an_edge():
+    plate = trimesh.creation.box([0.5, 0.5, 0.002])
+    edges = edges_of(np.asarray(plate.triangles), np.arange(len(plate.faces), dtype=np.uint64))
+    assert edges(np.array([[0.05, 0.05, 0.001]])) == 1.0
+
+
+def test_fewer_barnacles_are_fewer_clumps_and_no_looser_ones():
+    wanted = [placing.Wanted(Growth(on=["terrain"], kind="barnacle", per_m2=n), "growth.0", 1, 0.0) for n in (200, 400)]
+    few, many = (each.per_m2 * each.crowding("terrain").peak for each in wanted)
+    assert abs(few / many - 1.0) < 1e-6
+
+
+def test_copies_are_smaller_at_the_rim_of_their_clump():
+    crowd = crowding(25.0, 0.2, key_of(1), None)
+    places = np.random.default_rng(0).random((40_000, 3)) * 10
+    weight, depth = crowd(places)
+    assert (depth[weight == weight.min()] == 0.0).all(), "what stands alone"
+    inside = depth[weight >= 1.0]
+    assert 0.3 < inside.mean() < 0.7
+
+
+def test_kinds_half_a_turn_apart_have_their_territories_where_the_other_has_not():
+    places = np.random.default_rng(0).random((20_000, 3)) * 10
+    one, other = (crowding(25.0, 0.2, key_of(k), key_of("host"), territory)(places)[0] > 5.0
+                  for k, territory in ((1, 0.0), (2, 0.5)))
+    assert np.count_nonzero(one & other) < 0.2 * one.mean() * other.mean() * len(places)

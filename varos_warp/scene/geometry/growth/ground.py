@@ -7,7 +7,7 @@ from varos_warp.scene.geometry.growth.solids import Form, around, grid_faces, so
 
 
 def pebble(rng: np.random.Generator) -> Form:
-    """A worn stone with blunt edges, a third of it in the ground; of unit width."""
+    """A flat worn stone with blunt edges, about half of it in the ground, silt on what looks up; of unit width."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     p = np.asarray(ball.vertices)
     n = rng.standard_normal((9, 3))
@@ -15,11 +15,13 @@ def pebble(rng: np.random.Generator) -> Form:
     # soft-edged: the high norm of the distances to planes
     reach = (np.maximum(p @ n.T / rng.uniform(0.62, 1.0, 9), 0.1) ** 10).sum(axis=1) ** -0.1
     p = p * np.minimum(reach, 1.15)[:, None] * (1.0 + 0.03 * waves(p, 0.9, rng))[:, None]
-    p = p * np.sort(rng.uniform(0.5, 1.0, 3))[::-1]
+    p = p * [1.0, rng.uniform(0.6, 1.0), rng.uniform(0.3, 0.55)]
     p /= np.ptp(p[:, :2], axis=0).max()
-    p[:, 2] += np.ptp(p[:, 2]) * rng.uniform(0.1, 0.35)
+    p[:, 2] += np.ptp(p[:, 2]) * rng.uniform(-0.08, 0.2)
     shade = 1.0 + 0.12 * waves(p, 0.5, rng) + 0.1 * rng.standard_normal(len(p))
-    return Form(solid(p, np.asarray(ball.faces), np.outer(np.clip(shade, 0.5, 1.5), [0.15, 0.138, 0.12])))
+    colours = np.outer(np.clip(shade, 0.5, 1.5), [0.105, 0.098, 0.085])
+    silted = np.clip(1.6 * np.asarray(ball.vertices)[:, 2:] - 0.35 + 0.25 * waves(p, 0.35, rng)[:, None], 0.0, 0.8)
+    return Form(solid(p, np.asarray(ball.faces), colours + silted * ([0.125, 0.115, 0.095] - colours)))
 
 
 def coralline(rng: np.random.Generator) -> Form:
@@ -34,5 +36,5 @@ def coralline(rng: np.random.Generator) -> Form:
     mottle = waves(vertices, 0.22, rng)
     vertices[:, 2] += 0.003 * mottle * np.repeat(1.0 - s.ravel() ** 4, sides)
     tone = 0.8 + 0.16 * mottle + 0.35 * np.repeat(s.ravel() ** 5, sides)  # the growing edge is pale
-    colours = np.outer(np.clip(tone, 0.3, 1.5), [0.19, 0.105, 0.105])
+    colours = np.outer(np.clip(tone, 0.3, 1.5), [0.135, 0.092, 0.088])
     return Form(solid(vertices, grid_faces(rings, sides)[:, ::-1], colours))

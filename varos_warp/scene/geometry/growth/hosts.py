@@ -8,6 +8,7 @@ import numpy as np
 
 from varos_warp.cache import digest
 from varos_warp.scene.geometry.growth.chance import mixed
+from varos_warp.scene.geometry.growth.edges import AROUND_M, Edges, edges_of
 from varos_warp.scene.geometry.normals import kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.relief.density import Footprint
@@ -48,6 +49,11 @@ class Host:
             area[part] = np.sqrt(np.einsum("ni,ni->n", normal, normal))
             up[part] = normal[:, 2] / np.where(area[part] > 0.0, area[part], 1.0)
         return area, up
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Where it stands out; asked at places from its origin."""
+        return edges_of(self.corners - self.origin, self.keys)
 
     def of(self, chosen: np.ndarray) -> "Host":
         """Some of the triangles."""
@@ -105,7 +111,8 @@ class Carrier:
             return
         part = self._part
         box, scale, names = part.extents(), part.scale, part.names
-        gap = self._footprint.distance(box.mean(axis=1), radius=0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1))
+        radius = 0.5 * np.linalg.norm(box[:, 1] - box[:, 0], axis=1)
+        gap = self._footprint.distance(box.mean(axis=1), radius=radius + AROUND_M)
         for i in np.flatnonzero(gap <= REACH_M):
             T = part.T_w_o[i]
             yield self._near(names[i], part.vertices @ T[:3, :3].T + T[:3, 3], self._whole[2] @ T[:3, :3].T / scale[i])
@@ -139,12 +146,12 @@ class Carrier:
 
 
 def _gaps(vertices, faces, footprint):
-    """Distance of the course from triangles, or less, float64 [F] [m]."""
+    """Distance of the course from triangles, or less, by what tells whether they are edges, float64 [F] [m]."""
     gap = np.empty(len(faces))
     for part in chunks(len(faces)):
         corners = vertices[faces[part]]
         middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
-        gap[part] = footprint.distance(middle, radius=_longest(corners, middle[:, None]))
+        gap[part] = footprint.distance(middle, radius=_longest(corners, middle[:, None]) + AROUND_M)
     return gap
 
 

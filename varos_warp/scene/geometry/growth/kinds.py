@@ -10,10 +10,10 @@ from varos_warp.scene.geometry.growth.ground import coralline, pebble
 from varos_warp.scene.geometry.growth.levels import levels
 from varos_warp.scene.geometry.growth.plants import kelp, seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
-from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish
+from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish, turf
 from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid
 
-GREYS: tuple[Rgb, ...] = ((0.75, 0.75, 0.73), (1.0, 1.0, 1.0), (1.2, 1.18, 1.14))
+GREYS: tuple[Rgb, ...] = ((0.7, 0.69, 0.66), (0.9, 0.86, 0.8), (1.15, 1.12, 1.06))
 
 
 @dataclass(frozen=True)
@@ -42,32 +42,47 @@ class Kind:
     tall: bool = False
     """Whether its size is its height over the ground; else how wide it is."""
     scars: bool = True
-    """Whether it leaves the host's scars bare."""
+    """Whether it leaves the host's scars bare, and has its territory there."""
+    territory: float = 0.0
+    """Where it is the dominant kind, in turns of a field of the host: half a turn away there is next to none of it."""
+    cover: float = 0.0
+    """What bodies in a clump cover before those that find no room are left out, over its area; 0: it may be loose."""
+    smaller: float = 0.0
+    """Share of its size that a copy lacks at the rim of its clump."""
+    edges: float = 0.0
+    """How much it prefers edges to level places, in deviations of the noise of clumps."""
+    under: float = 0.0
+    """How much it prefers undersides to walls, and walls to tops, likewise; less than 0: tops."""
 
 
 KINDS = {
-    "barnacle": Kind(barnacle, 4, ((0.8, 0.8, 0.8), (1.0, 1.0, 0.97), (1.18, 1.17, 1.12)), 230.0, 11.0, (-1.0, 1.0),
-                     (0.007, 0.024), 0.16, small=2.0, body=0.82),
-    "tube_worm": Kind(tube_worm, 6, ((0.62, 0.62, 0.6), (0.95, 0.93, 0.88)), 35.0, 9.0, (-1.0, 1.0), (0.018, 0.058),
-                      0.25),
-    "hydroid": Kind(hydroid, 3, ((1.0, 1.0, 1.0), (0.65, 0.8, 0.6), (1.15, 0.72, 0.85), (1.35, 1.5, 1.6)), 270.0, 7.0,
-                    (-0.6, 1.0), (0.012, 0.055), 0.28, straight=0.35, jitter=0.2, tall=True),
-    "anemone": Kind(anemone, 4, ((1.0, 1.0, 1.0), (1.15, 0.8, 0.65), (1.1, 1.35, 1.7)), 1.6, 6.0, (-0.2, 1.0),
-                    (0.03, 0.08), 0.5, body=0.7, straight=0.25, tall=True),
-    "coralline": Kind(coralline, 4, ((0.8, 0.75, 0.75), (1.0, 1.0, 1.0), (1.15, 1.25, 1.3)), 18.0, 8.0, (-0.4, 1.0),
-                      (0.015, 0.11), 0.4, small=2.0, body=0.55, jitter=0.03),
-    "mussel": Kind(mussel, 4, ((0.8, 0.82, 0.9), (1.1, 1.05, 1.0), (1.5, 1.35, 1.1)), 250.0, 12.0, (-0.5, 1.0),
-                   (0.02, 0.06), 0.5, small=1.0, body=0.35, jitter=0.35),
-    "starfish": Kind(starfish, 3, ((1.0, 1.0, 1.0), (0.75, 0.7, 0.9), (1.25, 1.5, 1.4)), 0.2, 4.0, (0.3, 1.0),
+    "barnacle": Kind(barnacle, 4, ((0.62, 0.58, 0.52), (0.8, 0.77, 0.7), (1.0, 0.98, 0.92)), 400.0, 11.0, (-1.0, 1.0),
+                     (0.007, 0.024), 0.2, small=2.0, body=0.82, territory=0.0, cover=1.8, smaller=0.6, edges=0.3),
+    "tube_worm": Kind(tube_worm, 6, ((0.5, 0.48, 0.44), (0.75, 0.72, 0.66)), 60.0, 9.0, (-1.0, 1.0), (0.018, 0.058),
+                      0.25, territory=0.65, cover=1.4, smaller=0.3, under=0.7),
+    "hydroid": Kind(hydroid, 3, ((0.8, 0.8, 0.8), (0.6, 0.7, 0.58), (0.85, 0.7, 0.62), (1.0, 1.05, 1.05)), 270.0, 7.0,
+                    (-0.6, 1.0), (0.012, 0.055), 0.28, straight=0.35, jitter=0.25, tall=True, territory=0.8,
+                    cover=0.7, smaller=0.4, edges=0.8),
+    "anemone": Kind(anemone, 4, ((0.8, 0.8, 0.8), (0.95, 0.7, 0.6), (0.85, 0.95, 1.1)), 1.0, 6.0, (-1.0, 1.0),
+                    (0.03, 0.08), 0.5, body=0.7, straight=0.1, tall=True, territory=0.55, cover=0.6, smaller=0.3,
+                    edges=0.3, under=0.5),
+    "coralline": Kind(coralline, 4, ((0.8, 0.78, 0.76), (1.0, 1.0, 1.0), (1.1, 1.15, 1.15)), 18.0, 8.0, (-0.4, 1.0),
+                      (0.015, 0.11), 0.4, small=2.0, body=0.4, jitter=0.03, territory=0.3, cover=1.0),
+    "mussel": Kind(mussel, 4, ((0.8, 0.82, 0.85), (1.1, 1.02, 0.92), (1.7, 1.5, 1.2)), 250.0, 12.0, (-0.5, 1.0),
+                   (0.02, 0.06), 0.3, small=1.0, body=0.42, jitter=0.6, territory=0.4, cover=1.2, smaller=0.5),
+    "starfish": Kind(starfish, 3, ((0.85, 0.85, 0.85), (0.75, 0.72, 0.8), (0.95, 1.1, 1.1)), 0.1, 4.0, (0.3, 1.0),
                      (0.07, 0.14), 1.5, small=1.0, body=1.0, jitter=0.03, scars=False),
-    "shell": Kind(shell, 6, ((0.7, 0.68, 0.64), (1.0, 1.0, 1.0)), 10.0, 4.5, (0.75, 1.0), (0.012, 0.034), 1.4,
+    "shell": Kind(shell, 6, ((0.6, 0.57, 0.52), (0.9, 0.88, 0.85)), 6.0, 4.5, (0.75, 1.0), (0.012, 0.034), 1.4,
                   body=0.8, jitter=0.25, scars=False),
-    "pebble": Kind(pebble, 4, GREYS, 190.0, 4.5, (0.7, 1.0), (0.005, 0.07), 1.4, small=2.7, body=0.85, jitter=0.2,
+    "pebble": Kind(pebble, 4, GREYS, 190.0, 4.5, (0.7, 1.0), (0.005, 0.07), 1.4, small=2.7, body=0.85, jitter=0.15,
                    scars=False),
     "kelp": Kind(kelp, 6, ((0.85, 0.9, 0.9), (1.15, 1.05, 1.0)), 3.0, 7.0, (0.4, 1.0), (0.5, 1.6), 2.5, small=1.0,
                  body=0.08, straight=2.5, tall=True, scars=False),
     "seagrass": Kind(seagrass, 6, ((0.85, 0.9, 0.9), (1.15, 1.1, 1.0)), 120.0, 9.0, (0.75, 1.0), (0.15, 0.5), 2.0,
                      small=1.0, straight=2.0, jitter=0.15, tall=True, scars=False),
+    "turf": Kind(turf, 3, ((0.8, 0.8, 0.8), (1.0, 0.92, 0.8), (0.8, 0.92, 0.7), (1.25, 1.2, 1.1)), 900.0, 6.0,
+                 (-0.7, 1.0), (0.005, 0.03), 0.22, small=2.0, straight=0.2, jitter=0.3, tall=True, territory=0.9,
+                 cover=0.5, smaller=0.6, edges=1.2, under=-0.3),
 }
 
 

@@ -6,7 +6,15 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.growth import Growth
-from varos_warp.scene.geometry.growth.chance import crowding, key_of, mixed, poisson_counts, uniform
+from varos_warp.scene.geometry.growth.chance import (
+    PER_CLUSTER,
+    Crowding,
+    crowding,
+    key_of,
+    mixed,
+    poisson_counts,
+    uniform,
+)
 from varos_warp.scene.geometry.growth.hosts import REACH_M, Host
 from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
 from varos_warp.scene.geometry.relief.density import Footprint
@@ -49,6 +57,20 @@ class Wanted:
         if s == 0.0:
             return low * (high / low) ** u
         return (low**s + u * (high**s - low**s)) ** (1.0 / s)
+
+    def crowding(self, host: str) -> Crowding:
+        """How the copies keep together on a host of this name: clumps are as full as bodies make them.
+
+        Fewer a square metre are fewer clumps, no looser ones.
+        """
+        own = key_of(self.seed, self.block.seed, self.block.kind, host)
+        shared = key_of(self.seed, host) if self.kind.scars else None
+        if self.cluster == 0.0 or self.per_m2 == 0.0:
+            return crowding(1.0, self.kind.wavelength, own, None)
+        size = np.mean(self.sizes((np.arange(200) + 0.5) / 200) ** 2)
+        full = self.kind.cover / (0.25 * np.pi * (self.kind.body or 1.0) ** 2 * size)
+        times = max(np.exp(PER_CLUSTER * self.cluster), full / self.per_m2)
+        return crowding(times, self.kind.wavelength, own, shared, self.kind.territory)
 
     def share_above(self, size: np.ndarray) -> np.ndarray:
         """Share [N] of the copies that are larger than sizes [N] [m]."""
@@ -103,8 +125,7 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
         InputError: There would be too many.
     """
     own = key_of(wanted.seed, wanted.block.seed, wanted.block.kind, host.name)
-    scars = key_of(wanted.seed, host.name) if wanted.kind.scars else None
-    crowd = crowding(wanted.cluster, wanted.kind.wavelength, own, scars)
+    crowd = wanted.crowding(host.name)
     area, up = host.area_and_up
     may = np.flatnonzero((area > 0.0) & (up >= wanted.up[0]) & (up <= wanted.up[1]))
     mean = wanted.per_m2 * area[may]
@@ -138,21 +159,37 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
     too_small = (len(keys) - len(few)) / crowd.peak
     faces, keys, size = faces[few], keys[few], size[few]
     weights, points = _within(host.corners[faces], keys)
-    keep = uniform(keys, 4) * crowd.peak < crowd(points - host.origin)
+    normals = _normals(host, faces, weights)
+    weight, depth = crowd(points - host.origin, _liking(wanted, host, points, normals))
+    keep = uniform(keys, 4) * crowd.peak < weight
     if wanted.block.depth_m is not None:
-        depth = wanted.surface_depth_m - points[:, 2]
-        keep &= (depth >= wanted.block.depth_m[0]) & (depth <= wanted.block.depth_m[1])
+        below = wanted.surface_depth_m - points[:, 2]
+        keep &= (below >= wanted.block.depth_m[0]) & (below <= wanted.block.depth_m[1])
     kept = np.flatnonzero(keep)
     kept = kept[footprint.distance(points[kept]) <= REACH_M]
-    pixels = size[kept] / footprint(points[kept])
+    size = np.maximum(size[kept] * (1.0 - wanted.kind.smaller * (1.0 - depth[kept])), wanted.size_m[0])
+    pixels = size / footprint(points[kept])
     wide = pixels >= LEAST_PIXELS
     few = kept[wide]
-    a, b, c = np.moveaxis(host.corners[faces[few]], 1, 0)
-    flat = np.cross(b - a, c - a)  # where corners' normals cancel
-    normals = np.einsum("ni,nij->nj", weights[few], host.normals[faces[few]]) + 1e-6 * flat / np.linalg.norm(
-        flat, axis=1, keepdims=True)
-    return Rooted(np.full(len(few), number, np.int32), points[few], normals, size[few], keys[few],
+    return Rooted(np.full(len(few), number, np.int32), points[few], normals[few], size[wide], keys[few],
                   pixels[wide], too_small + np.count_nonzero(~wide))
+
+
+def _normals(host, faces, weights):
+    """Smoothed normals [N, 3] at places of triangles, not of unit length."""
+    a, b, c = np.moveaxis(host.corners[faces], 1, 0)
+    flat = np.cross(b - a, c - a)  # where corners' normals cancel
+    return np.einsum("ni,nij->nj", weights, host.normals[faces]) + 1e-6 * flat / np.linalg.norm(
+        flat, axis=1, keepdims=True)
+
+
+def _liking(wanted, host, points, normals):
+    """What the noise of clumps is raised by at places [N] that a kind prefers: edges, undersides or tops."""
+    kind = wanted.kind
+    if wanted.cluster == 0.0 or kind.edges == kind.under == 0.0:
+        return 0.0
+    liking = -kind.under * normals[:, 2] / np.linalg.norm(normals, axis=1)
+    return liking + kind.edges * host.edges(points - host.origin) if kind.edges else liking
 
 
 def _within(corners, keys):

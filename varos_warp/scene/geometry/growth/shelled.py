@@ -25,7 +25,7 @@ def barnacle(rng: np.random.Generator) -> Form:
     vertices[:, 2] += tips.ravel()
     shade = np.array([0.35, 0.5, 0.75, 0.9, 1.0, 1.05, 0.6, 0.09, 0.14, 0.2])[:, None] * (1.0 - 0.45 * outside * seam)
     shade = shade.ravel() * rng.uniform(0.9, 1.1, len(vertices))
-    return Form(solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.34, 0.315, 0.265])))
+    return Form(solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.27, 0.25, 0.205])))
 
 
 def tube_worm(rng: np.random.Generator) -> Form:
@@ -37,7 +37,7 @@ def tube_worm(rng: np.random.Generator) -> Form:
     path = np.column_stack([flat - flat.mean(axis=0), 0.01 + 0.05 * s**7])
     shade = 0.7 + 0.3 * rng.random(count)
     shade[-1] *= 0.25
-    return Form(None, (Strip(path, 0.01 + 0.024 * s, np.outer(shade, [0.40, 0.37, 0.31]), sides=7),))
+    return Form(None, (Strip(path, 0.01 + 0.024 * s, np.outer(shade, [0.3, 0.275, 0.23]), sides=7),))
 
 
 def valve(rng: np.random.Generator, width: float, depth: float, rings: float) -> Solid:
@@ -62,8 +62,8 @@ def shell(rng: np.random.Generator) -> Form:
         middle = vertices[faces].mean(axis=1)
         faces = faces[middle @ [np.cos(a := rng.uniform(0, 6.28)), np.sin(a), 0.0] < rng.uniform(0.0, 0.25)]
     used, faces = np.unique(faces, return_inverse=True)
-    vertices[:, 2] -= vertices[used, 2].min() + rng.uniform(0.03, 0.06)
-    return Form(solid(vertices[used], faces.reshape(-1, 3), whole.colours[used] * [0.42, 0.39, 0.34]))
+    vertices[:, 2] -= vertices[used, 2].min() + rng.uniform(0.05, 0.14)
+    return Form(solid(vertices[used], faces.reshape(-1, 3), whole.colours[used] * [0.27, 0.245, 0.2]))
 
 
 def mussel(rng: np.random.Generator) -> Form:

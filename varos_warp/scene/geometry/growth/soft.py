@@ -28,7 +28,7 @@ def anemone(rng: np.random.Generator) -> Form:
     shade = np.repeat(np.interp(z, [-0.05, 0.1, 0.5, 0.75], [0.5, 0.7, 1.0, 1.1]), 18) * rng.uniform(0.9, 1.1, 180)
     tentacles = [_tentacle(rng) for _ in range(44 if open_ else 0)]
     lean = rng.normal(0.0, 0.25, 2)
-    body = solid(_leaning(column, lean), grid_faces(10, 18), np.outer(shade, [0.30, 0.17, 0.09]))
+    body = solid(_leaning(column, lean), grid_faces(10, 18), np.outer(shade, [0.15, 0.1, 0.065]))
     return Form(body, tuple(replace(each, path=_leaning(each.path, lean)) for each in tentacles))
 
 
@@ -43,7 +43,7 @@ def _tentacle(rng):
     s, outwards = np.linspace(0.0, 1.0, 5)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
     path = [0.0, 0.0, 0.69] + outwards * (start + length * out * s) + UP * (
         length * (s - 0.6 * out * s**2)) + 0.012 * np.cumsum(rng.standard_normal((5, 3)), axis=0)
-    colours = np.tile([0.40, 0.28, 0.18], (5, 1)) * rng.uniform(0.8, 1.15)
+    colours = np.tile([0.2, 0.155, 0.11], (5, 1)) * rng.uniform(0.8, 1.15)
     return Strip(path, np.linspace(0.02, 0.006, 5), colours, sides=4)
 
 
@@ -65,12 +65,30 @@ def hydroid(rng: np.random.Generator) -> Form:
     return Form(None, tuple(strips))
 
 
+def turf(rng: np.random.Generator) -> Form:
+    """A tuft of short fine algae, full of silt: blades that lean every way from a broad foot; of unit height."""
+    strips = []
+    for _ in range(24):
+        t, foot = rng.uniform(0.0, 2.0 * np.pi), 0.55 * np.sqrt(rng.uniform())
+        root = [foot * np.cos(t), foot * np.sin(t), -0.12]
+        away = t + rng.normal(0.0, 1.0)
+        length, out = rng.uniform(0.4, 1.0) * (1.1 - 0.5 * foot), rng.uniform(0.05, 0.75)
+        s = np.array([0.0, 0.5, 1.0])[:, None]
+        path = root + (length + 0.12) * (out * s**1.5 * [np.cos(away), np.sin(away), 0.0] + (s - 0.3 * out * s**2) * UP)
+        path[1:] += 0.05 * rng.standard_normal((2, 3))
+        across = np.cross(path[-1] - path[0], rng.standard_normal(3))
+        colours = rng.uniform(0.7, 1.25) * (np.array([0.045, 0.04, 0.028]) + s**1.5 * [0.055, 0.05, 0.038])
+        strips.append(Strip(path, np.array([0.05, 0.042, 0.012]), colours,
+                            np.tile(across / np.linalg.norm(across), (3, 1))))
+    return Form(None, tuple(strips))
+
+
 def _blade(path, half_width, tone, rng):
     """A ribbon that narrows to its tip."""
     across = np.cross(path[-1] - path[0], rng.standard_normal(3))
     across /= max(np.linalg.norm(across), 1e-9)
     s = np.linspace(0.0, 1.0, len(path))
-    return Strip(path, half_width * (1.0 - 0.7 * s), np.outer(tone * (0.55 + 0.6 * s), [0.17, 0.125, 0.07]),
+    return Strip(path, half_width * (1.0 - 0.7 * s), np.outer(tone * (0.55 + 0.6 * s), [0.105, 0.085, 0.056]),
                  np.tile(across, (len(path), 1)))
 
 
@@ -87,8 +105,8 @@ def starfish(rng: np.random.Generator) -> Form:
     vertices = np.stack([x, y, z + 0.014 * spines], -1).reshape(-1, 3)
     mottle = np.clip(waves(vertices, 0.12, rng), -1.5, 1.5)[:, None]
     shade = 0.75 + 0.13 * mottle + 0.25 * np.repeat(s, len(t), axis=0)
-    pale = np.clip(mottle - 0.4, 0.0, 0.8) * [0.05, 0.06, 0.05]
-    whole = solid(vertices, grid_faces(rings, len(t))[:, ::-1], shade * [0.21, 0.085, 0.043] + pale)
+    pale = np.clip(mottle - 0.4, 0.0, 0.8) * [0.04, 0.042, 0.035]
+    whole = solid(vertices, grid_faces(rings, len(t))[:, ::-1], shade * [0.13, 0.07, 0.045] + pale)
     tips, notches = np.arange(half - 1, len(t), 2 * half), np.arange(2 * half - 1, len(t), 2 * half)
     corners, flanks = np.union1d(tips, notches), np.union1d(tips - 6, tips + 6)
     return Form(whole, coarser=tuple(_some(whole, len(t), [0, rings // 2, rings - 1], columns)

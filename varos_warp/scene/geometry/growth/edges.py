@@ -1,0 +1,86 @@
+"""Where a host stands out: its edges, corners and thin parts, told from hollows and level places."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from varos_warp.scene.geometry.growth.chance import mixed, uniform
+from varos_warp.scene.geometry.topology import chunks
+
+CELL_M = 0.04
+"""Edges are told from the surface within about one and a half times as far [m]."""
+AROUND_M = 3.5 * CELL_M
+"""Farther from a place nothing counts [m]."""
+PER_CELL = 4.0
+"""Samples of large triangles, for each square of a cell's size."""
+THIN = 0.3
+"""Where normals cancel to such a share of the area, both sides of something thin are near."""
+SIDE = np.int64(1 << 20)
+
+
+@dataclass(frozen=True)
+class Edges:
+    """The middle of the surface around every cell of space that has some of it."""
+
+    keys: np.ndarray
+    """int64 [C]: of cells, ascending."""
+    middle: np.ndarray
+    """float64 [C, 3]: of the surface in the cell and its neighbours, from the host's origin [m]."""
+    normal: np.ndarray
+    """float64 [C, 3]: mean of its normals, as long as they agree."""
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """How much places [N, 3] from the host's origin stand out [N]: 1 at right edges, 0 on planes, -1 in corners."""
+        keys = _key(np.floor(points / CELL_M).astype(np.int64))
+        at = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        agree = np.linalg.norm(self.normal[at], axis=1)
+        above = np.einsum("ni,ni->n", points - self.middle[at], self.normal[at]) / np.where(agree > 0.0, agree, 1.0)
+        out = np.where(agree < THIN, 1.0, np.clip(2.0 * above / CELL_M, -1.0, 1.0))
+        return np.where(self.keys[at] == keys, out, 0.0)
+
+
+def edges_of(corners: np.ndarray, keys: np.ndarray) -> Edges:
+    """Of triangles.
+
+    Args:
+        corners: float64 [F, 3, 3], from the host's origin [m].
+        keys: uint64 [F], of the triangles.
+    """
+    found, sums = [np.zeros(0, np.int64)], [np.zeros((0, 7))]
+    for part in chunks(len(keys)):
+        points, vectors = _samples(corners[part], keys[part])
+        area = np.linalg.norm(vectors, axis=1)
+        cells, inverse = np.unique(_key(np.floor(points / CELL_M).astype(np.int64)), return_inverse=True)
+        found.append(cells)
+        sums.append(_summed(inverse, np.column_stack([area, area[:, None] * points, vectors]), len(cells)))
+    cells, inverse = np.unique(np.concatenate(found), return_inverse=True)
+    own = _summed(inverse, np.concatenate(sums), len(cells))
+    total = np.zeros_like(own)
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), -1).reshape(-1, 3)
+    for step in steps @ [SIDE * SIDE, SIDE, np.int64(1)]:
+        at = np.minimum(np.searchsorted(cells, cells + step), len(cells) - 1)
+        total += np.where((cells[at] == cells + step)[:, None], own[at], 0.0)
+    area = np.where(total[:, :1] > 0.0, total[:, :1], 1.0)
+    return Edges(cells, total[:, 1:4] / area, total[:, 4:] / area)
+
+
+def _samples(corners, keys):
+    """Points [N, 3] of triangles, several of large ones, and the area vectors [N, 3] [m^2] that they stand for."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    vectors = 0.5 * np.cross(b - a, c - a)
+    times = np.maximum(np.ceil(PER_CELL * np.linalg.norm(vectors, axis=1) / CELL_M**2), 1.0).astype(np.int64)
+    if (times == 1).all():
+        return (a + b + c) / 3.0, vectors
+    face = np.repeat(np.arange(len(times)), times)
+    turn = np.arange(len(face)) - np.repeat(np.cumsum(times) - times, times)
+    chance = mixed(keys[face], turn.astype(np.uint64))
+    u, v = np.sqrt(uniform(chance, 0))[:, None], uniform(chance, 1)[:, None]
+    return (1.0 - u) * a[face] + u * (1.0 - v) * b[face] + u * v * c[face], (vectors / times[:, None])[face]
+
+
+def _summed(inverse, columns, count):
+    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T])
+
+
+def _key(cells):
+    return (cells + SIDE // 2) @ np.array([SIDE * SIDE, SIDE, np.int64(1)])
