@@ -13,6 +13,8 @@ from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.mesh.bake import bake_ground
+from varos_warp.kernels.particles.draw import make_draw_kernel
+from varos_warp.kernels.particles.expected import make_expected_kernel
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
@@ -140,6 +142,22 @@ def purity_kernel(spec: SceneSpec, view: Camera, moves: bool, rolls: bool) -> wp
     return make_purity_kernel(spec) if spec.surfaces else None
 
 
+class ParticleKernels(NamedTuple):
+    """What lists the images of bodies, and what tells their mean."""
+
+    draw: wp.Kernel
+    expected: wp.Kernel
+
+
+def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool) -> ParticleKernels:
+    """Kernels of bodies in the water; ``moves``: the camera may do so while its shutter is open."""
+    moves = moves and view.shutter is not None
+    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
+                   rolling=moves and is_rolling(view),
+                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0)
+    return ParticleKernels(make_draw_kernel(spec), make_expected_kernel(spec))
+
+
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
                    ) -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
@@ -163,6 +181,7 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
             seen, moves = image.seen_by(scene, view), image.blurs and view.shutter is not None
             if image.source is Source.WATER:
                 images += [water_kernels(scene, spec, seen, options, name, moves) for name in names]
+                hits += particle_kernels(scene, spec, seen, moves) if scene.particles else ()
             if image.source is Source.AMBIENT:
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:

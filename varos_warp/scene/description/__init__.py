@@ -19,6 +19,7 @@ from varos_warp.scene.description.growth import Growth, problem_of
 from varos_warp.scene.description.image_types import TWIN, WATER
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
+from varos_warp.scene.description.particles import Particles
 from varos_warp.scene.description.render import Render
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import AnyTerrain
@@ -54,6 +55,8 @@ class Scene(Block):
     """Materials by name; terrain and objects choose one by ``material: NAME``."""
     water: Water | Literal["none"] = "none"
     """The water, in exactly one of three forms; or ``none``: no water."""
+    particles: list[Particles] = []
+    """Blocks of bodies in the water that are drawn one by one, such as marine snow (docs/snow.md)."""
     surface_depth_m: Coordinate = 0.0
     """Depth of world z = 0 below the sea surface [m]."""
     gravity: Annotated[float, Field(gt=0.0, le=1e3)] = 9.81
@@ -80,7 +83,7 @@ class Scene(Block):
     """Where its keys stand in the file (scene/file/source.py)."""
     _written = written_otherwise(
         lambda scene: [*(("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer")),
-                       *(() if scene.growth else ("growth",))])
+                       *(() if scene.growth else ("growth",)), *(() if scene.particles else ("particles",))])
 
     @model_validator(mode="before")
     @classmethod

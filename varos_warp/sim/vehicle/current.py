@@ -117,6 +117,11 @@ class Current:
         even = self.drift + np.sin(np.multiply.outer(t, self.frequency) + self.phase) @ self.amplitude
         return even if self.turbulence is None else even + self.turbulence.motion(t)[0]
 
+    def way(self, t: float) -> np.ndarray:
+        """How far the water has moved since time 0, [3] [m]: without its turbulence, which leads nowhere."""
+        turned = np.cos(self.phase) - np.cos(self.frequency * t + self.phase)
+        return t * self.drift + (turned / self.frequency) @ self.amplitude
+
     def acceleration(self, t) -> np.ndarray:
         """Its time derivative [n, 3] [m/s^2]."""
         even = (np.cos(np.multiply.outer(t, self.frequency) + self.phase) * self.frequency) @ self.amplitude
