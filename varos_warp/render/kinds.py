@@ -15,6 +15,7 @@ from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.particles.draw import make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel
+from varos_warp.kernels.particles.gather import gather_splats
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
@@ -35,6 +36,7 @@ from varos_warp.scene.device import foretold_spec, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
 from varos_warp.scene.lights.records import lights_vary, radius_of
 from varos_warp.scene.optics.shutter import is_rolling
+from varos_warp.scene.water.particles import particle_laws
 
 SPLITTING = 4
 """Camera segments to a subpath, where nothing else is known."""
@@ -181,9 +183,10 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
             seen, moves = image.seen_by(scene, view), image.blurs and view.shutter is not None
             if image.source is Source.WATER:
                 images += [water_kernels(scene, spec, seen, options, name, moves) for name in names]
-                hits += particle_kernels(scene, spec, seen, moves) if scene.particles else ()
             if image.source is Source.AMBIENT:
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
+        if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
+            hits += [*particle_kernels(scene, spec, view, view.shutter is not None), gather_splats]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:
@@ -206,7 +209,11 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
     """A ``with`` statement during which threads compile what loading a scene and its images will need.
 
     As far as the scene file tells; arguments as for `kernels_needed`.
+
+    Raises:
+        InputError: If the water cannot have the particles that the scene says.
     """
+    particle_laws(scene)
     kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator)
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)

@@ -18,6 +18,7 @@ from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.products.images.radiance import RadianceImage
+from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
@@ -25,9 +26,8 @@ from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, LightKernels, SampleKind, ambient_kernels, sample_step, water_kernels
 from varos_warp.render.moments import Motion, moments_of
-from varos_warp.render.particles.snow import with_snow
-from varos_warp.products.images.snow import Snow
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
+from varos_warp.render.particles.snow import with_snow
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene

@@ -28,8 +28,8 @@ from varos_warp.render.image.flow import MovingPart, flow_by_rows, flow_of
 from varos_warp.render.image.frame import Frame
 from varos_warp.render.kinds import hit_kernels, kernels_needed, purity_kernel
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, moments_of, poses_of_rows, times_seen
-from varos_warp.render.particles.snow import SnowRenderer
 from varos_warp.render.options import INTEGRATORS, LAYERS, RenderOptions, check_names, options_of, resolve_integrator
+from varos_warp.render.particles.snow import SnowRenderer
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import FLOW, WATER
@@ -199,6 +199,8 @@ class FrameRenderer:
         """Render the ``outputs``, each with the random numbers of its key, by the thread whose turn it is."""
         view, T_w_v, motion = here.view, here.T_w_v, here.motion
         there = self._following(following, here) if following is not None else None
+        # what is taken out of A for the bodies is light scattered once
+        shows_bodies = how.snow and self.scene.particles and "single" in how.layers and how.max_scatterings != 0
         bodies = functools.cache(lambda seen, moved, key: self.snow.render(
             here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there))
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
@@ -217,9 +219,9 @@ class FrameRenderer:
                 images[letter] = images[product.like]
             else:
                 shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
-                drawn = functools.partial(bodies, seen, moved, key_of(letter)) if self.scene.particles else None
+                drawn = functools.partial(bodies, seen, moved, key_of(letter)) if shows_bodies else None
                 images[letter] = make[product.source](
-                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved, drawn if how.snow else None))
+                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved, drawn))
         planes = {plane for image in asked.values() for plane in image.planes}
         planes |= {"instance"} if FLOW in asked and self.world.moving else set()
         if planes:

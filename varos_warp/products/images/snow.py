@@ -17,8 +17,6 @@ class Snow:
 
     added: np.ndarray
     """Radiance of the bodies less its mean, float32 [H, W, 3] [W/sr/m^2]."""
-    light: np.ndarray
-    """Radiance of the bodies alone, float32 [H, W, 3]."""
     passed: np.ndarray
     """Share of the light from behind that they let pass, over its mean, float32 [H, W]."""
     coverage: np.ndarray
@@ -26,6 +24,8 @@ class Snow:
     flow: np.ndarray | None = None
     """Motion of the brightest body of a pixel to the next frame, float32 [H, W, 2] [pixels]; 0 where there is none.
     None unless it was asked for."""
+    light: np.ndarray | None = None
+    """Radiance of the bodies alone, float32 [H, W, 3]; datasets do not have it."""
 
     def over(self, radiance: np.ndarray) -> np.ndarray:
         """Radiance with the bodies, of an image [H, W, 3] of water without any."""

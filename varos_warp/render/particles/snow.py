@@ -106,7 +106,7 @@ class SnowRenderer:
         light, mean, passed, coverage, flow = arrays
         if share is not None:
             light, mean = (values * share.numpy()[..., None].astype(np.float32) for values in (light, mean))
-        return Snow(light - mean, light, passed, coverage, flow if following is not None else None)
+        return Snow(light - mean, passed, coverage, flow if following is not None else None, light)
 
     # ---------------------------------------------------------------------------------------------------- what moves
 

@@ -16,7 +16,7 @@ from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, wri
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.growth import Growth, problem_of
-from varos_warp.scene.description.image_types import TWIN, WATER
+from varos_warp.scene.description.image_types import SNOW, TWIN, WATER
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.particles import Particles
@@ -155,6 +155,13 @@ class Scene(Block):
         if TWIN in self.render.outputs and not any(map(has_twin, cameras)):
             raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
                              "has any; leave out P, or give a camera one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _bodies_can_be_seen(self):
+        if SNOW in self.render.outputs and not self.particles:
+            raise ValueError("render.outputs: N shows bodies in the water, and there are no particles; leave out N, or "
+                             "give a block particles")
         return self
 
     @model_validator(mode="after")
