@@ -15,6 +15,7 @@ from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.particles.draw import make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel
+from varos_warp.kernels.particles.field_light import make_field_light_kernel
 from varos_warp.kernels.particles.gather import gather_splats
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
@@ -29,7 +30,7 @@ from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.field.open_water import along_camera, unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.render import sees_water
+from varos_warp.scene.description.render import field_by_old_name, sees_water
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import foretold_spec, optics_spec
@@ -145,19 +146,29 @@ def purity_kernel(spec: SceneSpec, view: Camera, moves: bool, rolls: bool) -> wp
 
 
 class ParticleKernels(NamedTuple):
-    """What lists the images of bodies, and what tells their mean."""
+    """What lists the images of bodies, what tells their mean, and what tabulates that of the field, if it is known."""
 
     draw: wp.Kernel
     expected: wp.Kernel
+    field_light: wp.Kernel | None
 
 
-def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool) -> ParticleKernels:
-    """Kernels of bodies in the water; ``moves``: the camera may do so while its shutter is open."""
+def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, field: bool) -> ParticleKernels:
+    """Kernels of bodies in the water, which the ``field`` lights; ``moves``: the vehicle does so."""
     moves = moves and view.shutter is not None
     spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
                    rolling=moves and is_rolling(view),
-                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0)
-    return ParticleKernels(make_draw_kernel(spec), make_expected_kernel(spec))
+                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0, field=field)
+    return ParticleKernels(make_draw_kernel(spec), make_expected_kernel(spec),
+                           make_field_light_kernel(spec) if spec.field else None)
+
+
+def lit_by_field(scene: Scene) -> bool:
+    """Whether scattered light shines on bodies too: where the field of open water may serve A.
+
+    It does not depend on what a plan chooses, so that bodies look alike in all runs.
+    """
+    return field_by_old_name(scene.render.integrator) in ("auto", "field") and unavailable(scene) is None
 
 
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
@@ -186,7 +197,8 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
             if image.source is Source.AMBIENT:
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
-            hits += [*particle_kernels(scene, spec, view, view.shutter is not None), gather_splats]
+            bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
+            hits += [gather_splats, *(kernel for kernel in bodies if kernel)]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:

@@ -120,7 +120,7 @@ class FrameRenderer:
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
         self.radiance = RadianceRenderer(scene, self.world, self.films)
-        self.snow = SnowRenderer(scene, self.launcher)
+        self.snow = SnowRenderer(scene, self.launcher, self.radiance.open_water)
 
     def relit(self, scene: Scene) -> "FrameRenderer":
         """A renderer of a scene that differs in water, lights, cameras or course only: nothing is built anew for it.
@@ -130,7 +130,7 @@ class FrameRenderer:
         other = copy.copy(self)
         other.scene, other.world, other.companions = scene, self.world.relit(scene), companions(scene)
         other.radiance = RadianceRenderer(scene, other.world, self.films)
-        other.snow = SnowRenderer(scene, self.launcher)
+        other.snow = SnowRenderer(scene, self.launcher, other.radiance.open_water)
         return other
 
     @property
@@ -200,7 +200,7 @@ class FrameRenderer:
         view, T_w_v, motion = here.view, here.T_w_v, here.motion
         there = self._following(following, here) if following is not None else None
         # what is taken out of A for the bodies is light scattered once
-        shows_bodies = how.snow and self.scene.particles and "single" in how.layers and how.max_scatterings != 0
+        shows_bodies = how.snow and self.scene.particles and "single" in (how.layers or ()) and how.max_scatterings != 0
         bodies = functools.cache(lambda seen, moved, key: self.snow.render(
             here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there))
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))

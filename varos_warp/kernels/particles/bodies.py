@@ -35,6 +35,8 @@ class Particles:
     """Scattering coefficient of all of them, that much of the water's [1/m]."""
     albedo: wp.vec3
     """Of a body: what it scatters of the light that falls on it, 1 in the brightest channel."""
+    opacity: float
+    """Share of the light that a body reflects, not transmits."""
     drawn: wp.array(dtype=float)
     """Share of ``sigma_s`` that is drawn, at even steps of the distance along a camera's ray in the water; without
     what fades close to the camera."""

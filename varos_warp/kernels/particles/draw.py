@@ -3,6 +3,7 @@
 import warp as wp
 
 from varos_warp.kernels.conventions import CPU_FLAGS
+from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.particles.bodies import (
     Body,
@@ -15,6 +16,7 @@ from varos_warp.kernels.particles.bodies import (
     drawn_of_body,
     ramp,
 )
+from varos_warp.kernels.particles.field_light import field_on_body
 from varos_warp.kernels.particles.image import Directions, Image, camera_between, make_image_of
 from varos_warp.kernels.particles.splat import LARGEST_PX, OPTICS_PX, ROUND_PX, Splat, profile_sum, tiles_of
 from varos_warp.kernels.spec import SceneSpec, specialised
@@ -120,7 +122,7 @@ def lamps_on_body(scene: SceneData, light: Light, p: wp.vec3, particles: Particl
     return share * phase_eval(particles.phase, 1.0 - wp.dot(d, sample.d)) * irradiance(scene.medium, sample)
 
 
-@specialised("instances", "masks", "optics", "rolling")
+@specialised("instances", "masks", "optics", "rolling", "field")
 def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
     """Splats of the bodies of cells, counted or written, specialised to ``spec``."""
     image_of = make_image_of(spec.optics)
@@ -182,8 +184,8 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         return splat, found, drawn
 
     @wp.func
-    def light_of(scene: SceneData, particles: Particles, body: Body, found: Sighting):
-        """Intensity that a body sends to the camera [W/sr], of all lamps that reach it."""
+    def light_of(scene: SceneData, field: Field, particles: Particles, body: Body, found: Sighting):
+        """Intensity that a body sends to the camera [W/sr], of all lamps that reach it, and of the field."""
         L = wp.vec3(0.0)
         for i in range(light_count(scene.lights)):
             light = sample_point(get_light(scene.lights, i), wp.vec2(body.u[1], body.u[3]))
@@ -191,6 +193,8 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
             if brightest(E) > 0.0:
                 if visible(scene, found.p, light.position):
                     L += E
+        if wp.static(spec.field):
+            L += field_on_body(scene, field, particles.opacity, found.p, found.image.d)
         bright = 1.0 + TUMBLE * wp.sin(wp.tau * body.u[3] + particles.turn)
         return bright * wp.pi * body.r * body.r * wp.cw_mul(particles.albedo, L)
 
@@ -207,6 +211,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False, module_options={"cpu_compiler_flags": CPU_FLAGS})
     def draw_bodies(
         scene: SceneData,
+        field: Field,
         exposure: Exposure,
         following: Exposure,  # of the next frame; no cameras: no flow is asked for
         lights: wp.array2d(dtype=Light),  # mean over the exposure, of each row or once
@@ -246,7 +251,8 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
                     if counting:
                         count += box[2] * box[3]
                     elif box[2] > 0:
-                        I = light_of(lit(scene, lights, exposure.moments.moving, found), particles, body, found)
+                        at_row = lit(scene, lights, exposure.moments.moving, found)
+                        I = light_of(at_row, field, particles, body, found)
                         T = transmittance(scene.medium, found.image.t)
                         splat.flux = wp.static(1.0 / channels) * (drawn / found.image.area) * wp.cw_mul(
                             found.image.weight, wp.cw_mul(T, I))

@@ -9,6 +9,7 @@ import warp as wp
 from varos_warp.kernels.conventions import CPU_FLAGS
 from varos_warp.kernels.numerics import brightest, make_gauss_legendre
 from varos_warp.kernels.particles.bodies import FADE, NEAREST, Particles, covered_before, drawn_at, ramp
+from varos_warp.kernels.particles.field_light import expected_of_field
 from varos_warp.kernels.sampler import draw, make_sampler
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, instant_of, place_of, with_points
@@ -88,7 +89,7 @@ def expected_of_lamp(scene: SceneData, particles: Particles, light: Light, o: wp
     return L
 
 
-@specialised("surfaces", "instances", "masks", "optics", "varies", "disks")
+@specialised("surfaces", "instances", "masks", "optics", "varies", "disks", "field")
 def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
     """What bodies add in the mean, and where rays end, specialised to ``spec``."""
     rays = make_rays(spec)
@@ -116,6 +117,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         camera: Camera,
         moments: Moments,
         particles: wp.array(dtype=Particles),
+        of_field: wp.array4d(dtype=wp.vec3),  # tables of `expected_of_field`, [kind, distance, row, column]
         key: wp.uint32,
         first_row: int,
         # out
@@ -123,9 +125,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         expected: wp.array2d(dtype=wp.vec3),
         passed: wp.array2d(dtype=float),
     ):
-        """Where the rays of pixels end [m], [ray, height, width]; radiance of the bodies in the mean, and one
-        over the share of light that they let pass in the mean.
-        """
+        """Where rays of pixels end [m], [ray, height, width]; what bodies add in the mean, 1 / what they let pass."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
         if wp.static(spec.disks > 0):
@@ -143,7 +143,8 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
             if wp.static(spec.disks > 0):
                 scene = with_points(scene, place_of(sampler), drawn)
             u = draw(sampler, FILM)
-            ray, weight = sample_ray(camera, float(col) + u[0], float(row) + u[1], wp.vec2(u[2], u[3]), sampler)
+            x, y = float(col) + u[0], float(row) + u[1]
+            ray, weight = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)
             hits[k, row, col] = 0.0
             if brightest(weight) > 0.0:
                 hit = first_hit(scene, ray.o, ray.d)
@@ -156,6 +157,9 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
                                                     hit.t)
                     if wp.static(spec.surfaces):
                         of_kind -= blocked(scene, particles[i], ray.o, ray.d, hit.t, v[0], v[1])
+                    if wp.static(spec.field):
+                        of_kind += expected_of_field(of_field[i], particles[i], x / float(hits.shape[2]),
+                                                     y / float(hits.shape[1]), hit.t)
                     L += wp.cw_mul(weight, of_kind)
                     covered += covered_before(particles[i], hit.t)
         expected[row, col] = L / float(rays)

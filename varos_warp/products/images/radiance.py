@@ -61,7 +61,9 @@ class RadianceImage:
 
     def without_snow(self) -> "RadianceImage":
         """The image of the water without bodies, not denoised."""
-        taken_out = self.radiance if self.snow is None else self.snow.taken_out(self.radiance)
+        taken_out = self.radiance
+        if self.snow is not None and taken_out is not None:
+            taken_out = self.snow.taken_out(taken_out)
         return replace(self, radiance=taken_out, snow=None, denoised=None)
 
 

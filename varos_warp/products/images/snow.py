@@ -45,9 +45,9 @@ class SnowImage(ImageProduct):
     follows = True
     folders: Mapping[str, str] = {"_exr": "", "": ""}
     convention = (
-        "round(255 min(1, c)), 8 bit: c is the share of the pixel that images of bodies cover; N_exr: float32, RGB what "
-        "they add to linear A, passed what they let pass of it (A = passed times the image without bodies plus RGB), "
-        "flow.x and flow.y the motion of the pixel's brightest body to the next frame [pixels], 0 where it is not known")
+        "round(255 min(1, c)), 8 bit: c is the share of the pixel that bodies cover; N_exr: float32, RGB what they add "
+        "to linear A, passed what they let pass of it (A = passed times the image without bodies plus RGB), flow.x and "
+        "flow.y the motion of the pixel's brightest body to the next frame [pixels], 0 where it is not known")
     readme = """IMAGES N (vehicle{VEHICLE}/cam0/N, 8 bit; N_exr, float32 EXR)
   Bodies in the water (marine snow), which image A shows and C, D, S, F do not: the share of the pixel, 0 to 255, that
   they cover. N_exr has what they add to linear A (R, G, B; negative where fewer are seen than in the mean), the share

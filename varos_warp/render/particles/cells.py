@@ -1,5 +1,6 @@
 """Which cells of the water a camera may see while its shutter is open, and how far bodies are drawn."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ def particle_record(law: ParticleLaw, pixel_angle: float, device: str) -> Partic
     record.drawn, record.covered = (wp.array(values[::FINE].astype(np.float32), dtype=float, device=device)
                                     for values in (share, depth))
     record.sigma_s, record.albedo = wp.vec3(*law.sigma_s), wp.vec3(*law.albedo)
-    record.phase = law.phase.device_record(device)
+    record.phase, record.opacity = law.phase.device_record(device), law.block.opacity
     return record
 
 
@@ -87,9 +88,9 @@ def size_classes(law: ParticleLaw) -> list[SizeClass]:
     """The classes of a block's bodies: all cells hold about as many."""
     low, high = law.block.radius_m
     edges = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(WIDEST_CLASS))))
-    numbers = [law.number(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    numbers = [law.number(a, b) for a, b in pairwise(edges)]
     return [SizeClass(float(a), float(b), float((IN_CELL / n) ** (1.0 / 3.0)), IN_CELL)
-            for a, b, n in zip(edges[:-1], edges[1:], numbers, strict=True)]
+            for (a, b), n in zip(pairwise(edges), numbers, strict=True)]
 
 
 def cone_of(cameras: np.ndarray, field: Field, slack: float) -> Cone:

@@ -11,6 +11,8 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
+from varos_warp.device.launcher import Launcher
+from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Exposure
 from varos_warp.kernels.particles.gather import find_tiles, gather_splats
@@ -18,9 +20,11 @@ from varos_warp.kernels.particles.image import Directions
 from varos_warp.kernels.particles.splat import TILE, Splat
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.lights.record import Light as LightData
 from varos_warp.products.images.snow import Snow
-from varos_warp.render.kinds import particle_kernels
+from varos_warp.render.field.open_water import OpenWater
+from varos_warp.render.kinds import ParticleKernels, lit_by_field, particle_kernels
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.particles.cells import (
     TURN_RATE,
@@ -41,6 +45,8 @@ from varos_warp.scene.optics.shutter import STILL, instants
 from varos_warp.scene.water.particles import ParticleLaw, particle_laws
 from varos_warp.sim.vehicle.current import Current
 
+TABLE = 48, 25, 41
+"""Nodes of a table of the field's light by distance, row and column."""
 RAYS, RAYS_BY_CHANNEL = 4, 6
 """Rays of a pixel along which E is taken, and which tell what hides a body; where each channel has its own, more."""
 GUESSES = 65
@@ -76,8 +82,8 @@ class View(Protocol):
 class SnowRenderer:
     """Renders the layer ``snow`` of one scene on one device."""
 
-    def __init__(self, scene: Scene, launcher):
-        self.scene, self.launcher, self.device = scene, launcher, launcher.device
+    def __init__(self, scene: Scene, launcher: Launcher, open_water: OpenWater):
+        self.scene, self.launcher, self.device, self.open_water = scene, launcher, launcher.device, open_water
         self.laws = particle_laws(scene)
         self.current = Current(scene.current, scene.seed)
         self._records = functools.lru_cache(maxsize=8)(self._particles)
@@ -92,13 +98,13 @@ class SnowRenderer:
             share: Of the light that reaches each pixel, float64 [H, W]; None: all.
             following: The camera at the next frame, to which the flow is; None: there is none.
         """
-        world, shape = here.world, here.view.resolution[::-1]
+        shape = here.view.resolution[::-1]
         particles = [self._moved(record, law, here.time_ns) for record, law in
                      zip(self._records(here.view), self.laws, strict=True)]
         exposure, lights = self._exposure(here, 0.0)
         images = {name: wp.zeros(shape, dtype=kind, device=self.device) for name, kind in (
             ("light", wp.vec3), ("passed", float), ("coverage", float), ("flow", wp.vec2))}
-        expected, hits = self._expect(here, exposure, particles, key, images["passed"])
+        expected, hits = self._expect(here, exposure, lights, particles, key, images["passed"])
         splats = self._splats(here, exposure, lights, particles, following)
         if splats is not None:
             self.launcher.rows(gather_splats, shape, {**splats, "hits": hits, **images})
@@ -167,17 +173,42 @@ class SnowRenderer:
         table.points = wp.array(points.astype(np.float32), dtype=wp.vec2, device=self.device)
         return table
 
-    def _expect(self, here: View, exposure: Exposure, particles: list[ParticleData], key: int, passed: wp.array
-                ) -> tuple[wp.array, wp.array]:
+    @functools.cached_property
+    def _has_field(self) -> bool:
+        """Whether the field of open water shines on bodies."""
+        return lit_by_field(self.scene) and not self.open_water.failure
+
+    def _kernels(self, here: View) -> ParticleKernels:
+        return particle_kernels(self.scene, here.world.spec, here.view, here.motion is not None, self._has_field)
+
+    def _of_field(self, here: View, kernel: wp.Kernel | None, lights: wp.array, particles: list[ParticleData]
+                  ) -> wp.array:
+        """What bodies scatter of the field in the mean, [kind, distance, row, column]; without a field, nothing."""
+        tables = wp.zeros((len(particles), *TABLE), dtype=wp.vec3, device=self.device)
+        if kernel is not None:
+            scene = SceneData()
+            scene.assign(here.world.data)
+            scene.lights = lights[lights.shape[0] // 2]
+            camera = here.world.camera(here.view, here.T_w_v, pinhole=True)
+            size = wp.vec2(*map(float, here.view.resolution))
+            for i, kind in enumerate(particles):
+                self.launcher.run(kernel, TABLE[1:], {
+                    "scene": scene, "camera": camera, "field": self.open_water.around_lights, "particles": kind,
+                    "size": size, "table": tables[i]})
+        return tables
+
+    def _expect(self, here: View, exposure: Exposure, lights: wp.array, particles: list[ParticleData], key: int,
+                passed: wp.array) -> tuple[wp.array, wp.array]:
         """What the bodies add in the mean, and where the rays of the pixels end; fills what lets through."""
         view, world = here.view, here.world
         shape, spec = view.resolution[::-1], optics_spec(view)
         varies = exposure.moments.lights is not None and exposure.moments.lights.shape[0] > 0
-        kernel = particle_kernels(self.scene, world.spec, view, here.motion is not None).expected
+        kernels = self._kernels(here)
         hits = wp.empty((RAYS_BY_CHANNEL if spec.dispersion else RAYS, *shape), dtype=float, device=self.device)
         expected = wp.empty(shape, dtype=wp.vec3, device=self.device)
-        self.launcher.rows(kernel, shape, {
-            "scene": world.lit(here.T_w_v), "camera": world.camera(view, here.T_w_v),
+        of_field = self._of_field(here, kernels.field_light, lights, particles)
+        self.launcher.rows(kernels.expected, shape, {
+            "of_field": of_field, "scene": world.lit(here.T_w_v), "camera": world.camera(view, here.T_w_v),
             "moments": exposure.moments if varies else Moments(), "key": wp.uint32(key), "hits": hits,
             "particles": wp.array(particles, dtype=ParticleData, device=self.device), "expected": expected,
             "passed": passed})
@@ -187,7 +218,7 @@ class SnowRenderer:
                 following: View | None) -> dict[str, wp.array] | None:
         """The splats of all bodies by tiles, as `gather_splats` takes them; None if there is none."""
         world, launcher = here.world, self.launcher
-        kernel = particle_kernels(self.scene, world.spec, here.view, here.motion is not None).draw
+        kernel = self._kernels(here).draw
         then = Exposure()
         then.moments.cameras = wp.empty(0, dtype=CameraData, device=self.device)
         if following is not None and optics_spec(following.view) == optics_spec(here.view):
@@ -197,7 +228,8 @@ class SnowRenderer:
         counted = []
         none = {"ends": wp.empty(0, dtype=int, device=self.device), "tiles": wp.empty(0, dtype=int, device=self.device),
                 "splats": wp.empty(0, dtype=Splat, device=self.device)}
-        known = {"scene": world.data, "exposure": exposure, "following": then, "lights": lights}
+        known = {"scene": world.data, "exposure": exposure, "following": then, "lights": lights,
+                 "field": self.open_water.around_lights if self._has_field else Field()}
         for kind, cone, cells in classes:
             counts = wp.empty(int(np.prod(cells.size)), dtype=int, device=self.device)
             launcher.rows(kernel, counts.shape, {**known, **none, "particles": kind, "cone": cone, "cells": cells,
