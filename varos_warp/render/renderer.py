@@ -201,8 +201,9 @@ class FrameRenderer:
         there = self._following(following, here) if following is not None else None
         # what is taken out of A for the bodies is light scattered once
         shows_bodies = how.snow and self.scene.particles and "single" in (how.layers or ()) and how.max_scatterings != 0
+        whole = how.copied is None or any(OUTPUTS[letter].source is Source.PARTICLES for letter in outputs)
         bodies = functools.cache(lambda seen, moved, key: self.snow.render(
-            here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there))
+            here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there, whole))
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
         # else all of an exposure is lit
         flashes = motion is not None and all(light.strobe for light in self.scene.lights)

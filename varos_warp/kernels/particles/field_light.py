@@ -68,7 +68,7 @@ def expected_of_field(table: wp.array3d(dtype=wp.vec3), particles: Particles, x:
 
 @specialised("optics")
 def make_field_light_kernel(spec: SceneSpec) -> wp.Kernel:
-    """The table of `expected_of_field` for a camera."""
+    """The table of `expected_of_field` for a camera, not summed up as yet along the rays."""
     ray_of = make_ray(spec.optics)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -81,22 +81,28 @@ def make_field_light_kernel(spec: SceneSpec) -> wp.Kernel:
         # out
         table: wp.array3d(dtype=wp.vec3),
     ):
-        """Radiance in the water [distance, row, column], with rows and columns from edge to edge of the image."""
-        row, col = wp.tid()
+        """Radiance in the water, of the step before each distance [distance, row, column]; from edge to edge."""
+        k, row, col = wp.tid()
         x = size[0] * float(col) / float(table.shape[2] - 1)
         y = size[1] * float(row) / float(table.shape[1] - 1)
         ray, weight = ray_of(camera, x, y, wp.vec2(0.0, 0.0), GREEN)
         L = wp.vec3(0.0)
-        table[0, row, col] = L
-        for k in range(1, table.shape[0]):
+        if k > 0 and brightest(weight) > 0.0:
             begin = table_distance(particles, float(k) - 1.0, table.shape[0])
             step = table_distance(particles, float(k), table.shape[0]) - begin
-            if brightest(weight) > 0.0:
-                for j in range(STEP_NODES):
-                    at = step_node(j)
-                    t = begin + at[0] * step
-                    seen = field_on_body(scene, field, particles.opacity, ray.o + t * ray.d, ray.d)
-                    L += step * at[1] * drawn_at(particles, t) * wp.cw_mul(transmittance(scene.medium, t), seen)
-            table[k, row, col] = wp.cw_mul(particles.sigma_s, L)
+            for j in range(STEP_NODES):
+                at = step_node(j)
+                t = begin + at[0] * step
+                seen = field_on_body(scene, field, particles.opacity, ray.o + t * ray.d, ray.d)
+                L += step * at[1] * drawn_at(particles, t) * wp.cw_mul(transmittance(scene.medium, t), seen)
+        table[k, row, col] = wp.cw_mul(particles.sigma_s, L)
 
     return tabulate_field_light
+
+
+@wp.kernel
+def sum_along_rays(table: wp.array3d(dtype=wp.vec3)):
+    """Each distance's light, and that of all before, in place of what it has alone."""
+    row, col = wp.tid()
+    for k in range(1, table.shape[0]):
+        table[k, row, col] += table[k - 1, row, col]

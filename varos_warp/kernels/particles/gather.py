@@ -15,6 +15,23 @@ def find_tiles(tiles: wp.array(dtype=int), count: int, starts: wp.array(dtype=in
     starts[i] = wp.lower_bound(tiles, 0, count, i)
 
 
+@wp.kernel
+def take_mean(
+    share: wp.array2d(dtype=wp.float64),  # of the light that reaches each pixel; empty: all
+    expected: wp.array2d(dtype=wp.vec3),
+    light: wp.array2d(dtype=wp.vec3),
+    # out
+    added: wp.array2d(dtype=wp.vec3),
+):
+    """What bodies add to an image; ``light`` becomes what of it reaches the sensor."""
+    row, col = wp.tid()
+    reaches = float(1.0)
+    if share.shape[0] > 0:
+        reaches = float(share[row, col])
+    light[row, col] = reaches * light[row, col]
+    added[row, col] = light[row, col] - reaches * expected[row, col]
+
+
 @wp.func
 def share_before(hits: wp.array3d(dtype=float), row: int, col: int, t: float):
     """Share of a pixel's rays on which nothing lies before a distance."""

@@ -19,11 +19,12 @@ class Snow:
     """Radiance of the bodies less its mean, float32 [H, W, 3] [W/sr/m^2]."""
     passed: np.ndarray
     """Share of the light from behind that they let pass, over its mean, float32 [H, W]."""
-    coverage: np.ndarray
-    """Share of the pixel that they cover, in sharp or blurred images, float32 [H, W]; may exceed 1."""
+    coverage: np.ndarray | None = None
+    """Share of the pixel that they cover, in sharp or blurred images, float32 [H, W]; may exceed 1. None, as all below,
+    unless it was asked for."""
     flow: np.ndarray | None = None
     """Motion of the brightest body of a pixel to the next frame, float32 [H, W, 2] [pixels]; 0 where there is none.
-    None unless it was asked for."""
+    None: nobody knows the next frame."""
     light: np.ndarray | None = None
     """Radiance of the bodies alone, float32 [H, W, 3]; datasets do not have it."""
 
@@ -57,6 +58,8 @@ class SnowImage(ImageProduct):
 
     def pixels(self, image: Snow, render: Any) -> np.ndarray:
         """uint8 [H, W]; 255 is the whole pixel."""
+        if image.coverage is None:
+            raise ValueError("the bodies were rendered for image A only")
         return np.rint(255.0 * np.minimum(image.coverage, 1.0)).astype(np.uint8)
 
     def floats(self, image: Snow) -> dict[str, np.ndarray]:

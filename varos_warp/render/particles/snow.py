@@ -15,7 +15,8 @@ from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Exposure
-from varos_warp.kernels.particles.gather import find_tiles, gather_splats
+from varos_warp.kernels.particles.field_light import sum_along_rays
+from varos_warp.kernels.particles.gather import find_tiles, gather_splats, take_mean
 from varos_warp.kernels.particles.image import Directions
 from varos_warp.kernels.particles.splat import TILE, Splat
 from varos_warp.kernels.transport.moments import Moments
@@ -89,7 +90,8 @@ class SnowRenderer:
         self._records = functools.lru_cache(maxsize=8)(self._particles)
         self._tables = functools.lru_cache(maxsize=8)(self._directions)
 
-    def render(self, here: View, key: int, share: wp.array | None = None, following: View | None = None) -> Snow:
+    def render(self, here: View, key: int, share: wp.array | None = None, following: View | None = None,
+               whole: bool = True) -> Snow:
         """The bodies that a camera sees.
 
         Args:
@@ -97,6 +99,7 @@ class SnowRenderer:
             key: Of the random numbers of rays; those of the bodies follow from the scene.
             share: Of the light that reaches each pixel, float64 [H, W]; None: all.
             following: The camera at the next frame, to which the flow is; None: there is none.
+            whole: Whether more is asked for than what image A needs.
         """
         shape = here.view.resolution[::-1]
         particles = [self._moved(record, law, here.time_ns) for record, law in
@@ -104,15 +107,18 @@ class SnowRenderer:
         exposure, lights = self._exposure(here, 0.0)
         images = {name: wp.zeros(shape, dtype=kind, device=self.device) for name, kind in (
             ("light", wp.vec3), ("passed", float), ("coverage", float), ("flow", wp.vec2))}
+        added = wp.empty(shape, dtype=wp.vec3, device=self.device)
         expected, hits = self._expect(here, exposure, lights, particles, key, images["passed"])
         splats = self._splats(here, exposure, lights, particles, following)
         if splats is not None:
             self.launcher.rows(gather_splats, shape, {**splats, "hits": hits, **images})
-        arrays = self.launcher.fetch(images["light"], expected, images["passed"], images["coverage"], images["flow"])
-        light, mean, passed, coverage, flow = arrays
-        if share is not None:
-            light, mean = (values * share.numpy()[..., None].astype(np.float32) for values in (light, mean))
-        return Snow(light - mean, passed, coverage, flow if following is not None else None, light)
+        self.launcher.run(take_mean, shape, {
+            "share": wp.empty((0, 0), dtype=wp.float64, device=self.device) if share is None else share,
+            "expected": expected, "light": images["light"], "added": added})
+        wanted = {"added": added, "passed": images["passed"]}
+        wanted |= {name: images[name] for name in ("coverage", "light") if whole}
+        wanted |= {"flow": images["flow"]} if whole and following is not None else {}
+        return Snow(**dict(zip(wanted, self.launcher.fetch(*wanted.values()), strict=True)))
 
     # ---------------------------------------------------------------------------------------------------- what moves
 
@@ -192,9 +198,10 @@ class SnowRenderer:
             camera = here.world.camera(here.view, here.T_w_v, pinhole=True)
             size = wp.vec2(*map(float, here.view.resolution))
             for i, kind in enumerate(particles):
-                self.launcher.run(kernel, TABLE[1:], {
+                self.launcher.run(kernel, TABLE, {
                     "scene": scene, "camera": camera, "field": self.open_water.around_lights, "particles": kind,
                     "size": size, "table": tables[i]})
+                self.launcher.run(sum_along_rays, TABLE[1:], {"table": tables[i]})
         return tables
 
     def _expect(self, here: View, exposure: Exposure, lights: wp.array, particles: list[ParticleData], key: int,
