@@ -30,8 +30,8 @@ SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
 PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9},
            Source.PARTICLES: {"cpu": 8e-6, "cuda": 25e-9}}
-"""For a pixel of what first hits tell, all such images together, of F, and of bodies in the water: on one core (3dab77d); beside a GPU, where
-encoding takes longest, what that takes on 16 such cores."""
+"""For a pixel of what first hits tell, all such images together, of F, and of bodies in the water: on one core
+(3dab77d; bodies later); beside a GPU, where encoding takes longest, what that takes on 16 such cores."""
 RAY_S = {"cpu": 0.5e-6, "cuda": 1e-9}
 """For each of the rays over a pixel that an image has of its own: on one core, and on a large GPU."""
 COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0,

@@ -78,11 +78,13 @@ def make_field_light_kernel(spec: SceneSpec) -> wp.Kernel:
         field: Field,
         particles: Particles,
         size: wp.vec2,  # of the image [pixels]
+        first_row: int,
         # out
         table: wp.array3d(dtype=wp.vec3),
     ):
         """Radiance in the water, of the step before each distance [distance, row, column]; from edge to edge."""
-        k, row, col = wp.tid()
+        tile_row, row, col = wp.tid()
+        k = first_row + tile_row
         x = size[0] * float(col) / float(table.shape[2] - 1)
         y = size[1] * float(row) / float(table.shape[1] - 1)
         ray, weight = ray_of(camera, x, y, wp.vec2(0.0, 0.0), GREEN)

@@ -1,5 +1,6 @@
 """Which cells of the water a camera may see while its shutter is open, and how far bodies are drawn."""
 
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -34,6 +35,7 @@ class Field(NamedTuple):
     port: float
 
 
+@lru_cache(maxsize=16)
 def field_of(view: Camera) -> Field:
     """The `Field` of a camera."""
     width, height = view.resolution
@@ -93,15 +95,16 @@ def size_classes(law: ParticleLaw) -> list[SizeClass]:
             for (a, b), n in zip(pairwise(edges), numbers, strict=True)]
 
 
-def cone_of(cameras: np.ndarray, field: Field, slack: float) -> Cone:
+def cone_of(T_w_c: np.ndarray, origin: np.ndarray, field: Field, slack: float) -> Cone:
     """A cone that holds what a camera sees at several instants.
 
     Args:
-        cameras: Records of the camera.
+        T_w_c: Poses [N, 4, 4] of the camera.
+        origin: Of the local world, float64 [3] [m].
         field: How it sees.
         slack: By how much points may be off [m], besides its own way.
     """
-    places, axes = (cameras[name].reshape(-1, 3).astype(float) for name in ("position", "forward"))
+    places, axes = T_w_c[:, :3, 3] - origin, T_w_c[:, :3, 2]
     cone, middle = Cone(), 0.5 * (places.min(0) + places.max(0))
     axis = axes.mean(0) / max(np.linalg.norm(axes.mean(0)), 1e-9)
     turned = np.arccos(np.clip(axes @ axis, -1.0, 1.0)).max()
