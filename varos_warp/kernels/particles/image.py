@@ -146,6 +146,17 @@ def make_image_of(spec: OpticsSpec) -> wp.Function:
 
 
 @wp.func
+def mixed_camera(before: Camera, after: Camera, share: float):
+    """The camera at a share of the way between two of its poses."""
+    camera = before  # a copy: what is read of an array would be written there
+    camera.position = wp.lerp(before.position, after.position, share)
+    camera.right = wp.normalize(wp.lerp(before.right, after.right, share))
+    camera.down = wp.normalize(wp.lerp(before.down, after.down, share))
+    camera.forward = wp.normalize(wp.lerp(before.forward, after.forward, share))
+    return camera
+
+
+@wp.func
 def camera_between(moments: Moments, instant: float):
     """The camera at a time in instants from the beginning of the first, linear between their middles."""
     last = moments.cameras.shape[0] - 1
@@ -153,10 +164,4 @@ def camera_between(moments: Moments, instant: float):
         return moments.cameras[0]
     at = wp.clamp(instant - 0.5, -0.5, float(last) + 0.5)
     i = wp.clamp(int(at), 0, last - 1)
-    share = at - float(i)
-    camera, after = moments.cameras[i], moments.cameras[i + 1]
-    camera.position = wp.lerp(camera.position, after.position, share)
-    camera.right = wp.normalize(wp.lerp(camera.right, after.right, share))
-    camera.down = wp.normalize(wp.lerp(camera.down, after.down, share))
-    camera.forward = wp.normalize(wp.lerp(camera.forward, after.forward, share))
-    return camera
+    return mixed_camera(moments.cameras[i], moments.cameras[i + 1], at - float(i))
