@@ -19,14 +19,14 @@ ORDER = {
     "": ["kernels", "device", "scene.block", "scene.frames", "sim.motion", "products.sensors", "scene", "sim",
          "products.images", "render", "dataset", "cli"],
     "products": ["sensors", "images"],
-    "kernels": ["world", "mesh", "film", "field", "transport"], "kernels.world": ["lights"],
+    "kernels": ["world", "mesh", "film", "field", "transport", "particles"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "geometry", "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets", "relief", "growth"],
     "scene.geometry.relief": ["recipes"], "scene.geometry.assets": ["structures"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
     "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],
-    "render": ["field", "image", "planner"],
+    "render": ["field", "image", "particles", "planner"],
     "dataset": ["reader", "write", "export", "validate", "report", "run"],
 }
 """Rooms inside each room: each may import itself and what stands before it. Files beside them (scene/device.py) are

@@ -16,7 +16,7 @@ from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.schema import KIND_KEYS, blocks_in, entries, facts, find_key, json_schema, kind_of, names_in
 
 ROOT = Path(__file__).parents[2]
-PAGES_OF_KEYS = ("terrain", "objects", "scatter", "growth", "materials", "water", "current", "vehicle",
+PAGES_OF_KEYS = ("terrain", "objects", "scatter", "growth", "particles", "materials", "water", "current", "vehicle",
                  "vehicle.lights", "vehicle.cameras", "trajectory", "vehicles", "render")
 """Keys of scene files with a page of their own."""
 AS_ELSEWHERE = {"trajectory": "trajectory", "body": "objects"}
@@ -24,7 +24,8 @@ AS_ELSEWHERE = {"trajectory": "trajectory", "body": "objects"}
 FRAME_TYPES = ("render.image.frame.Frame", "products.images.radiance.RadianceImage",
                "products.images.normals.NormalImage", "products.images.depth.DepthImage",
                "products.images.segments.SegmentImage",
-               "products.images.flow.FlowImage", "products.images.transmittance.TransmittanceImage")
+               "products.images.flow.FlowImage", "products.images.transmittance.TransmittanceImage",
+               "products.images.snow.Snow")
 EXAMPLES = ("varos_warp/data/starter.yaml", "varos_warp/data/templates/*.yaml", "examples/*/*.yaml")
 
 

@@ -24,7 +24,7 @@ from varos_warp.render.image.denoise import denoise_image
 from varos_warp.render.moments import Motion
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.image_types import AMBIENT, WATER
+from varos_warp.scene.description.image_types import AMBIENT, SNOW, WATER
 from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.description.surfaces import Layered
@@ -46,11 +46,11 @@ POLL_SECONDS = 0.1
 KEPT_ORIGIN_M = 100.0
 """A course that moves farther has its geometry uploaded anew, around a nearer origin."""
 
-NOT_SOLID = {"name", "sequence", "water", "surface_depth_m", "gravity", "current", "vehicle", "trajectory", "render",
-             "vehicles", "observer"}
+NOT_SOLID = {"name", "sequence", "water", "particles", "surface_depth_m", "gravity", "current", "vehicle",
+             "trajectory", "render", "vehicles", "observer"}
 """Blocks that terrain, objects and materials do not depend on."""
 NOT_MOVING: dict[str, Any] = dict.fromkeys(
-    ("name", "sequence", "terrain", "objects", "scatter", "growth", "materials", "water"), True)
+    ("name", "sequence", "terrain", "objects", "scatter", "growth", "materials", "water", "particles"), True)
 NOT_MOVING["vehicle"] = {"lights", "cameras"}
 """Blocks that the course does not depend on."""
 
@@ -96,8 +96,8 @@ class View(NamedTuple):
     motion: Motion | None = None
     """Of the vehicle around that time, where the camera has a shutter."""
 
-    def render(self, letter: str, **options) -> RadianceImage:
-        """Image A or B."""
+    def render(self, letter: str, **options) -> Any:
+        """An image of some type."""
         return getattr(self.renderer.render(self.T_w_v, self.camera, letter, motion=self.motion, time_ns=self.time_ns,
                                             **options), letter)
 
@@ -143,8 +143,10 @@ def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int 
 def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Console) -> None:
     """Show better and better images until they are good enough, or the scene changes."""
     scene, stage = view.renderer.scene, ""
-    for image in refined(lambda **how: view.render(WATER, integrator="path", **how), most):
-        pixels, gain = developed(WATER, denoise_image(image, scene.render.denoise), scene)
+    snow = view.render(SNOW) if scene.particles else None
+    for image in refined(lambda **how: view.render(WATER, integrator="path", snow=False, **how), most):
+        shown = denoise_image(image, scene.render.denoise)
+        pixels, gain = developed(WATER, shown if snow is None else np.maximum(snow.over(shown), 0.0), scene)
         screen.show(WATER, pixels)
         seconds = time.monotonic() - edited.since
         count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"

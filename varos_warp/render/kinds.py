@@ -13,6 +13,10 @@ from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.mesh.bake import bake_ground
+from varos_warp.kernels.particles.draw import make_draw_kernel
+from varos_warp.kernels.particles.expected import make_expected_kernel
+from varos_warp.kernels.particles.field_light import make_field_light_kernel
+from varos_warp.kernels.particles.gather import gather_splats
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
@@ -26,13 +30,14 @@ from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.field.open_water import along_camera, unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.render import sees_water
+from varos_warp.scene.description.render import field_by_old_name, sees_water
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import foretold_spec, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
 from varos_warp.scene.lights.records import lights_vary, radius_of
 from varos_warp.scene.optics.shutter import is_rolling
+from varos_warp.scene.water.particles import particle_laws
 
 SPLITTING = 4
 """Camera segments to a subpath, where nothing else is known."""
@@ -140,6 +145,32 @@ def purity_kernel(spec: SceneSpec, view: Camera, moves: bool, rolls: bool) -> wp
     return make_purity_kernel(spec) if spec.surfaces else None
 
 
+class ParticleKernels(NamedTuple):
+    """What lists the images of bodies, what tells their mean, and what tabulates that of the field, if it is known."""
+
+    draw: wp.Kernel
+    expected: wp.Kernel
+    field_light: wp.Kernel | None
+
+
+def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, field: bool) -> ParticleKernels:
+    """Kernels of bodies in the water, which the ``field`` lights; ``moves``: the vehicle does so."""
+    moves = moves and view.shutter is not None
+    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
+                   rolling=moves and is_rolling(view),
+                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0, field=field)
+    return ParticleKernels(make_draw_kernel(spec), make_expected_kernel(spec),
+                           make_field_light_kernel(spec) if spec.field else None)
+
+
+def lit_by_field(scene: Scene) -> bool:
+    """Whether scattered light shines on bodies too: where the field of open water may serve A.
+
+    It does not depend on what a plan chooses, so that bodies look alike in all runs.
+    """
+    return field_by_old_name(scene.render.integrator) in ("auto", "field") and unavailable(scene) is None
+
+
 def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
                    ) -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
@@ -165,6 +196,9 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
                 images += [water_kernels(scene, spec, seen, options, name, moves) for name in names]
             if image.source is Source.AMBIENT:
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
+        if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
+            bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
+            hits += [gather_splats, *(kernel for kernel in bodies if kernel)]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:
@@ -187,7 +221,11 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
     """A ``with`` statement during which threads compile what loading a scene and its images will need.
 
     As far as the scene file tells; arguments as for `kernels_needed`.
+
+    Raises:
+        InputError: If the water cannot have the particles that the scene says.
     """
+    particle_laws(scene)
     kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator)
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)

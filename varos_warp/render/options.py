@@ -40,6 +40,8 @@ class RenderOptions:
     """oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not."""
     denoise_b: str | None = None
     """The same for B."""
+    snow: bool = True
+    """Whether A and P show the bodies in the water that a scene has."""
     copied: Sequence[str] | None = None
     """What of A and B to keep on the host: radiance, denoised or both. An image that the host has to denoise keeps what
     that takes instead. Absent: all. On a GPU, copying all takes longer than denoising; on a CPU it fills memory."""

@@ -18,6 +18,7 @@ from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.products.images.radiance import RadianceImage
+from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
@@ -26,6 +27,7 @@ from varos_warp.render.image.frame import block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, LightKernels, SampleKind, ambient_kernels, sample_step, water_kernels
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
+from varos_warp.render.particles.snow import with_snow
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene
@@ -61,6 +63,8 @@ class Shot(NamedTuple):
     """The scene, with what moves where it is at the frame's time."""
     motion: Motion | None = None
     """Of the vehicle while the shutter is open; None: it stands still, and so does all else."""
+    snow: Callable[[], Snow] | None = None
+    """Renders the bodies in the water that this image shows; None: it shows none."""
 
     @property
     def moves(self) -> bool:
@@ -87,7 +91,12 @@ class RadianceRenderer:
         self.open_water = OpenWater(scene, self.launcher, world.lights)
 
     def water(self, shot: Shot) -> RadianceImage:
-        """Render A."""
+        """Render A, with the bodies in the water in front."""
+        image = self._water(shot)
+        return image if shot.snow is None else with_snow(image, shot.snow(), shot.options.copied is None)
+
+    def _water(self, shot: Shot) -> RadianceImage:
+        """Render A of water without bodies."""
         view, options = shot.view, shot.options
         integrator = self._integrator(options)
         if step := sample_step(view, integrator == "field"):
@@ -124,7 +133,7 @@ class RadianceRenderer:
         """What `unavailable` tells: once, for it reads files."""
         return unavailable(self.scene)
 
-    def _share(self, view: Camera) -> wp.array | None:
+    def share(self, view: Camera) -> wp.array | None:
         """What counts of the samples of each pixel, float64 [height, width]; None: all.
 
         It is what vignetting leaves at its centre, times the share of a row's exposure in which some strobe is on.
@@ -145,7 +154,7 @@ class RadianceRenderer:
         self.films.take(film, kernel, {
             "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
             "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
-            share=self._share(shot.view))
+            share=self.share(shot.view))
         return self._fetched([film], self._developed([film]), shot, options.layers, options.denoise)
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> RadianceImage:
@@ -170,7 +179,7 @@ class RadianceRenderer:
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
         first = [first_samples(count) for count in spp] if shares else spp
-        share = self._share(view)
+        share = self.share(view)
 
         def take(samples):
             for kind, film, count in zip(kinds, films, samples, strict=True):

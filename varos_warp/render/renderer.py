@@ -29,6 +29,7 @@ from varos_warp.render.image.frame import Frame
 from varos_warp.render.kinds import hit_kernels, kernels_needed, purity_kernel
 from varos_warp.render.moments import Motion, NextFrame, checked_motion, moments_of, poses_of_rows, times_seen
 from varos_warp.render.options import INTEGRATORS, LAYERS, RenderOptions, check_names, options_of, resolve_integrator
+from varos_warp.render.particles.snow import SnowRenderer
 from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import FLOW, WATER
@@ -74,6 +75,8 @@ class Exposed(NamedTuple):
     motion: Motion | None
     world: DeviceScene
     """With what moves where it is at the frame's time."""
+    time_ns: int
+    """Of the frame."""
 
     @property
     def rolls(self) -> bool:
@@ -117,6 +120,7 @@ class FrameRenderer:
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
         self.radiance = RadianceRenderer(scene, self.world, self.films)
+        self.snow = SnowRenderer(scene, self.launcher, self.radiance.open_water)
 
     def relit(self, scene: Scene) -> "FrameRenderer":
         """A renderer of a scene that differs in water, lights, cameras or course only: nothing is built anew for it.
@@ -126,6 +130,7 @@ class FrameRenderer:
         other = copy.copy(self)
         other.scene, other.world, other.companions = scene, self.world.relit(scene), companions(scene)
         other.radiance = RadianceRenderer(scene, other.world, self.films)
+        other.snow = SnowRenderer(scene, self.launcher, other.radiance.open_water)
         return other
 
     @property
@@ -186,27 +191,38 @@ class FrameRenderer:
                                            motion=checked_motion("following.motion", following.motion))
         seed = self.scene.seed if seed is None else seed
         with self.launcher.turn:
-            return self._rendered(self._exposed(view, T_w_v, motion, time_ns), outputs, how, following, time_ns,
+            return self._rendered(self._exposed(view, T_w_v, motion, time_ns), outputs, how, following,
                                   lambda letter: stream_key(seed, frame, view.id, OUTPUTS[letter].settings))
 
     def _rendered(self, here: Exposed, outputs: Iterable[str], how: RenderOptions, following: NextFrame | None,
-                  time_ns: int, key_of: Callable[[str], int]) -> Frame:
+                  key_of: Callable[[str], int]) -> Frame:
         """Render the ``outputs``, each with the random numbers of its key, by the thread whose turn it is."""
-        view, T_w_v, motion, _ = here
+        view, T_w_v, motion = here.view, here.T_w_v, here.motion
+        there = self._following(following, here) if following is not None else None
+        # what is taken out of A for the bodies is light scattered once
+        shows_bodies = how.snow and self.scene.particles and "single" in (how.layers or ()) and how.max_scatterings != 0
+        whole = how.copied is None or any(OUTPUTS[letter].source is Source.PARTICLES for letter in outputs)
+        bodies = functools.cache(lambda seen, moved, key: self.snow.render(
+            here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there, whole))
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
         # else all of an exposure is lit
         flashes = motion is not None and all(light.strobe for light in self.scene.lights)
         make = {Source.WATER: self.radiance.water, Source.AMBIENT: self.radiance.ambient}
         asked = {letter: image for letter, image in OUTPUTS.items() if letter in outputs}
         images: dict[str, Any] = {}
-        for letter, product in ((letter, image) for letter, image in asked.items() if image.source in make):
+        for letter, product in asked.items():
+            if product.source is Source.PARTICLES:
+                images[letter] = bodies(view, motion, key_of(letter))
+            if product.source not in make:
+                continue
             seen, moved = product.seen_by(self.scene, view), motion if product.blurs else None
             if product.like in images and seen == view and (motion is None or view.shutter is None):
                 images[letter] = images[product.like]
             else:
                 shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
+                drawn = functools.partial(bodies, seen, moved, key_of(letter)) if shows_bodies else None
                 images[letter] = make[product.source](
-                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved))
+                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved, drawn))
         planes = {plane for image in asked.values() for plane in image.planes}
         planes |= {"instance"} if FLOW in asked and self.world.moving else set()
         if planes:
@@ -214,12 +230,15 @@ class FrameRenderer:
             hits = self._render_first_hits(here, planes, *keys)
             images |= {letter: image.of_hits(hits) for letter, image in asked.items()
                        if image.source is Source.FIRST_HITS}
-        if FLOW in asked and following is not None:
-            there = self._exposed(self._camera(following.camera) if following.camera else view,
-                                  np.asarray(following.T_w_v), following.motion,
-                                  time_ns if following.time_ns is None else following.time_ns)
+        if FLOW in asked and there is not None:
             images[FLOW] = self._render_flow(here, there, hits)
         return Frame(**images)
+
+    def _following(self, following: NextFrame, here: Exposed) -> Exposed:
+        """The camera at the next frame."""
+        return self._exposed(self._camera(following.camera) if following.camera else here.view,
+                             np.asarray(following.T_w_v), following.motion,
+                             here.time_ns if following.time_ns is None else following.time_ns)
 
     def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
              channel: str = "green") -> Rays:
@@ -269,7 +288,8 @@ class FrameRenderer:
         def poses(offset_ns: np.ndarray) -> dict[str, np.ndarray]:
             return poses_of_moving(self.world.moving, time_ns + offset_ns, self.companions)
 
-        return Exposed(view, T_w_v, motion, self.world.moved(poses, times_seen(view, self.scene.lights, motion)))
+        world = self.world.moved(poses, times_seen(view, self.scene.lights, motion))
+        return Exposed(view, T_w_v, motion, world, time_ns)
 
     def _rows(self, here: Exposed) -> Rows:
         """What the rows of a rolling shutter are of."""

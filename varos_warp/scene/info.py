@@ -14,6 +14,7 @@ from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water.particles import particle_laws
 
 LENS_KEYS = ("resolution", "sensor_mm", "focal_mm")
 
@@ -104,9 +105,10 @@ def water_info(scene: Scene) -> dict:
     """Absorption a, scattering b, extinction c [1/m], albedo b / c, mean free path 1 / c and 10 % range [m] by channel.
 
     ``phase`` is what there is to know of the phase function. At the 10 % range, ln(10) / c, a tenth of the light is
-    left. Infinite lengths are None.
+    left. Infinite lengths are None. ``particles`` says of each block of bodies how many there are.
     """
     water = optical_properties(scene)
+    bodies = [law.describe() for law in particle_laws(scene)]
     c = water.sigma_t
 
     def lengths(x):
@@ -114,7 +116,8 @@ def water_info(scene: Scene) -> dict:
 
     return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
             "phase": water.phase.describe(), "albedo": water.albedo.tolist(),
-            "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0))}
+            "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0)),
+            **({"particles": bodies} if bodies else {})}
 
 
 def camera_info(camera) -> dict:

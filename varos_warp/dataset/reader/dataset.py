@@ -18,9 +18,10 @@ from varos_warp.dataset.reader.schema import read_metadata
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.products.images.snow import Snow
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import BY_ID
-from varos_warp.scene.description.image_types import DEPTH, FLOW, WATER
+from varos_warp.scene.description.image_types import DEPTH, FLOW, SNOW, WATER
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
 from varos_warp.sim.motion import Trajectory
 
@@ -232,6 +233,11 @@ class Dataset:
         u, v, x, y, z, occluded = self._channels(FLOW, frame, camera, "flow.u", "flow.v", "motion.x", "motion.y",
                                                  "motion.z", "occluded")
         return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
+
+    def snow(self, frame: int, camera: str | None = None) -> Snow:
+        """What bodies in the water add to linear A, what they let pass, their cover and flow, from the files of N."""
+        r, g, b, passed, u, v = self._channels(SNOW, frame, camera, *"RGB", "passed", "flow.x", "flow.y")
+        return Snow(np.stack([r, g, b], -1), passed, self.image(SNOW, frame, camera), np.stack([u, v], -1))
 
     def _channels(self, output: str, frame: int, camera: str | None, *names: str) -> list[np.ndarray]:
         """Channels [H, W] of an image's EXR by their names."""

@@ -28,12 +28,14 @@ SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
 """For a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """For a sample of a pixel of B."""
-PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9}}
-"""For a pixel of what first hits tell, all such images together, and of F: on one core (3dab77d); beside a GPU, where
-encoding takes longest, what that takes on 16 such cores."""
+PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9},
+           Source.PARTICLES: {"cpu": 8e-6, "cuda": 25e-9}}
+"""For a pixel of what first hits tell, all such images together, of F, and of bodies in the water: on one core
+(3dab77d; bodies later); beside a GPU, where encoding takes longest, what that takes on 16 such cores."""
 RAY_S = {"cpu": 0.5e-6, "cuda": 1e-9}
 """For each of the rays over a pixel that an image has of its own: on one core, and on a large GPU."""
-COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0}
+COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0,
+             Source.PARTICLES: 10.0}
 """To compile what each image needs, which is done side by side, and for A to solve for the field: seconds on one
 device, however many cores."""
 LOAD_S = 1.5
@@ -113,6 +115,8 @@ def _samples(scene: Scene) -> dict:
 def _pixel_seconds(scene: Scene, device: str) -> float:
     """For a pixel of all the images of a frame, on one core or a GPU."""
     sources = [OUTPUTS[letter].source for letter in scene.render.outputs]
+    if scene.particles and Source.WATER in sources:
+        sources.append(Source.PARTICLES)
     of_water = sources.count(Source.WATER) * (_samples(scene)["spp"] or 0) * SAMPLE_S[device]
     of_b = sources.count(Source.AMBIENT) * scene.render.spp_b * SAMPLE_B_S[device]
     rays = sum(OUTPUTS[letter].rays for letter in scene.render.outputs)

@@ -25,7 +25,7 @@ from varos_warp.products.sensors.protocol import Samples, SensorProduct, xyz
 from varos_warp.products.sensors.registry import BY_ID, SENSORS, mounted
 from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
-from varos_warp.scene.description.image_types import AMBIENT, WATER
+from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES, SlopeBlend
@@ -44,6 +44,7 @@ from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water.particles import particle_laws
 
 # ----------------------------------------------------------------------------------------------------- poses, sensors
 
@@ -207,11 +208,12 @@ def has_row_poses(camera) -> bool:
 
 def describe_water(scene) -> dict:
     """Optical properties per channel R, G, B."""
-    water = optical_properties(scene)
+    water, bodies = optical_properties(scene), [law.describe() for law in particle_laws(scene)]
     return {"source": water.source, "sigma_a": water.sigma_a.tolist(), "sigma_s": water.sigma_s.tolist(),
             "sigma_t": water.sigma_t.tolist(), "albedo": water.albedo.tolist(), "unit": "1/m",
             "phase": water.phase.kind, "g": water.g,
-            **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()})}
+            **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()}),
+            **({"particles": bodies} if bodies else {})}
 
 
 def describe_sensors(vehicle) -> dict[str, dict]:
@@ -276,6 +278,7 @@ def with_models(plan: Plan, scene, outputs: list[str], denoisers: dict[str, str 
     return replace(plan, models={letter: words[letter] for letter in outputs})
 
 
+BODIES = "; with bodies in the water (water.particles), which no denoiser touched"
 CLEAN = "; A_clean: without the noise of noise.profile.camera, which A has"
 DITHERED = "; dithered with triangular noise before it is rounded to 8 bits (A with the noise of a sensor is not)"
 
@@ -303,6 +306,8 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
     if scene.render.noise is not None and WATER in outputs:
         conventions[WATER] += CLEAN
+    if scene.particles:
+        conventions |= {letter: conventions[letter] + BODIES for letter in {WATER, TWIN} & conventions.keys()}
     if scene.render.dither is not None:
         conventions |= {letter: conventions[letter] + DITHERED for letter in colors(outputs)}
     start, end = render.depth_range_m
@@ -371,6 +376,7 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     more = [_text(f"{key}_readme.txt") for key in ("moving", "companions") if getattr(scene, key)]
+    more += [_text("particles_readme.txt")] * bool(scene.particles)
     more += [_text("camera_noise_readme.txt")] * bool(describe_noise(scene, outputs))
     bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"SENSORS": "\n".join([*(sensor.chapter for sensor in _noted(scene.vehicle)), *more]),

@@ -23,6 +23,7 @@ class Source(Enum):
     AMBIENT = "uniform light without water, by samples"
     FIRST_HITS = "first hits of the pixels' centres"
     NEXT_FRAME = "first hits, seen again in the next frame"
+    PARTICLES = "bodies in the water, drawn one by one"
 
 
 class FirstHits(NamedTuple):
@@ -89,6 +90,8 @@ class ImageProduct(Protocol):
     rays: int = 0
     """Rays of its own for each pixel, besides that of the centre; for planes that need them."""
 
+    follows: bool = False
+    """Whether it tells where things are seen in the next frame."""
     channels: int
     """Of a pixel of the finished image: 1, [H, W], or 3, [H, W, 3]."""
     dtype: type

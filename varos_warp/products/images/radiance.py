@@ -4,7 +4,7 @@ Linear radiance -> half-float EXR -> times the exposure gain -> sRGB curve -> 8 
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from varos_warp.errors import warn
 from varos_warp.products.images.nan import refuse_nan
 from varos_warp.products.images.protocol import FrameFiles, ImageProduct, Source
+from varos_warp.products.images.snow import Snow
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
 from varos_warp.scene.description.optics import twin
@@ -35,7 +36,8 @@ class RadianceImage:
     """Standard error of the means of blocks of 8 x 8 pixels, float32 [H/8, W/8, 3], the last ones cut by the edge.
     What neighbours have in common of their errors counts here, and not in ``stderr``."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
-    """Of A: direct, single, multiple; those that were asked for, and they sum to ``radiance``."""
+    """Of A: direct, single, multiple, and snow where there are particles; those that were asked for, and they sum to
+    ``radiance``."""
     correction: np.ndarray | None = None
     """Of A: what subpaths carry, and with the field of open water what is blocked of single scattering; nearly all of
     the noise. With the field it may be negative. It is contained in the layers single and multiple."""
@@ -50,10 +52,19 @@ class RadianceImage:
     to the surface's direct light in all but the correction; the water's albedo 1 and no normal count for the rest."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
+    snow: Snow | None = None
+    """Bodies that ``radiance`` and ``denoised`` have in front of the water; no denoiser touches them."""
     spp: float | None = None
     """Samples per pixel, mean over the image."""
     lost_samples: int = 0
     """Least number of samples that were infinite or not a number. They count as black, with a warning."""
+
+    def without_snow(self) -> "RadianceImage":
+        """The image of the water without bodies, not denoised."""
+        taken_out = self.radiance
+        if self.snow is not None and taken_out is not None:
+            taken_out = self.snow.taken_out(taken_out)
+        return replace(self, radiance=taken_out, snow=None, denoised=None)
 
 
 def srgb_oetf(linear: np.ndarray) -> np.ndarray:

@@ -132,14 +132,24 @@ class OpenWater:
             return str(error)
         return None
 
-    def field(self, view: Camera) -> Field:
-        """The field for a camera; without the part along its rays where `along_camera` says that there is none.
+    @property
+    def around_lights(self) -> Field:
+        """The field without any part along a camera's rays.
 
         Raises:
             NotSolved: If there is a `failure`.
         """
         field = Field()
         field.lights = self._lights
+        return field
+
+    def field(self, view: Camera) -> Field:
+        """The field for a camera; without the part along its rays where `along_camera` says that there is none.
+
+        Raises:
+            NotSolved: If there is a `failure`.
+        """
+        field = self.around_lights
         if not along_camera(self.scene, view):
             return field
         view, camera = _as_pinhole(view)

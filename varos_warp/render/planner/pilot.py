@@ -120,7 +120,8 @@ def pilot_views(scene: Scene, frames: Frames, integrator: str) -> Iterator[View]
             small = pilot_camera(camera)
             how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame,
                                      "integrator": integrator}
-            images = tuple(frames.render(frame, small, WATER, seed=seed, **how).A for seed in (None, SECOND_SEED))
+            images = tuple(frames.render(frame, small, WATER, seed=seed, snow=False, **how).A
+                           for seed in (None, SECOND_SEED))
             yield View(frame, camera, images)
 
 

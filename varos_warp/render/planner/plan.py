@@ -185,7 +185,7 @@ class Planner:
 
     def image(self, frame: int, camera, spp: float, number: int = 0, **changes):
         """An image A with what has been chosen so far; each ``number`` has its own random numbers."""
-        how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator} | changes
+        how = of_scene(self.scene) | {"spp": spp, "integrator": self.integrator, "snow": False} | changes
         return self.frames.render(frame, camera, WATER, seed=pilot.SEED + number, **how).A
 
     @property

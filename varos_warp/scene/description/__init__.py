@@ -16,9 +16,10 @@ from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, wri
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.growth import Growth, problem_of
-from varos_warp.scene.description.image_types import TWIN, WATER
+from varos_warp.scene.description.image_types import SNOW, TWIN, WATER
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import has_twin
+from varos_warp.scene.description.particles import Particles
 from varos_warp.scene.description.render import Render
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import AnyTerrain
@@ -54,6 +55,8 @@ class Scene(Block):
     """Materials by name; terrain and objects choose one by ``material: NAME``."""
     water: Water | Literal["none"] = "none"
     """The water, in exactly one of three forms; or ``none``: no water."""
+    particles: list[Particles] = []
+    """Blocks of bodies in the water that are drawn one by one, such as marine snow (docs/snow.md)."""
     surface_depth_m: Coordinate = 0.0
     """Depth of world z = 0 below the sea surface [m]."""
     gravity: Annotated[float, Field(gt=0.0, le=1e3)] = 9.81
@@ -80,7 +83,7 @@ class Scene(Block):
     """Where its keys stand in the file (scene/file/source.py)."""
     _written = written_otherwise(
         lambda scene: [*(("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer")),
-                       *(() if scene.growth else ("growth",))])
+                       *(() if scene.growth else ("growth",)), *(() if scene.particles else ("particles",))])
 
     @model_validator(mode="before")
     @classmethod
@@ -166,6 +169,13 @@ class Scene(Block):
         if TWIN in self.render.outputs and not any(map(has_twin, cameras)):
             raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
                              "has any; leave out P, or give a camera one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _bodies_can_be_seen(self):
+        if SNOW in self.render.outputs and not self.particles:
+            raise ValueError("render.outputs: N shows bodies in the water, and there are no particles; leave out N, or "
+                             "give a block particles")
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ It stands below the products, which it names only, so that a scene file's ``outp
 
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-WATER, AMBIENT, NORMALS, DEPTH, SEGMENTS, TWIN, FLOW = "ABCDSPF"
+WATER, AMBIENT, NORMALS, DEPTH, SEGMENTS, TWIN, FLOW, SNOW = "ABCDSPFN"
 """Letters of the types that code outside of products/images means in particular."""
 
 
@@ -27,6 +27,7 @@ IMAGE_TYPES = {
     TWIN: ImageType("radiance.TWIN_IMAGE", "the twin of A without port, distortion, vignetting and shutter"),
     FLOW: ImageType("flow.FLOW_IMAGE", "optical flow"),
     "T": ImageType("transmittance.TRANSMITTANCE_IMAGE", "transmittance of the water"),
+    SNOW: ImageType("snow.SNOW_IMAGE", "bodies in the water: marine snow"),
     "U": ImageType("purity.PURITY_IMAGE", "purity: share of the pixel that shows its object of S"),
 }
 """By letter, in the order in which images are made, written and listed."""

@@ -68,6 +68,14 @@ class Turbulence:
                 self.rms * (slope[n] + s * (2.0 * c2 + s * 3.0 * c3)) / self._step)
 
 
+    def way(self, t: float) -> np.ndarray:
+        """How far the water has moved from time 0 to ``t`` [s], [3] [m], by the trapezoidal rule over the knots."""
+        whole = int(np.floor(t / self._step + 1e-9))
+        v, rest = self.knots(whole + 2)[:, 2], t / self._step - whole
+        sums = v[:whole].sum(0) + 0.5 * (v[whole] - v[0]) + rest * (v[whole] + 0.5 * rest * (v[whole + 1] - v[whole]))
+        return self.rms * self._step * sums
+
+
 @cache
 def _transition(T: float, S: float, h: float) -> tuple[np.ndarray, ...]:
     """Of (x, y, v), v with variance 1: the matrix of a step [3, 3], and square roots [3, 3] of two covariances.
@@ -116,6 +124,12 @@ class Current:
         """Velocity [n, 3] [m/s] at the times ``t`` [n] [s]."""
         even = self.drift + np.sin(np.multiply.outer(t, self.frequency) + self.phase) @ self.amplitude
         return even if self.turbulence is None else even + self.turbulence.motion(t)[0]
+
+    def way(self, t: float) -> np.ndarray:
+        """How far the water has moved from time 0 to ``t`` [s], [3] [m]."""
+        turned = np.cos(self.phase) - np.cos(self.frequency * t + self.phase)
+        even = t * self.drift + (turned / self.frequency) @ self.amplitude
+        return even if self.turbulence is None else even + self.turbulence.way(t)
 
     def acceleration(self, t) -> np.ndarray:
         """Its time derivative [n, 3] [m/s^2]."""

@@ -1,0 +1,1 @@
+"""Particles in the water that are drawn one by one: marine snow."""

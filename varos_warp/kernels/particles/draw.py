@@ -1,0 +1,272 @@
+"""From cells to splats: which bodies a camera sees in a frame, and their light."""
+
+import warp as wp
+
+from varos_warp.kernels.conventions import CPU_FLAGS
+from varos_warp.kernels.field.open_water import Field
+from varos_warp.kernels.numerics import brightest
+from varos_warp.kernels.particles.bodies import (
+    Body,
+    Cells,
+    Particles,
+    bodies_in_cell,
+    body_at,
+    body_of,
+    cell_of,
+    drawn_of_body,
+    ramp,
+)
+from varos_warp.kernels.particles.field_light import field_on_body
+from varos_warp.kernels.particles.image import Directions, Image, camera_between, make_image_of
+from varos_warp.kernels.particles.splat import LARGEST_PX, OPTICS_PX, ROUND_PX, Splat, profile_sum, tiles_of
+from varos_warp.kernels.spec import SceneSpec, specialised
+from varos_warp.kernels.transport.moments import Moments
+from varos_warp.kernels.transport.next_event import irradiance
+from varos_warp.kernels.world.camera import GREEN
+from varos_warp.kernels.world.intersect import Instance, SceneData, make_rays
+from varos_warp.kernels.world.lights.disk import sample_point
+from varos_warp.kernels.world.lights.light import get_light, light_count, light_sample
+from varos_warp.kernels.world.lights.record import Light
+from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.phase import phase_eval
+
+wp.set_module_options({"enable_backward": False})
+
+TUMBLE = wp.constant(0.3)
+"""Amplitude by which a body is brighter or darker as it turns; its mean is 1."""
+ROUNDS = 3
+"""In which the row of a rolling shutter that sees a body is found."""
+
+
+@wp.struct
+class Exposure:
+    """A camera, while the rows of an image are exposed."""
+
+    moments: Moments
+    """At least one camera."""
+    begin_s: float
+    """Beginning of the first instant, from the frame's time [s]."""
+    length_s: float
+    """Length of an instant [s]."""
+    after_s: float
+    """What is added to these times: the frame interval, of the next frame."""
+    table: Directions
+    width: int
+    height: int
+
+
+@wp.struct
+class Cone:
+    """What a camera may see: a cone that holds its images while the shutter is open."""
+
+    apex: wp.vec3
+    axis: wp.vec3
+    half_angle: float
+    slack: float
+    """How far points may be off: the camera's and the bodies' ways, and the size of a port [m]."""
+
+
+@wp.struct
+class Sighting:
+    """A body in an image: where, in which row's exposure."""
+
+    image: Image
+    p: wp.vec3
+    begin: float
+    end: float
+    """The exposure of its row, in instants."""
+    row: int
+
+
+@wp.func
+def cell_is_seen(cone: Cone, cells: Cells, at: wp.vec3i, reach: float):
+    """Whether some body of a cell may be in the cone."""
+    middle = wp.vec3(float(at[0]) + 0.5, float(at[1]) + 0.5, float(at[2]) + 0.5)
+    v = cells.corner + cells.side * middle - cone.apex
+    away = wp.length(v)
+    radius = 0.8661 * cells.side + cone.slack
+    if away <= radius:
+        return True
+    if away - radius > reach:
+        return False
+    angle = wp.atan2(wp.length(wp.cross(v, cone.axis)), wp.dot(v, cone.axis))
+    return angle - wp.asin(radius / away) <= cone.half_angle
+
+
+@wp.func
+def exposure_of_row(moments: Moments, row: int):
+    """Begin and end of a row's exposure, or of what is lit of it, in instants; equal where it is one instant."""
+    begin = float(row) * moments.per_row
+    if moments.open == 0.0:
+        return wp.vec2(begin + 0.5, begin + 0.5)
+    end = begin + moments.open
+    if moments.lit_end > 0:
+        begin = wp.clamp(begin, float(moments.lit_begin), float(moments.lit_end))
+        end = wp.clamp(end, begin, float(moments.lit_end))
+    return wp.vec2(begin, end)
+
+
+@wp.func
+def time_at(exposure: Exposure, instant: float):
+    """Time [s] from the frame's of a place in the instants."""
+    return exposure.after_s + exposure.begin_s + instant * exposure.length_s
+
+
+@wp.func
+def lamps_on_body(scene: SceneData, light: Light, p: wp.vec3, particles: Particles, d: wp.vec3):
+    """Light of one lamp that a body at ``p`` sends against ``d``, per cross section, if nothing blocks it."""
+    sample = light_sample(light, p)
+    share = ramp(sample.distance)
+    if share == 0.0:
+        return wp.vec3(0.0)
+    return share * phase_eval(particles.phase, 1.0 - wp.dot(d, sample.d)) * irradiance(scene.medium, sample)
+
+
+@specialised("instances", "masks", "optics", "rolling", "field")
+def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
+    """Splats of the bodies of cells, counted or written, specialised to ``spec``."""
+    image_of = make_image_of(spec.optics)
+    visible = make_rays(spec).visible
+    channels = 3 if spec.optics.dispersion else 1
+
+    @wp.func
+    def image_at(exposure: Exposure, particles: Particles, body: Body, instant: float, channel: int):
+        p = body_at(particles, body, time_at(exposure, instant))
+        return image_of(camera_between(exposure.moments, instant), exposure.table, p, channel)
+
+    @wp.func
+    def sighting_of(exposure: Exposure, particles: Particles, body: Body, channel: int):
+        """A body in the middle of the exposure of the row that it is seen in."""
+        found = Sighting()
+        found.row = exposure.height / 2
+        for _ in range(wp.static(ROUNDS if spec.rolling else 1)):
+            open_at = exposure_of_row(exposure.moments, found.row)
+            found.begin = open_at[0]
+            found.end = open_at[1]
+            found.image = image_at(exposure, particles, body, 0.5 * (open_at[0] + open_at[1]), channel)
+            if wp.static(spec.rolling):
+                found.row = wp.clamp(int(found.image.y), 0, exposure.height - 1)
+        found.p = body_at(particles, body, time_at(exposure, 0.5 * (found.begin + found.end)))
+        return found
+
+    @wp.func
+    def half_streak(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
+        """Half of the way of an image while its row is exposed [pixels]."""
+        if found.end <= found.begin:
+            return wp.vec2(0.0)
+        first = image_at(exposure, particles, body, found.begin, channel)
+        last = image_at(exposure, particles, body, found.end, channel)
+        if first.seen == 0 or last.seen == 0:
+            return wp.vec2(0.0)
+        return 0.5 * wp.vec2(last.x - first.x, last.y - first.y)
+
+    @wp.func
+    def splat_of(exposure: Exposure, particles: Particles, body: Body, channel: int):
+        """The splat of a body, without its light, where it is seen, and the share of it that is drawn."""
+        splat = Splat()
+        found = sighting_of(exposure, particles, body, channel)
+        image = found.image
+        drawn = float(0.0)
+        if image.seen == 1:
+            drawn = drawn_of_body(particles, body.r, image.t)
+        if drawn <= 0.0:
+            return splat, found, drawn
+        size = body.r / wp.sqrt(image.area)
+        splat.radius = wp.min(wp.sqrt(size * size + image.blur * image.blur + OPTICS_PX * OPTICS_PX), LARGEST_PX)
+        sharp = size / splat.radius
+        splat.uneven = wp.clamp(size / ROUND_PX - 1.0, 0.0, 1.0) * sharp * sharp
+        splat.x = image.x
+        splat.y = image.y
+        splat.t = image.t
+        splat.along = half_streak(exposure, particles, body, found, channel)
+        splat.turn = wp.tau * body.u[3] + particles.turn
+        splat.cover = drawn * wp.pi * size * size
+        return splat, found, drawn
+
+    @wp.func
+    def light_of(scene: SceneData, field: Field, particles: Particles, body: Body, found: Sighting):
+        """Intensity that a body sends to the camera [W/sr], of all lamps that reach it, and of the field."""
+        L = wp.vec3(0.0)
+        for i in range(light_count(scene.lights)):
+            light = sample_point(get_light(scene.lights, i), wp.vec2(body.u[1], body.u[3]))
+            E = lamps_on_body(scene, light, found.p, particles, found.image.d)
+            if brightest(E) > 0.0:
+                if visible(scene, found.p, light.position):
+                    L += E
+        if wp.static(spec.field):
+            L += field_on_body(scene, field, particles.opacity, found.p, found.image.d)
+        bright = 1.0 + TUMBLE * wp.sin(wp.tau * body.u[3] + particles.turn)
+        return bright * wp.pi * body.r * body.r * wp.cw_mul(particles.albedo, L)
+
+    @wp.func
+    def lit(scene: SceneData, lights: wp.array2d(dtype=Light), moving: wp.array2d(dtype=Instance), found: Sighting):
+        """The scene with its lamps over a row's exposure, and with what moves in the middle of it."""
+        after = scene
+        after.lights = lights[wp.min(found.row, lights.shape[0] - 1)]
+        if wp.static(spec.instances):
+            if moving.shape[0] > 0:
+                after.moving = moving[wp.clamp(int(0.5 * (found.begin + found.end)), 0, moving.shape[0] - 1)]
+        return after
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"cpu_compiler_flags": CPU_FLAGS})
+    def draw_bodies(
+        scene: SceneData,
+        field: Field,
+        exposure: Exposure,
+        following: Exposure,  # of the next frame; no cameras: no flow is asked for
+        lights: wp.array2d(dtype=Light),  # mean over the exposure, of each row or once
+        cone: Cone,
+        particles: Particles,
+        cells: Cells,
+        ends: wp.array(dtype=int),  # of the splats of cells, one after the other; empty: they are to be counted
+        first_row: int,
+        # out
+        counts: wp.array(dtype=int),
+        tiles: wp.array(dtype=int),
+        splats: wp.array(dtype=Splat),
+    ):
+        """Splats, one for each tile that they show in, or how many there are of each cell."""
+        i = first_row + wp.tid()
+        at = cell_of(cells, i)
+        counting = ends.shape[0] == 0
+        count = int(0)
+        if not counting:
+            count = ends[i] - counts[i]
+            if counts[i] == 0:
+                return
+        if counting:
+            counts[i] = 0
+            if not cell_is_seen(cone, cells, at, wp.min(particles.reach, cells.r_high / particles.least_angle)):
+                return
+        across = (exposure.width + 7) / 8
+        for n in range(bodies_in_cell(cells, at)):
+            body = body_of(cells, at, n)
+            if body.r < particles.least_angle * (wp.length(body.p - cone.apex) - cone.slack):
+                continue
+            for k in range(wp.static(channels)):
+                channel = wp.where(wp.static(channels == 1), GREEN, k)
+                splat, found, drawn = splat_of(exposure, particles, body, channel)
+                if drawn > 0.0:
+                    box = tiles_of(splat, exposure.width, exposure.height)
+                    if counting:
+                        count += box[2] * box[3]
+                    elif box[2] > 0:
+                        at_row = lit(scene, lights, exposure.moments.moving, found)
+                        I = light_of(at_row, field, particles, body, found)
+                        T = transmittance(scene.medium, found.image.t)
+                        splat.flux = wp.static(1.0 / channels) * (drawn / found.image.area) * wp.cw_mul(
+                            found.image.weight, wp.cw_mul(T, I))
+                        splat.cover *= wp.static(1.0 / channels)
+                        splat.scale = 1.0 / wp.max(profile_sum(splat), 1.0e-20)
+                        if following.moments.cameras.shape[0] > 0:
+                            then = sighting_of(following, particles, body, channel)
+                            splat.flow = wp.vec2(then.image.x - splat.x, then.image.y - splat.y)
+                        for row in range(box[1], box[1] + box[3]):
+                            for col in range(box[0], box[0] + box[2]):
+                                tiles[count] = row * across + col
+                                splats[count] = splat
+                                count += 1
+        if counting:
+            counts[i] = count
+
+    return draw_bodies

@@ -1,0 +1,103 @@
+"""The image of a body: a disc, drawn out by motion, whose pixels share its light.
+
+Values at the pixels' centres are scaled so that they sum to the body's light, whatever its size and place. Discs whose
+bodies are larger than a pixel are no circles.
+"""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+OPTICS_PX = wp.constant(0.45)
+"""Radius of the image of a point in focus."""
+ROUND_PX = wp.constant(1.2)
+"""Bodies below this radius in the image are seen round."""
+UNEVEN = wp.constant(0.42)
+"""Most by which an outline departs from a circle."""
+LARGEST_PX = wp.constant(400.0)
+"""Of a disc; blurred more, it would not be seen."""
+TILE = wp.constant(8)
+"""Side of the squares of pixels, each of which has a list of the splats that it shows."""
+
+
+@wp.struct
+class Splat:
+    """The image of a body."""
+
+    x: float
+    y: float
+    """Its middle [pixels]."""
+    along: wp.vec2
+    """From the middle to the end of its streak [pixels]."""
+    radius: float
+    """Of the disc [pixels]."""
+    uneven: float
+    """Share of `UNEVEN` by which its outline is no circle."""
+    turn: float
+    """Angle of its outline [rad]."""
+    scale: float
+    """One over the sum of its profile over all pixels."""
+    flux: wp.vec3
+    """Sum of its radiance over all pixels."""
+    cover: float
+    """Area that it hides [pixels]."""
+    t: float
+    """Distance of the body along its ray in the water [m]."""
+    flow: wp.vec2
+    """To its image in the next frame [pixels]."""
+
+
+@wp.func
+def splat_reach(splat: Splat):
+    """How far the disc reaches from its streak [pixels]."""
+    return (splat.radius + 0.5) / (1.0 - UNEVEN * splat.uneven)
+
+
+@wp.func
+def splat_box(splat: Splat):
+    """Corners (left, top, right, bottom) of the pixels around a splat."""
+    reach = splat_reach(splat)
+    across = reach + wp.abs(splat.along[0])
+    down = reach + wp.abs(splat.along[1])
+    return wp.vec4i(int(wp.floor(splat.x - across - 0.5)), int(wp.floor(splat.y - down - 0.5)),
+                    int(wp.ceil(splat.x + across - 0.5)), int(wp.ceil(splat.y + down - 0.5)))
+
+
+@wp.func
+def profile(splat: Splat, col: int, row: int):
+    """What a pixel has of a splat, up to a factor: 1 inside, falling to 0 over a pixel at the outline."""
+    at = wp.vec2(float(col) + 0.5 - splat.x, float(row) + 0.5 - splat.y)
+    length = wp.dot(splat.along, splat.along)
+    if length > 0.0:
+        at -= wp.clamp(wp.dot(at, splat.along) / length, -1.0, 1.0) * splat.along
+    distance = wp.length(at)
+    if splat.uneven > 0.0 and distance > 0.0:
+        a = wp.atan2(at[1], at[0]) + splat.turn
+        distance *= 1.0 + splat.uneven * (0.22 * wp.cos(2.0 * a) + 0.12 * wp.cos(3.0 * a) + 0.08 * wp.cos(5.0 * a))
+    return wp.clamp(splat.radius + 0.5 - distance, 0.0, 1.0)
+
+
+@wp.func
+def profile_sum(splat: Splat):
+    """Sum of the profile over all pixels, those outside of the image too."""
+    box = splat_box(splat)
+    total = float(0.0)
+    for row in range(box[1], box[3] + 1):
+        of_row = float(0.0)
+        for col in range(box[0], box[2] + 1):
+            of_row += profile(splat, col, row)
+        total += of_row
+    return total
+
+
+@wp.func
+def tiles_of(splat: Splat, width: int, height: int):
+    """Tiles (first column, first row, columns, rows) of an image that a splat may show in; none: 0 columns."""
+    box = splat_box(splat)
+    left = wp.max(box[0], 0) / TILE
+    top = wp.max(box[1], 0) / TILE
+    right = wp.min(box[2], width - 1)
+    bottom = wp.min(box[3], height - 1)
+    if right < 0 or bottom < 0 or box[0] >= width or box[1] >= height:
+        return wp.vec4i(0, 0, 0, 0)
+    return wp.vec4i(left, top, right / TILE - left + 1, bottom / TILE - top + 1)

@@ -1,0 +1,102 @@
+"""Lists of splats: those of all cells that a camera may see, sorted by the tiles of the image."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from varos_warp.device.launcher import Launcher
+from varos_warp.kernels.particles.bodies import Cells
+from varos_warp.kernels.particles.bodies import Particles as ParticleData
+from varos_warp.kernels.particles.draw import Cone
+from varos_warp.kernels.particles.gather import find_tiles
+from varos_warp.kernels.particles.splat import TILE, Splat
+from varos_warp.render.particles.cells import cells_of, cone_of, field_of, size_classes
+from varos_warp.render.particles.exposure import Open, View
+from varos_warp.scene.water.particles import ParticleLaw
+
+CELL_ROWS = 1 << 12
+"""Cells that a CPU's thread visits at a time."""
+
+
+class Seen(NamedTuple):
+    """The cells of one class of sizes that a camera may see."""
+
+    particles: ParticleData
+    cone: Cone
+    cells: Cells
+
+
+def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open, way: np.ndarray, keys: Sequence[int]
+               ) -> Iterator[Seen]:
+    """The cells of each class of sizes of a block.
+
+    Args:
+        law: The block's bodies.
+        record: The same as kernels know them.
+        here: The camera.
+        shutter: While it is open.
+        way: How far the bodies have drifted since time 0 [m].
+        keys: Of the random numbers of each class.
+    """
+    view = here.view
+    aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
+    slack = (np.linalg.norm(record.velocity) * shutter.longest_s + 2.0 * record.wander + law.block.radius_m[1]
+             + aperture * (1.0 + record.reach / max(view.focus_m, 0.1)) + 1e-3)
+    cone = cone_of(shutter.T_w_c, here.world.origin, field_of(view), float(slack))
+    for size, key in zip(size_classes(law), keys, strict=True):
+        reach = min(record.reach, size.r_high / record.least_angle)
+        cells = cells_of(size, cone, reach, here.world.origin, way)
+        cells.slope, cells.key = law.block.slope, wp.uint32(int(key))
+        yield Seen(record, cone, cells)
+
+
+def splats_by_tiles(launcher: Launcher, kernel: wp.Kernel, known: dict[str, Any], seen: Sequence[Seen],
+                    resolution: tuple[int, int]) -> dict[str, wp.array] | None:
+    """The splats of all bodies, as `gather_splats` takes them; None if there is none.
+
+    Args:
+        launcher: Of the device.
+        kernel: Counts or lists the splats of cells.
+        known: Its arguments that are the same for all cells.
+        seen: The cells.
+        resolution: Width and height of the image.
+    """
+    device = launcher.device
+    none: dict[str, Any] = {"ends": _integers(0, device), "tiles": _integers(0, device),
+                            "splats": wp.empty(0, dtype=Splat, device=device)}
+    counted = []
+    for some in seen:
+        counts = _integers(int(np.prod(some.cells.size)), device)
+        launcher.rows(kernel, counts.shape, {**known, **some._asdict(), **none, "counts": counts}, tile_rows=CELL_ROWS)
+        ends = wp.empty_like(counts)
+        wp.utils.array_scan(counts, ends, inclusive=True)
+        counted.append((counts, ends))
+    totals = [int(total[0]) for total in launcher.fetch(*(ends[-1:].contiguous() for _, ends in counted))]
+    if not (count := sum(totals)):
+        return None
+    tiles, splats, first = _integers(2 * count, device), wp.empty(count, dtype=Splat, device=device), 0
+    for some, (counts, ends), total in zip(seen, counted, totals, strict=True):
+        part = slice(first, first + total)
+        if total:
+            launcher.rows(kernel, counts.shape, {
+                **known, **some._asdict(), "counts": counts, "ends": ends, "tiles": tiles[part],
+                "splats": splats[part]}, tile_rows=CELL_ROWS)
+        first += total
+    return {"splats": splats, **_sorted(launcher, tiles, count, resolution)}
+
+
+def _integers(count: int, device: str) -> wp.array:
+    return wp.empty(count, dtype=int, device=device)
+
+
+def _sorted(launcher: Launcher, tiles: wp.array, count: int, resolution: tuple[int, int]) -> dict[str, wp.array]:
+    """The order of splats by their tiles, and where each tile begins in it; sorting keeps the order within a tile."""
+    order = _integers(2 * count, launcher.device)
+    launcher.upload(np.arange(2 * count, dtype=np.int32), order)
+    wp.utils.radix_sort_pairs(tiles, order, count)
+    across, down = (-(-side // TILE) for side in resolution)
+    starts = _integers(across * down + 1, launcher.device)
+    launcher.run(find_tiles, starts.shape, {"tiles": tiles, "count": count, "starts": starts})
+    return {"order": order, "starts": starts}
