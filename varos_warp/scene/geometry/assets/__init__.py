@@ -38,7 +38,8 @@ _RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
                 world.MooringChain: lambda block: 0.5 * block.link_m,
                 world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET,
                 world.Anode: lambda block: block.pipe_radius_m or block.thick_m,
-                world.ConcreteBlock: lambda block: 0.1, world.Rov: lambda block: block.lamp_radius_m}
+                world.ConcreteBlock: lambda block: 0.1,
+                world.Rov: lambda block: block.lamp_radius_m}
 """What stands for the radius of an object that has none, for its chord error [m]."""
 _STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
                      world.WellheadPanel: wellhead_panel, world.Rov: rov, world.Anode: anode, world.FlangeJoint: flange_joint,
