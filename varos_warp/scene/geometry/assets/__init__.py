@@ -42,8 +42,9 @@ _RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
                 world.Rov: lambda block: block.lamp_radius_m}
 """What stands for the radius of an object that has none, for its chord error [m]."""
 _STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
-                     world.WellheadPanel: wellhead_panel, world.Rov: rov, world.Anode: anode, world.FlangeJoint: flange_joint,
-                     world.HandWheel: hand_wheel, world.ConcreteBlock: concrete_block}
+                     world.WellheadPanel: wellhead_panel, world.Rov: rov, world.Anode: anode,
+                     world.FlangeJoint: flange_joint, world.HandWheel: hand_wheel,
+                     world.ConcreteBlock: concrete_block}
 
 
 def make_asset(block: world.ParametricObject, key: str = "object", *,
