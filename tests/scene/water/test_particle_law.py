@@ -1,5 +1,7 @@
 """The bodies of a block: their number, sizes and phase function, against quadrature."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -50,7 +52,7 @@ def test_the_drawn_share_is_that_of_the_areas_of_bodies_that_seem_large_enough(s
         begin = least * t
         kinks = sorted({1e-4, *(float(np.clip(k, 1e-4, 4e-3)) for k in (begin, (1 + fade) * begin)), 4e-3})
         drawn = sum(over_radii(lambda r: r ** (2 - slope) * np.clip((r / (least * t) - 1) / fade, 0, 1), a, b)  # noqa: B023
-                    for a, b in zip(kinks[:-1], kinks[1:], strict=True))
+                    for a, b in pairwise(kinks))
         whole = over_radii(lambda r: r ** (2 - slope), 1e-4, 4e-3)
         # a difference of two powers, divided by the fade, loses three digits of sixteen
         np.testing.assert_allclose(law.drawn(t, least, fade), drawn / whole, rtol=1e-10, atol=1e-12, err_msg=f"{t}")
