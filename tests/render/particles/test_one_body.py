@@ -51,7 +51,8 @@ def moments_of(light):
     return centre, np.einsum("ij,ija,ijb->ab", weight, off, off)
 
 
-VIEWS = {"in focus": {}, "out of focus": {"f_stop": 1.0, "focus_m": 0.25}, "streaked": {"shutter": {"exposure_s": 0.05}}}
+VIEWS = {"in focus": {}, "out of focus": {"f_stop": 1.0, "focus_m": 0.25},
+         "streaked": {"shutter": {"exposure_s": 0.05}}}
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -75,8 +76,7 @@ def test_what_an_image_shows_of_a_body_at_its_edge_is_what_a_larger_image_shows_
 
 
 def test_place_and_radius_of_a_blurred_disc():
-    """The radius is that of its defocus, the body and the lens together; its pixels have the second moments of a disc
-    with an edge one pixel wide."""
+    """Of defocus, body and lens together; its pixels have the second moments of a disc with an edge one pixel wide."""
     snowing = Snowing(snow_scene({"f_stop": 1.0, "focus_m": 0.25}, STILL), (PLACE, 5e-3))
     centre, spread = moments_of(snowing().light)
     body = F_PX * 5e-3 / 1.2 * np.sqrt(np.linalg.norm(PLACE) / 1.2)

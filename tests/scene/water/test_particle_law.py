@@ -29,7 +29,7 @@ def over_radii(f, low, high):
 
 @pytest.mark.parametrize("slope", SLOPES)
 def test_bodies_carry_their_share_of_the_scattering(slope):
-    """f max(b) is the sum of their projected areas."""
+    """The sum of their projected areas is f max(b)."""
     law = law_of(slope=slope, share=0.004, radius_m=[1e-4, 4e-3])
     area = over_radii(lambda r: law.density * r**-slope * np.pi * r**2, 1e-4, 4e-3)
     np.testing.assert_allclose(area, 0.004 * law.water.sigma_s.max(), rtol=1e-10)
