@@ -91,7 +91,7 @@ def blocks(values):
 
 @pytest.fixture(scope="module")
 def seeds():
-    """Blocks of S and E, and of what bodies let pass, [seed, row, column, channel]; the lamp lights all that is seen."""
+    """Blocks of S and E, and of what bodies let pass, [seed, row, column, channel]."""
     scene = snow_scene({"resolution": [32, 24], "sensor_mm": [8, 6]}, {"radius_m": [4e-4, 1.2e-3]},
                        lights=[LAMP | {"position": [0.6, -0.2, 0.3], "direction": [-0.3, 1, -0.1], "cone_deg": 170}])
     renderer, found = FrameRenderer(scene, "cpu"), []

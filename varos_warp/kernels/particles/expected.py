@@ -124,7 +124,8 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         passed: wp.array2d(dtype=float),
     ):
         """Where the rays of pixels end [m], [ray, height, width]; radiance of the bodies in the mean, and one
-        over the share of light that they let pass in the mean."""
+        over the share of light that they let pass in the mean.
+        """
         tile_row, col = wp.tid()
         row = first_row + tile_row
         if wp.static(spec.disks > 0):
