@@ -16,11 +16,11 @@ CAMERA = {"id": "M0", "resolution": [96, 54], "sensor_mm": [8, 4.5], "focal_mm":
 
 
 def snow_scene(camera=None, particles=None, lights=(LAMP,), **changes):
-    """Open water with one camera that looks along y, and bodies."""
+    """Open water with one camera that looks along y, and bodies, on which only lamps shine."""
     return scene_from_dict({
         "seed": 1, "water": WATER, "particles": [{"share": 0.005} | (particles or {})],
         "vehicle": {"lights": list(lights), "cameras": [CAMERA | (camera or {})]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}} | changes)
+        "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": {"integrator": "path"}} | changes)
 
 
 @wp.kernel(enable_backward=False)
@@ -71,7 +71,7 @@ class Snowing:
     def __init__(self, scene, lone=None):
         self.renderer = FrameRenderer(scene, "cpu")
         self.snow, self.listed, self.cells = self.renderer.snow, None, []
-        made, classes = self.snow._splats, self.snow._classes
+        made, seen = self.snow._splats, self.snow._cells
         if lone is not None:
             alone, self.u = lone_cell(*lone)
 
@@ -81,14 +81,13 @@ class Snowing:
             return found
 
         def few(*arguments):
-            self.cells = []
-            for cone, cells in classes(*arguments):
-                self.cells.append(cells if lone is None else alone)
-                yield cone, self.cells[-1]
-                if lone is not None:
-                    return
+            found = seen(*arguments)
+            if lone is not None:
+                found = [found[0]._replace(cells=alone)]
+            self.cells = [some.cells for some in found]
+            return found
 
-        self.snow._splats, self.snow._classes = splats, few
+        self.snow._splats, self.snow._cells = splats, few
 
     def __call__(self, T_w_v=None, **options):
         """Image N."""
