@@ -11,7 +11,7 @@ from varos_warp.errors import InputError
 from varos_warp.products.sensors.registry import mounted
 from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.image_types import FLOW
+from varos_warp.scene.description.image_types import OF_NEXT_FRAME
 from varos_warp.scene.description.patterns import HullFollowing
 from varos_warp.scene.optics.shutter import open_ns
 from varos_warp.sim import advice
@@ -83,7 +83,7 @@ def _find_course(scene: Scene, parts: list | None) -> None:
 
 def _rows(scene: Scene, frames: int) -> int:
     """Rows up to what sensors read, until shutters close, and with F to the frame after the last."""
-    last = frames if FLOW in scene.render.outputs else frames - 1
+    last = frames - 1 if OF_NEXT_FRAME.isdisjoint(scene.render.outputs) else frames
     after_ns = frame_time_ns(last, scene.render.frame_rate_hz) + open_ns(scene.vehicle.cameras)
     return max(rows_read(scene, frames), -(-after_ns // TICK_NS) + 1)
 

@@ -25,13 +25,12 @@ from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.device.devices import kind_of, usable_cores
 from varos_warp.device.launcher import AT_ONCE
 from varos_warp.errors import InputError, counted
-from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image import exposure
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.options import of_run
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.decisions import Plan
-from varos_warp.scene.description.image_types import TWIN, WATER
+from varos_warp.scene.description.image_types import OF_NEXT_FRAME, TWIN, WATER
 from varos_warp.sim.clock import frame_time_ns
 
 GIVE_UP = 3
@@ -207,7 +206,7 @@ class Pipeline:
         start = time.perf_counter()
         image, seconds = timed(self.renderer, lambda: self.renderer.render(
             self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
-            following=self.following(job.frame) if any(OUTPUTS[letter].follows for letter in job.letters) else None,
+            following=self.following(job.frame) if not OF_NEXT_FRAME.isdisjoint(job.letters) else None,
             motion=self.motion(job.frame), time_ns=self.time_ns(job.frame),
             **self.plan.options_of(job.camera, job.frame), **self.options))
         overlap = max(self.last_done - start, 0.0)

@@ -18,7 +18,7 @@ from varos_warp.kernels.particles.bodies import (
 )
 from varos_warp.kernels.particles.field_light import field_on_body
 from varos_warp.kernels.particles.image import Directions, Image, camera_between, make_image_of
-from varos_warp.kernels.particles.splat import LARGEST_PX, OPTICS_PX, ROUND_PX, Splat, profile_sum, tiles_of
+from varos_warp.kernels.particles.splat import LARGEST_PX, OPTICS_PX, ROUND_PX, Splat, list_splat, profile_sum, tiles_of
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.next_event import irradiance
@@ -94,6 +94,12 @@ def cell_is_seen(cone: Cone, cells: Cells, at: wp.vec3i, reach: float):
 
 
 @wp.func
+def is_too_small(cone: Cone, particles: Particles, body: Body):
+    """Whether a body is too far away to be drawn, wherever it is seen."""
+    return body.r < particles.least_angle * (wp.length(body.p - cone.apex) - cone.slack)
+
+
+@wp.func
 def exposure_of_row(moments: Moments, row: int):
     """Begin and end of a row's exposure, or of what is lit of it, in instants; equal where it is one instant."""
     begin = float(row) * moments.per_row
@@ -113,7 +119,7 @@ def time_at(exposure: Exposure, instant: float):
 
 
 @wp.func
-def lamps_on_body(scene: SceneData, light: Light, p: wp.vec3, particles: Particles, d: wp.vec3):
+def lamp_on_body(scene: SceneData, light: Light, p: wp.vec3, particles: Particles, d: wp.vec3):
     """Light of one lamp that a body at ``p`` sends against ``d``, per cross section, if nothing blocks it."""
     sample = light_sample(light, p)
     share = ramp(sample.distance)
@@ -180,7 +186,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         splat.t = image.t
         splat.along = half_streak(exposure, particles, body, found, channel)
         splat.turn = wp.tau * body.u[3] + particles.turn
-        splat.cover = drawn * wp.pi * size * size
+        splat.cover = wp.static(1.0 / channels) * drawn * wp.pi * size * size
         return splat, found, drawn
 
     @wp.func
@@ -188,8 +194,8 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         """Intensity that a body sends to the camera [W/sr], of all lamps that reach it, and of the field."""
         L = wp.vec3(0.0)
         for i in range(light_count(scene.lights)):
-            light = sample_point(get_light(scene.lights, i), wp.vec2(body.u[1], body.u[3]))
-            E = lamps_on_body(scene, light, found.p, particles, found.image.d)
+            light = sample_point(get_light(scene.lights, i), wp.vec2(body.u[0], body.u[1]))
+            E = lamp_on_body(scene, light, found.p, particles, found.image.d)
             if brightest(E) > 0.0:
                 if visible(scene, found.p, light.position):
                     L += E
@@ -199,7 +205,17 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         return bright * wp.pi * body.r * body.r * wp.cw_mul(particles.albedo, L)
 
     @wp.func
-    def lit(scene: SceneData, lights: wp.array2d(dtype=Light), moving: wp.array2d(dtype=Instance), found: Sighting):
+    def flow_of(following: Exposure, particles: Particles, body: Body, splat: Splat, channel: int):
+        """To the image of a body in the next frame [pixels]; 0 where that is not known."""
+        if following.moments.cameras.shape[0] == 0:
+            return wp.vec2(0.0)
+        then = sighting_of(following, particles, body, channel).image
+        if then.seen == 0:
+            return wp.vec2(0.0)
+        return wp.vec2(then.x - splat.x, then.y - splat.y)
+
+    @wp.func
+    def as_lit(scene: SceneData, lights: wp.array2d(dtype=Light), moving: wp.array2d(dtype=Instance), found: Sighting):
         """The scene with its lamps over a row's exposure, and with what moves in the middle of it."""
         after = scene
         after.lights = lights[wp.min(found.row, lights.shape[0] - 1)]
@@ -207,6 +223,13 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
             if moving.shape[0] > 0:
                 after.moving = moving[wp.clamp(int(0.5 * (found.begin + found.end)), 0, moving.shape[0] - 1)]
         return after
+
+    @wp.func
+    def flux_of(scene: SceneData, field: Field, particles: Particles, body: Body, found: Sighting):
+        """Sum over all pixels of the radiance of a body, as the sensor gets it."""
+        seen = wp.cw_mul(found.image.weight, transmittance(scene.medium, found.image.t))
+        I = light_of(scene, field, particles, body, found)
+        return wp.static(1.0 / channels) / found.image.area * wp.cw_mul(seen, I)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"cpu_compiler_flags": CPU_FLAGS})
     def draw_bodies(
@@ -230,42 +253,32 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         at = cell_of(cells, i)
         counting = ends.shape[0] == 0
         count = int(0)
-        if not counting:
-            count = ends[i] - counts[i]
-            if counts[i] == 0:
-                return
         if counting:
             counts[i] = 0
             if not cell_is_seen(cone, cells, at, wp.min(particles.reach, cells.r_high / particles.least_angle)):
                 return
-        across = (exposure.width + 7) / 8
+        else:
+            count = ends[i] - counts[i]
+            if counts[i] == 0:
+                return
         for n in range(bodies_in_cell(cells, at)):
             body = body_of(cells, at, n)
-            if body.r < particles.least_angle * (wp.length(body.p - cone.apex) - cone.slack):
+            if is_too_small(cone, particles, body):
                 continue
             for k in range(wp.static(channels)):
                 channel = wp.where(wp.static(channels == 1), GREEN, k)
                 splat, found, drawn = splat_of(exposure, particles, body, channel)
+                box = wp.vec4i(0, 0, 0, 0)
                 if drawn > 0.0:
                     box = tiles_of(splat, exposure.width, exposure.height)
-                    if counting:
-                        count += box[2] * box[3]
-                    elif box[2] > 0:
-                        at_row = lit(scene, lights, exposure.moments.moving, found)
-                        I = light_of(at_row, field, particles, body, found)
-                        T = transmittance(scene.medium, found.image.t)
-                        splat.flux = wp.static(1.0 / channels) * (drawn / found.image.area) * wp.cw_mul(
-                            found.image.weight, wp.cw_mul(T, I))
-                        splat.cover *= wp.static(1.0 / channels)
-                        splat.scale = 1.0 / wp.max(profile_sum(splat), 1.0e-20)
-                        if following.moments.cameras.shape[0] > 0:
-                            then = sighting_of(following, particles, body, channel)
-                            splat.flow = wp.vec2(then.image.x - splat.x, then.image.y - splat.y)
-                        for row in range(box[1], box[1] + box[3]):
-                            for col in range(box[0], box[0] + box[2]):
-                                tiles[count] = row * across + col
-                                splats[count] = splat
-                                count += 1
+                if counting:
+                    count += box[2] * box[3]
+                elif box[2] > 0:
+                    here = as_lit(scene, lights, exposure.moments.moving, found)
+                    splat.flux = drawn * flux_of(here, field, particles, body, found)
+                    splat.scale = 1.0 / profile_sum(splat)
+                    splat.flow = flow_of(following, particles, body, splat, channel)
+                    count = list_splat(splat, box, exposure.width, count, tiles, splats)
         if counting:
             counts[i] = count
 

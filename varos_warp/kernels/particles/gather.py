@@ -12,7 +12,8 @@ wp.set_module_options({"enable_backward": False})
 def find_tiles(tiles: wp.array(dtype=int), count: int, starts: wp.array(dtype=int)):
     """Where the splats of each tile begin in a sorted list of ``count`` tiles, int32 [tiles + 1]."""
     i = wp.tid()
-    starts[i] = wp.lower_bound(tiles, 0, count, i)
+    # wp.lower_bound ends at the last of them, even where that is below i
+    starts[i] = wp.where(tiles[count - 1] < i, count, wp.lower_bound(tiles, 0, count, i))
 
 
 @wp.kernel

@@ -101,3 +101,17 @@ def tiles_of(splat: Splat, width: int, height: int):
     if right < 0 or bottom < 0 or box[0] >= width or box[1] >= height:
         return wp.vec4i(0, 0, 0, 0)
     return wp.vec4i(left, top, right / TILE - left + 1, bottom / TILE - top + 1)
+
+
+@wp.func
+def list_splat(splat: Splat, box: wp.vec4i, width: int, first: int, tiles: wp.array(dtype=int),
+               splats: wp.array(dtype=Splat)):
+    """Write a splat once for each of its tiles (`tiles_of`) from place ``first`` on; returns the place after them."""
+    across = (width + TILE - 1) / TILE
+    place = first
+    for row in range(box[1], box[1] + box[3]):
+        for col in range(box[0], box[0] + box[2]):
+            tiles[place] = row * across + col
+            splats[place] = splat
+            place += 1
+    return place

@@ -65,7 +65,7 @@ class Flow(ImageProduct):
 
     letter, content = FLOW, "Optical flow to the next frame"
     method = "first hits of pixel centres, seen again from the next pose"
-    source, planes, follows = Source.NEXT_FRAME, ("distance",), True
+    source, planes = Source.NEXT_FRAME, ("distance",)
     channels, dtype, bytes_a_pixel = 3, np.uint16, 12.0  # its EXR hardly compresses
     folders: Mapping[str, str] = {"_exr": "", "": ""}
     parts = ("occluded", "motion")

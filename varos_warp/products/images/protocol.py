@@ -90,8 +90,6 @@ class ImageProduct(Protocol):
     rays: int = 0
     """Rays of its own for each pixel, besides that of the centre; for planes that need them."""
 
-    follows: bool = False
-    """Whether it tells where things are seen in the next frame."""
     channels: int
     """Of a pixel of the finished image: 1, [H, W], or 3, [H, W, 3]."""
     dtype: type

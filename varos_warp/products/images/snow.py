@@ -43,7 +43,6 @@ class SnowImage(ImageProduct):
     letter, content = "N", "Bodies in the water: share of the pixel that they cover"
     method = "bodies in cells of the water, lit by all lamps"
     source, like, channels, dtype, bytes_a_pixel = Source.PARTICLES, WATER, 1, np.uint8, 12.0
-    follows = True
     folders: Mapping[str, str] = {"_exr": "", "": ""}
     convention = (
         "round(255 min(1, c)), 8 bit: c is the share of the pixel that bodies cover; N_exr: float32, RGB what they add "

@@ -24,7 +24,7 @@ from varos_warp.render.field.open_water import OpenWater
 from varos_warp.render.kinds import ParticleKernels, lit_by_field, particle_kernels
 from varos_warp.render.particles.cells import TURN_RATE, WANDER_PERIOD_S, particle_record, size_classes
 from varos_warp.render.particles.exposure import Open, View, open_shutter
-from varos_warp.render.particles.splats import seen_cells, splats_by_tiles
+from varos_warp.render.particles.splats import Seen, seen_cells, splats_by_tiles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
@@ -157,14 +157,19 @@ class SnowRenderer:
         then.moments.cameras = wp.empty(0, dtype=CameraData, device=self.device)
         if following is not None and optics_spec(following.view) == optics_spec(here.view):
             then = open_shutter(following, 1e-9 * (following.time_ns - here.time_ns)).exposure
-        seen = []
+        known = {"scene": here.world.data, "exposure": shutter.exposure, "following": then, "lights": shutter.lights,
+                 "field": self.open_water.around_lights if self._has_field else Field()}
+        return splats_by_tiles(self.launcher, self._kernels(here).draw, known, self._cells(here, shutter, particles),
+                               here.view.resolution)
+
+    def _cells(self, here: View, shutter: Open, particles: list[ParticleData]) -> list[Seen]:
+        """The cells that a camera may see, of all classes of sizes of all blocks."""
+        seen: list[Seen] = []
         for number, (law, record) in enumerate(zip(self.laws, particles, strict=True)):
             seeds = np.random.SeedSequence([self.scene.seed, law.block.seed, number, 0x736E6F77])
             keys = seeds.generate_state(len(size_classes(law))).tolist()
             seen += seen_cells(law, record, here, shutter, self._way(law, here.time_ns), keys)
-        return splats_by_tiles(self.launcher, self._kernels(here).draw, {
-            "scene": here.world.data, "exposure": shutter.exposure, "following": then, "lights": shutter.lights,
-            "field": self.open_water.around_lights if self._has_field else Field()}, seen, here.view.resolution)
+        return seen
 
 
 def with_snow(image, snow: Snow, layers: bool):

@@ -16,7 +16,7 @@ from varos_warp.render.options import of_run, of_scene
 from varos_warp.render.planner import pilot
 from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.image_types import FLOW, TWIN, WATER
+from varos_warp.scene.description.image_types import OF_NEXT_FRAME, TWIN, WATER
 from varos_warp.scene.description.optics import has_twin
 from varos_warp.scene.description.vehicle import Camera
 
@@ -65,7 +65,7 @@ def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: s
     render = scene.render
     of_images = of_run(frames.renderer.device, denoisers_of(render), render.linear_exr)
     how = of_scene(scene) | of_images | plan.options | samples
-    if FLOW in letters:
+    if not OF_NEXT_FRAME.isdisjoint(letters):
         how["following"] = NextFrame(frames.poses[frame], motion=frames.motion_at(frame))
     return frames.render(frame, view, letters, **how)
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 WATER, AMBIENT, NORMALS, DEPTH, SEGMENTS, TWIN, FLOW, SNOW = "ABCDSPFN"
 """Letters of the types that code outside of products/images means in particular."""
+OF_NEXT_FRAME = {FLOW, SNOW}
+"""Those that tell where things are seen in the next frame, which is simulated for them."""
 
 
 class ImageType(NamedTuple):

@@ -1,0 +1,142 @@
+"""One body, put where the test wants it: its light, its place, its size and its streak, in closed form."""
+
+import numpy as np
+import pytest
+from flakes import CAMERA, LAMP, Snowing, snow_scene
+
+from varos_warp.render.renderer import NextFrame
+from varos_warp.scene.frames import transform
+from varos_warp.scene.optics.shutter import row_offsets_s
+from varos_warp.scene.water.phase.lambert_sphere import LambertSphere
+
+F_PX = 6 / 8 * 96
+STILL = {"drift_m_s": [0, 0, 0], "wander_m_s": 0.0}
+PLACE, RADIUS = np.array([0.11, 1.2, 0.06]), 4e-3
+SIGMA_S, SIGMA_T = np.array([0.2, 0.3, 0.25]), np.array([0.5, 0.4, 0.3])
+
+
+def image_of(p, eye=(0, 0, 0)):
+    """Image point of a pinhole that looks along y."""
+    x, y, z = np.moveaxis(np.asarray(p, float) - eye, -1, 0)
+    return np.stack([48 + F_PX * x / y, 27 - F_PX * z / y], -1)
+
+
+def sum_of_pixels(p, r, u):
+    """Sum of the radiance over the image of a body: J exp(-c d) over the area that a pixel sees there."""
+    lamp = np.array(LAMP["position"], float)
+    axis = np.array(LAMP["direction"]) / np.linalg.norm(LAMP["direction"])
+    way, distance = p - lamp, np.linalg.norm(p - lamp)
+    half = np.cos(np.radians(LAMP["cone_deg"] / 2))
+    s = np.clip((way @ axis / distance - half) / (LAMP["blend"] * (1 - half)), 0, 1)
+    profile = s * s * (3 - 2 * s)
+    t = np.linalg.norm(p)
+    turned = way @ -p / distance / t  # cosine of the angle by which light is turned
+    E = np.array(LAMP["intensity"]) * profile * np.exp(-SIGMA_T * distance) / distance**2
+    J = E * np.pi * r**2 * SIGMA_S / SIGMA_S.max() * LambertSphere().density(0.5 * (1 - turned))
+    tumbling = 1 + 0.3 * np.sin(2 * np.pi * u[3])
+    return tumbling * J * np.exp(-SIGMA_T * t) / (p[1] ** 3 / (t * F_PX**2))
+
+
+def moving(velocity):
+    """Of the vehicle, from the origin on at the frame's time."""
+    return lambda offset_ns: transform(np.eye(3), np.multiply.outer(1e-9 * offset_ns, np.asarray(velocity, float)))
+
+
+def moments_of(light):
+    """Centre [2] and covariance [2, 2] of an image."""
+    weight = light[..., 1].astype(float) / light[..., 1].sum()
+    y, x = np.indices(weight.shape) + 0.5
+    centre = np.array([(weight * x).sum(), (weight * y).sum()])
+    off = np.stack([x - centre[0], y - centre[1]], -1)
+    return centre, np.einsum("ij,ija,ijb->ab", weight, off, off)
+
+
+VIEWS = {"in focus": {}, "out of focus": {"f_stop": 1.0, "focus_m": 0.25},
+         "streaked": {"shutter": {"exposure_s": 0.05}}}
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_the_pixels_of_a_body_sum_to_its_light(view):
+    """Light of the lamp that the body scatters, less what the water keeps of it on both ways."""
+    snowing = Snowing(snow_scene(VIEWS[view], STILL), (PLACE, RADIUS))
+    n = snowing(motion=moving([0.5, 0, 0.1])) if view == "streaked" else snowing()
+    # the phase function is a table in float32
+    np.testing.assert_allclose(n.light.sum((0, 1), dtype=float), sum_of_pixels(PLACE, RADIUS, snowing.u), rtol=2e-4)
+    np.testing.assert_allclose(n.light.sum((0, 1), dtype=float), snowing.splats["flux"][0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("view", ["in focus", "out of focus"])
+def test_what_an_image_shows_of_a_body_at_its_edge_is_what_a_larger_image_shows_there(view):
+    small = CAMERA | VIEWS[view] | {"resolution": [48, 54], "sensor_mm": [4, 4.5]}
+    place = np.array([24.2 / F_PX * 1.2, 1.2, 0.06])  # 0.2 pixels beyond the edge
+    both = [Snowing(snow_scene(camera, STILL), (place, RADIUS))() for camera in (small, VIEWS[view])]
+    np.testing.assert_allclose(both[0].light, both[1].light[:, 24:72], rtol=0,
+                               atol=2e-5 * both[1].light.max())  # a place in float32
+    assert 0 < both[0].light.sum() < both[1].light.sum()
+
+
+def test_place_and_radius_of_a_blurred_disc():
+    """Of defocus, body and lens together; its pixels have the second moments of a disc with an edge one pixel wide."""
+    snowing = Snowing(snow_scene({"f_stop": 1.0, "focus_m": 0.25}, STILL), (PLACE, 5e-3))
+    centre, spread = moments_of(snowing().light)
+    body = F_PX * 5e-3 / 1.2 * np.sqrt(np.linalg.norm(PLACE) / 1.2)
+    size = np.sqrt(body**2 + 0.45**2 + (F_PX * 3e-3 * (1 / 0.25 - 1 / 1.2)) ** 2)
+    assert snowing.splats["radius"][0] == pytest.approx(size, rel=5e-3)  # a pixel is no square across a slanted ray
+    r = np.linspace(0, size + 0.5, 4001)
+    ramp = np.clip(size + 0.5 - r, 0, 1)
+    variance = 0.5 * (ramp * r**3).sum() / (ramp * r).sum()
+    np.testing.assert_allclose(centre, image_of(PLACE), atol=0.05)
+    np.testing.assert_allclose(2 * np.sqrt(np.diag(spread)), 2 * np.sqrt(variance), atol=0.05)
+
+
+def test_a_streak_is_as_long_as_the_way_of_the_image_while_the_shutter_is_open():
+    """Its variance is more than the disc's by a twelfth of the square of its length, nearly: measured in the splat."""
+    snowing = Snowing(snow_scene({"shutter": {"exposure_s": 0.1}}, STILL), (PLACE, RADIUS))
+    n = snowing(motion=moving([0.8, 0.0, 0.3]))
+    splat = snowing.splats[0]
+    ends = [image_of(PLACE, np.array([0.8, 0.0, 0.3]) * t) for t in (-0.05, 0.05)]
+    sign = np.sign(splat["along"] @ (ends[1] - ends[0]))
+    np.testing.assert_allclose(2 * sign * splat["along"], ends[1] - ends[0], atol=0.05)
+    np.testing.assert_allclose(moments_of(n.light)[0], np.mean(ends, 0), atol=0.05)
+
+
+def test_a_rolling_shutter_sees_a_body_at_the_instant_of_its_row():
+    """Rows are read over 0.1 s, in which the camera moves by 0.1 m."""
+    snowing = Snowing(snow_scene({"shutter": {"exposure_s": 0.001, "readout_s": 0.1}}, STILL),
+                      (PLACE + [0, 0, 0.15], RADIUS))
+    place, v = PLACE + [0, 0, 0.15], np.array([1.0, 0.0, 0.2])
+    times = row_offsets_s(snowing.renderer.scene.vehicle.cameras[0])
+    snowing(motion=moving(v))
+    at = image_of(place)
+    for _ in range(10):
+        at = image_of(place, v * np.interp(at[1] - 0.5, np.arange(54), times))
+    splat = snowing.splats[0]
+    # within a row the time is that of its middle: half a row's time, and the image moves 60 pixels a second
+    row = int(splat["y"])
+    np.testing.assert_allclose([splat["x"], splat["y"]], image_of(place, v * times[row]), atol=0.05)
+    np.testing.assert_allclose([splat["x"], splat["y"]], at, atol=0.1)
+
+
+@pytest.mark.parametrize("time_s", [0, 1000])
+def test_a_body_drifts_with_the_current_and_flow_leads_to_where_it_is_next(time_s):
+    """0.2 m/s, which is 1.2 pixels in a tenth of a second."""
+    scene = snow_scene({}, STILL | {"radius_m": [1e-3, 4e-3]}, current={"velocity": [0.2, 0.0, -0.05]})
+    snowing = Snowing(scene)
+    n = snowing(time_ns=time_s * 10**9, following=NextFrame(np.eye(4), time_ns=time_s * 10**9 + 10**8))
+    first = snowing.splats
+    before = snowing.bodies()
+    snowing(time_ns=time_s * 10**9 + 10**8)
+    then, after = snowing.splats, snowing.bodies()
+    where = {u.tobytes(): p for p, u in zip(after[0], after[2], strict=True)}
+    moved = np.array([where[u.tobytes()] - p for p, u in zip(before[0], before[2], strict=True)
+                      if u.tobytes() in where])
+    assert len(moved) > 100
+    np.testing.assert_allclose(moved, np.broadcast_to([0.02, 0.0, -0.005], moved.shape), atol=2e-5)
+    off = []
+    for splat in first[first["scale"] > 0]:
+        there = min(then, key=lambda s: abs(s["turn"] - splat["turn"] - 0.02) + abs(s["t"] - splat["t"]))
+        if abs(there["turn"] - splat["turn"] - 0.02) < 1e-4 and 8 < splat["x"] < 88 and 8 < splat["y"] < 46:
+            off.append([splat["x"] + splat["flow"][0] - there["x"], splat["y"] + splat["flow"][1] - there["y"]])
+    assert len(off) > 20
+    assert np.abs(off).max() < 0.05
+    assert np.abs(n.flow).max() > 0.5
