@@ -15,10 +15,10 @@ LAMP = {"kind": "spot", "position": [0.5, 0.1, 0.3], "direction": [-0.1, 1, -0.0
 CAMERA = {"id": "M0", "resolution": [96, 54], "sensor_mm": [8, 4.5], "focal_mm": 6}
 
 
-def snow_scene(camera=None, particles=None, lights=(LAMP,), **changes):
+def snow_scene(camera=None, particles=None, lights=(LAMP,), bodies=True, **changes):
     """Open water with one camera that looks along y, and bodies, on which only lamps shine."""
     return scene_from_dict({
-        "seed": 1, "water": WATER, "particles": [{"share": 0.005} | (particles or {})],
+        "seed": 1, "water": WATER, "particles": [{"share": 0.005} | (particles or {})] if bodies else [],
         "vehicle": {"lights": list(lights), "cameras": [CAMERA | (camera or {})]},
         "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": {"integrator": "path"}} | changes)
 
