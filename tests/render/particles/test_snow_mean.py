@@ -147,3 +147,14 @@ def test_threads_do_not_change_a_byte():
     one, two = (FrameRenderer(snow_scene(), "cpu", threads=n).render(np.eye(4), outputs="N").N for n in (1, 2))
     for name in ("added", "light", "passed", "coverage"):
         assert np.array_equal(getattr(one, name), getattr(two, name)), name
+
+
+@pytest.mark.gpu
+def test_a_gpu_sees_the_bodies_of_a_cpu():
+    """Up to float32: images of bodies move by thousandths of a pixel, whose shares of light change as much."""
+    scene = snow_scene({"shutter": {"exposure_s": 0.02, "readout_s": 0.01}}, {"share": 0.008})
+    cpu, gpu = (FrameRenderer(scene, device).render(np.eye(4), outputs="N").N for device in ("cpu", "cuda:0"))
+    assert np.abs(gpu.light - cpu.light).sum(dtype=float) < 1e-3 * cpu.light.sum(dtype=float)
+    mean = cpu.light - cpu.added
+    np.testing.assert_allclose(gpu.light - gpu.added, mean, atol=1e-4 * mean.max())
+    np.testing.assert_allclose(gpu.passed, cpu.passed, atol=2e-3)
