@@ -81,7 +81,6 @@ def test_shards_have_the_bytes_of_one_run(whole, tmp_path):
     (lambda channels: channels.pop("passed"), "has no channel passed"),
     (lambda channels: channels["G"].fill(np.nan), "not finite"),
     (lambda channels: channels["passed"].fill(-0.5), "negative share of light that passes"),
-    (lambda channels: [channels[c].fill(0.0) for c in "RGB"], "adds nothing to A"),
 ])
 def test_damage_within_it_is_named(whole, tmp_path, change, said):
     copy = shutil.copytree(whole, tmp_path / "copy")

@@ -50,7 +50,7 @@ def field_of(view: Camera) -> Field:
 
 def reach_of(law: ParticleLaw) -> float:
     """Distance from a camera beyond which no body is drawn [m]."""
-    return float(min(FARTHEST_M, OPTICAL_DEPTHS / max(law.water.sigma_t.min(), 1e-9)))
+    return float(np.clip(OPTICAL_DEPTHS / max(law.water.sigma_t.min(), 1e-9), 4.0 * NEAREST, FARTHEST_M))
 
 
 def particle_record(law: ParticleLaw, pixel_angle: float, device: str) -> ParticleData:

@@ -42,7 +42,8 @@ def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open
     """
     view = here.view
     aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
-    slack = (np.linalg.norm(record.velocity) * shutter.longest_s + 2.0 * record.wander + law.block.radius_m[1]
+    speed = np.linalg.norm(np.array(shutter.exposure.current) + np.array(record.drift))
+    slack = (speed * shutter.longest_s + 2.0 * record.wander + law.block.radius_m[1]
              + aperture * (1.0 + record.reach / max(view.focus_m, 0.1)) + 1e-3)
     cone = cone_of(shutter.T_w_c, here.world.origin, field_of(view), float(slack))
     for size, key in zip(size_classes(law), keys, strict=True):
