@@ -22,7 +22,14 @@ from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater
 from varos_warp.render.kinds import ParticleKernels, lit_by_field, particle_kernels
-from varos_warp.render.particles.cells import TURN_RATE, WANDER_PERIOD_S, particle_record, size_classes
+from varos_warp.render.particles.cells import (
+    TURN_RATE,
+    WANDER_PERIOD_S,
+    check_cells,
+    particle_record,
+    size_classes,
+    wander_of,
+)
 from varos_warp.render.particles.exposure import Open, View, open_shutter
 from varos_warp.render.particles.splats import Seen, seen_cells, splats_by_tiles
 from varos_warp.scene.description import Scene
@@ -44,6 +51,7 @@ class SnowRenderer:
     def __init__(self, scene: Scene, launcher: Launcher, open_water: OpenWater):
         self.scene, self.launcher, self.device, self.open_water = scene, launcher, launcher.device, open_water
         self.laws = particle_laws(scene)
+        check_cells(self.laws, scene.vehicle.cameras)
         self.current = Current(scene.current, scene.seed)
         self._records = functools.lru_cache(maxsize=8)(self._particles)
         self._tables: dict[Camera, wp.array] = {}
@@ -89,7 +97,7 @@ class SnowRenderer:
         moved.assign(record)
         rate = 2.0 * np.pi / WANDER_PERIOD_S
         moved.drift = wp.vec3(*law.block.drift_m_s)
-        moved.wander, moved.wander_rate = law.block.wander_m_s * np.sqrt(2.0 / 3.0) / rate, rate
+        moved.wander, moved.wander_rate = wander_of(law), rate
         moved.wander_phase, moved.turn = (float(np.fmod(r * t, 2.0 * np.pi)) for r in (rate, TURN_RATE))
         return moved
 
