@@ -29,6 +29,7 @@ from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.field.open_water import along_camera, unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
+from varos_warp.render.particles.cells import check_cells
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import field_by_old_name, sees_water
 from varos_warp.scene.description.vehicle import Camera
@@ -223,9 +224,9 @@ def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integr
     As far as the scene file tells; arguments as for `kernels_needed`.
 
     Raises:
-        InputError: If the water cannot have the particles that the scene says.
+        InputError: If the water cannot have the particles that the scene says, or there would be too many.
     """
-    particle_laws(scene)
+    check_cells(particle_laws(scene), scene.vehicle.cameras)
     kernels = kernels_needed(scene, foretold_spec(scene, device), letters, integrator)
     if any(isinstance(material, SlopeBlend) for material in scene.materials.values()):
         kernels.insert(0, bake_ground)

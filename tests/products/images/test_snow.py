@@ -81,7 +81,6 @@ def test_shards_have_the_bytes_of_one_run(whole, tmp_path):
     (lambda channels: channels.pop("passed"), "has no channel passed"),
     (lambda channels: channels["G"].fill(np.nan), "not finite"),
     (lambda channels: channels["passed"].fill(-0.5), "negative share of light that passes"),
-    (lambda channels: [channels[c].fill(0.0) for c in "RGB"], "adds nothing to A"),
 ])
 def test_damage_within_it_is_named(whole, tmp_path, change, said):
     copy = shutil.copytree(whole, tmp_path / "copy")
@@ -133,3 +132,11 @@ def test_what_cannot_be_is_refused(tmp_path):
             scene_of(particles=[block])
     with pytest.raises(InputError, match="N shows bodies in the water"):
         scene_of(particles=[])
+    with pytest.raises(InputError, match="none of the light scattered once"):
+        scene_of(render=SCENE["render"] | {"layers": ["direct", "multiple"]})
+    with pytest.raises(InputError, match=r"particles\.0\.least_px = 0\.005.*cells of water"):
+        camera = {"id": "M0", "resolution": [1280, 720], "sensor_mm": [8, 4.5], "focal_mm": 6}
+        produce(scene_of(vehicle=SCENE["vehicle"] | {"cameras": [camera]},
+                         particles=[{"share": 0.013, "radius_m": [2e-5, 1e-4], "least_px": 0.005}]),
+                tmp_path / "out", quiet=True)
+    assert not (tmp_path / "out").exists()

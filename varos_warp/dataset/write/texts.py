@@ -306,7 +306,7 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
     conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
     if scene.render.noise is not None and WATER in outputs:
         conventions[WATER] += CLEAN
-    if scene.particles:
+    if scene.particles and scene.render.shows_bodies:
         conventions |= {letter: conventions[letter] + BODIES for letter in {WATER, TWIN} & conventions.keys()}
     if scene.render.dither is not None:
         conventions |= {letter: conventions[letter] + DITHERED for letter in colors(outputs)}
@@ -376,7 +376,7 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
     text = _text("dataset_readme.txt")
     start, end = scene.render.depth_range_m
     more = [_text(f"{key}_readme.txt") for key in ("moving", "companions") if getattr(scene, key)]
-    more += [_text("particles_readme.txt")] * bool(scene.particles)
+    more += [_text("particles_readme.txt")] * bool(scene.particles and scene.render.shows_bodies)
     more += [_text("camera_noise_readme.txt")] * bool(describe_noise(scene, outputs))
     bent = any(map(has_lens, scene.vehicle.cameras))
     words = {"SENSORS": "\n".join([*(sensor.chapter for sensor in _noted(scene.vehicle)), *more]),

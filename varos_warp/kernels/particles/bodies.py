@@ -48,8 +48,8 @@ class Particles:
     """Radius over distance of the smallest body that is drawn [rad]."""
     reach: float
     """Distance from the camera beyond which none is drawn [m]."""
-    velocity: wp.vec3
-    """Of the bodies in the world [m/s], at the frame's time."""
+    drift: wp.vec3
+    """Velocity of the bodies in the water [m/s]."""
     wander: float
     """Amplitude [m] of a body's own motion."""
     wander_rate: float
@@ -143,12 +143,12 @@ def body_of(cells: Cells, at: wp.vec3i, n: int):
 
 
 @wp.func
-def body_at(particles: Particles, body: Body, time: float):
-    """Where a body is at a time [s] from the frame's: it drifts with the water, and wanders about."""
+def body_at(particles: Particles, body: Body, time: float, way: wp.vec3):
+    """Where a body is at a time [s] from the frame's, since when the water has gone a way [m]; it wanders in it."""
     angle = particles.wander_phase + particles.wander_rate * time
     own = wp.vec3(wp.sin(angle + wp.tau * body.u[0]), wp.sin(angle + wp.tau * body.u[1]),
                   wp.sin(angle + wp.tau * body.u[2]))
-    return body.p + time * particles.velocity + particles.wander * own
+    return body.p + way + time * particles.drift + particles.wander * own
 
 
 @wp.func

@@ -34,6 +34,10 @@ wp.set_module_options({"enable_backward": False})
 
 TUMBLE = wp.constant(0.3)
 """Amplitude by which a body is brighter or darker as it turns; its mean is 1."""
+STRAIGHT_PX, MOST_PARTS = wp.constant(0.1), wp.constant(16)
+"""A streak is drawn in parts, each of which is straight up to this, but no more of them."""
+LEAST_STRETCH = wp.constant(0.1)
+"""An image that moves along with the rows is stretched no more than by one over this."""
 ROUNDS = 3
 """In which the row of a rolling shutter that sees a body is found."""
 
@@ -49,7 +53,11 @@ class Exposure:
     length_s: float
     """Length of an instant [s]."""
     after_s: float
-    """What is added to these times: the frame interval, of the next frame."""
+    """Time of its frame after that of the image [s]: the frame interval, of the next frame; else 0."""
+    way: wp.vec3
+    """How far the water has moved meanwhile [m]."""
+    current: wp.vec3
+    """Velocity of the water at its frame [m/s]."""
     table: Directions
     width: int
     height: int
@@ -68,14 +76,16 @@ class Cone:
 
 @wp.struct
 class Sighting:
-    """A body in an image: where, in which row's exposure."""
+    """A body in an image: where, in which row's exposure, or a part of that."""
 
     image: Image
     p: wp.vec3
     begin: float
     end: float
-    """The exposure of its row, in instants."""
+    """The exposure of its row, or a part of it, in instants; image and place are those of its middle."""
     row: int
+    stretch: float
+    """How much longer its image is than at one instant, for rows are not seen at once."""
 
 
 @wp.func
@@ -94,9 +104,14 @@ def cell_is_seen(cone: Cone, cells: Cells, at: wp.vec3i, reach: float):
 
 
 @wp.func
-def is_too_small(cone: Cone, particles: Particles, body: Body):
-    """Whether a body is too far away to be drawn, wherever it is seen."""
-    return body.r < particles.least_angle * (wp.length(body.p - cone.apex) - cone.slack)
+def is_out_of_sight(cone: Cone, particles: Particles, body: Body):
+    """Whether a body is too far away to be drawn, or its disc lies beside all that the camera sees."""
+    v = body.p - cone.apex
+    away = wp.length(v)
+    if body.r < particles.least_angle * (away - cone.slack):
+        return True
+    angle = wp.atan2(wp.length(wp.cross(v, cone.axis)), wp.dot(v, cone.axis))
+    return angle - wp.asin(wp.min((body.r + cone.slack) / away, 1.0)) > cone.half_angle
 
 
 @wp.func
@@ -113,9 +128,10 @@ def exposure_of_row(moments: Moments, row: int):
 
 
 @wp.func
-def time_at(exposure: Exposure, instant: float):
-    """Time [s] from the frame's of a place in the instants."""
-    return exposure.after_s + exposure.begin_s + instant * exposure.length_s
+def place_at(exposure: Exposure, particles: Particles, body: Body, instant: float):
+    """Where a body is at a place in the instants."""
+    time = exposure.begin_s + instant * exposure.length_s
+    return body_at(particles, body, exposure.after_s + time, exposure.way + time * exposure.current)
 
 
 @wp.func
@@ -137,27 +153,58 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
 
     @wp.func
     def image_at(exposure: Exposure, particles: Particles, body: Body, instant: float, channel: int):
-        p = body_at(particles, body, time_at(exposure, instant))
+        p = place_at(exposure, particles, body, instant)
         return image_of(camera_between(exposure.moments, instant), exposure.table, p, channel)
 
     @wp.func
+    def part_of(exposure: Exposure, particles: Particles, body: Body, whole: Sighting, k: int, parts: int,
+                channel: int):
+        """A body in the k-th of so many parts of its exposure."""
+        found = whole
+        length = (whole.end - whole.begin) / float(parts)
+        found.begin = whole.begin + float(k) * length
+        found.end = found.begin + length
+        middle = found.begin + 0.5 * length
+        found.image = image_at(exposure, particles, body, middle, channel)
+        found.p = place_at(exposure, particles, body, middle)
+        return found
+
+    @wp.func
     def sighting_of(exposure: Exposure, particles: Particles, body: Body, channel: int):
-        """A body in the middle of the exposure of the row that it is seen in."""
+        """A body in the exposure of the row that it is seen in."""
         found = Sighting()
         found.row = exposure.height / 2
+        found.stretch = 1.0
         for _ in range(wp.static(ROUNDS if spec.rolling else 1)):
             open_at = exposure_of_row(exposure.moments, found.row)
             found.begin = open_at[0]
             found.end = open_at[1]
-            found.image = image_at(exposure, particles, body, 0.5 * (open_at[0] + open_at[1]), channel)
+            found = part_of(exposure, particles, body, found, 0, 1, channel)
             if wp.static(spec.rolling):
                 found.row = wp.clamp(int(found.image.y), 0, exposure.height - 1)
-        found.p = body_at(particles, body, time_at(exposure, 0.5 * (found.begin + found.end)))
+        if wp.static(spec.rolling):
+            later = 0.5 * (found.begin + found.end) + exposure.moments.per_row
+            moved = image_at(exposure, particles, body, later, channel).y - found.image.y
+            found.stretch = 1.0 / wp.max(wp.abs(1.0 - moved), LEAST_STRETCH)
         return found
 
     @wp.func
+    def parts_of(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
+        """In how many parts a body's way is straight and even in the image, while its row is exposed."""
+        if found.end <= found.begin or found.image.seen == 0:
+            return 1
+        first = image_at(exposure, particles, body, found.begin, channel)
+        last = image_at(exposure, particles, body, found.end, channel)
+        if first.seen == 0 or last.seen == 0:
+            return MOST_PARTS
+        bend = wp.vec2(0.5 * (first.x + last.x) - found.image.x, 0.5 * (first.y + last.y) - found.image.y)
+        change = wp.max(first.area, last.area) / wp.min(first.area, last.area)
+        parts = wp.sqrt(wp.length(bend) / STRAIGHT_PX + 10.0 * (change - 1.0) * (change - 1.0))
+        return wp.clamp(int(wp.ceil(parts)), 1, MOST_PARTS)
+
+    @wp.func
     def half_streak(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
-        """Half of the way of an image while its row is exposed [pixels]."""
+        """Half of the way of an image in a part of an exposure [pixels]."""
         if found.end <= found.begin:
             return wp.vec2(0.0)
         first = image_at(exposure, particles, body, found.begin, channel)
@@ -167,27 +214,22 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         return 0.5 * wp.vec2(last.x - first.x, last.y - first.y)
 
     @wp.func
-    def splat_of(exposure: Exposure, particles: Particles, body: Body, channel: int):
-        """The splat of a body, without its light, where it is seen, and the share of it that is drawn."""
+    def splat_of(exposure: Exposure, particles: Particles, body: Body, found: Sighting, drawn: float, channel: int):
+        """The splat of a body that is seen, of which so much is drawn, without its light."""
         splat = Splat()
-        found = sighting_of(exposure, particles, body, channel)
         image = found.image
-        drawn = float(0.0)
-        if image.seen == 1:
-            drawn = drawn_of_body(particles, body.r, image.t)
-        if drawn <= 0.0:
-            return splat, found, drawn
         size = body.r / wp.sqrt(image.area)
-        splat.radius = wp.min(wp.sqrt(size * size + image.blur * image.blur + OPTICS_PX * OPTICS_PX), LARGEST_PX)
+        splat.radius = wp.sqrt(size * size + image.blur * image.blur + OPTICS_PX * OPTICS_PX)
         sharp = size / splat.radius
         splat.uneven = wp.clamp(size / ROUND_PX - 1.0, 0.0, 1.0) * sharp * sharp
+        splat.radius = wp.min(splat.radius, LARGEST_PX)
         splat.x = image.x
         splat.y = image.y
         splat.t = image.t
         splat.along = half_streak(exposure, particles, body, found, channel)
         splat.turn = wp.tau * body.u[3] + particles.turn
         splat.cover = wp.static(1.0 / channels) * drawn * wp.pi * size * size
-        return splat, found, drawn
+        return splat
 
     @wp.func
     def light_of(scene: SceneData, field: Field, particles: Particles, body: Body, found: Sighting):
@@ -263,22 +305,30 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
                 return
         for n in range(bodies_in_cell(cells, at)):
             body = body_of(cells, at, n)
-            if is_too_small(cone, particles, body):
+            if is_out_of_sight(cone, particles, body):
                 continue
             for k in range(wp.static(channels)):
                 channel = wp.where(wp.static(channels == 1), GREEN, k)
-                splat, found, drawn = splat_of(exposure, particles, body, channel)
-                box = wp.vec4i(0, 0, 0, 0)
-                if drawn > 0.0:
-                    box = tiles_of(splat, exposure.width, exposure.height)
-                if counting:
-                    count += box[2] * box[3]
-                elif box[2] > 0:
-                    here = as_lit(scene, lights, exposure.moments.moving, found)
-                    splat.flux = drawn * flux_of(here, field, particles, body, found)
-                    splat.scale = 1.0 / profile_sum(splat)
-                    splat.flow = flow_of(following, particles, body, splat, channel)
-                    count = list_splat(splat, box, exposure.width, count, tiles, splats)
+                whole = sighting_of(exposure, particles, body, channel)
+                parts = parts_of(exposure, particles, body, whole, channel)
+                for part in range(parts):
+                    found = whole
+                    if parts > 1:
+                        found = part_of(exposure, particles, body, whole, part, parts, channel)
+                    drawn = float(0.0)
+                    if found.image.seen == 1:
+                        drawn = whole.stretch * drawn_of_body(particles, body.r, found.image.t) / float(parts)
+                    if drawn > 0.0:
+                        splat = splat_of(exposure, particles, body, found, drawn, channel)
+                        box = tiles_of(splat, exposure.width, exposure.height)
+                        if counting:
+                            count += box[2] * box[3]
+                        elif box[2] > 0:
+                            here = as_lit(scene, lights, exposure.moments.moving, found)
+                            splat.flux = drawn * flux_of(here, field, particles, body, found)
+                            splat.scale = 1.0 / profile_sum(splat)
+                            splat.flow = flow_of(following, particles, body, splat, channel)
+                            count = list_splat(splat, box, exposure.width, count, tiles, splats)
         if counting:
             counts[i] = count
 

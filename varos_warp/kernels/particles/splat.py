@@ -14,8 +14,10 @@ ROUND_PX = wp.constant(1.2)
 """Bodies below this radius in the image are seen round."""
 UNEVEN = wp.constant(0.42)
 """Most by which an outline departs from a circle."""
-LARGEST_PX = wp.constant(400.0)
+LARGEST_PX = wp.constant(4000.0)
 """Of a disc; blurred more, it would not be seen."""
+SUMMED_PX = wp.constant(128)
+"""Side of the box whose pixels are all summed up; of larger ones, as many along the longer side."""
 TILE = wp.constant(8)
 """Side of the squares of pixels, each of which has a list of the splats that it shows."""
 
@@ -79,15 +81,20 @@ def profile(splat: Splat, col: int, row: int):
 
 @wp.func
 def profile_sum(splat: Splat):
-    """Sum of the profile over all pixels, those outside of the image too."""
+    """Sum of the profile over all pixels, those outside of the image too; of large ones by some of them."""
     box = splat_box(splat)
+    step = 1 + wp.max(box[2] - box[0], box[3] - box[1]) / SUMMED_PX
     total = float(0.0)
-    for row in range(box[1], box[3] + 1):
+    row = box[1]
+    while row <= box[3]:
         of_row = float(0.0)
-        for col in range(box[0], box[2] + 1):
+        col = box[0]
+        while col <= box[2]:
             of_row += profile(splat, col, row)
+            col += step
         total += of_row
-    return total
+        row += step
+    return total * float(step * step)
 
 
 @wp.func

@@ -85,8 +85,6 @@ class SnowImage(ImageProduct):
             yield name, "has values that are not finite"
         elif channels["passed"].min() < 0.0:
             yield name, "has a negative share of light that passes"
-        elif files.pixels(self.letter).any() and not any(channels[c].any() for c in "RGB"):
-            yield name, "adds nothing to A, though bodies are seen"
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
         """Grey: white is covered."""

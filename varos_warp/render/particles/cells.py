@@ -1,5 +1,6 @@
 """Which cells of the water a camera may see while its shutter is open, and how far bodies are drawn."""
 
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -7,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from varos_warp.errors import InputError
 from varos_warp.kernels.particles.bodies import FADE, FAR_FADE, NEAREST, Cells
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Cone
@@ -18,6 +20,8 @@ IN_CELL = 8.0
 """Mean number of bodies in a cell."""
 WIDEST_CLASS = 2.5
 """Largest over smallest radius of a class of sizes, each of which has cells of its own."""
+MOST_CELLS = 2e7
+"""Of a block in one image: 160 MB, while they are counted."""
 FARTHEST_M, OPTICAL_DEPTHS = 8.0, 4.0
 """Bodies are drawn up to this distance, or fewer where so many optical depths lie before it."""
 NODES, FINE = 1024, 16
@@ -50,7 +54,7 @@ def field_of(view: Camera) -> Field:
 
 def reach_of(law: ParticleLaw) -> float:
     """Distance from a camera beyond which no body is drawn [m]."""
-    return float(min(FARTHEST_M, OPTICAL_DEPTHS / max(law.water.sigma_t.min(), 1e-9)))
+    return float(np.clip(OPTICAL_DEPTHS / max(law.water.sigma_t.min(), 1e-9), 4.0 * NEAREST, FARTHEST_M))
 
 
 def particle_record(law: ParticleLaw, pixel_angle: float, device: str) -> ParticleData:
@@ -93,6 +97,45 @@ def size_classes(law: ParticleLaw) -> list[SizeClass]:
     numbers = [law.number(a, b) for a, b in pairwise(edges)]
     return [SizeClass(float(a), float(b), float((IN_CELL / n) ** (1.0 / 3.0)), IN_CELL)
             for (a, b), n in zip(pairwise(edges), numbers, strict=True)]
+
+
+def slack_of(law: ParticleLaw, view: Camera, way: float = 0.0) -> float:
+    """By how much bodies may be off the rays of a camera and still be seen [m]; ``way`` is that of the water."""
+    aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
+    blur = aperture * (1.0 + reach_of(law) / max(view.focus_m, 0.1))
+    return float(way + 2.0 * wander_of(law) + law.block.radius_m[1] + blur + 1e-3)
+
+
+def wander_of(law: ParticleLaw) -> float:
+    """Amplitude of a body's own motion along each axis [m], by the root mean square of its velocity."""
+    return float(law.block.wander_m_s * np.sqrt(2.0 / 3.0) * WANDER_PERIOD_S / (2.0 * np.pi))
+
+
+def check_cells(laws: Sequence[ParticleLaw], cameras: Iterable[Camera]) -> None:
+    """Refuse bodies that would fill the memory.
+
+    Raises:
+        InputError: If some camera would see more than `MOST_CELLS` cells of a block.
+    """
+    for i, law in enumerate(laws):
+        for view in cameras:
+            cone = cone_of(np.eye(4)[None], np.zeros(3), field_of(view), slack_of(law, view))
+            least = law.block.least_px * camera_model(view).pixel_angle
+            count = sum(_count(size, cone, min(reach_of(law), size.r_high / least)) for size in size_classes(law))
+            if count > MOST_CELLS:
+                raise InputError(
+                    f"camera {view.id} would see bodies in {count:.2g} cells of water, and {MOST_CELLS:.2g} are the "
+                    "most", key=f"particles.{i}.least_px", value=law.block.least_px,
+                    remedy="Raise it, or the smallest radius; or give a smaller share, or a lens that is less open.")
+
+
+def _count(size: SizeClass, cone: Cone, reach: float) -> float:
+    """How many cells there are around a cone, about; as a float, which has no end."""
+    axis = np.array(cone.axis, float)
+    between = np.arccos(np.clip(axis, -1.0, 1.0))
+    along = sum(np.maximum(np.cos(np.maximum(angle - cone.half_angle, 0.0)), 0.0)
+                for angle in (between, np.pi - between))
+    return float(np.prod((along * reach + 2.0 * cone.slack) / size.side + 2.0))
 
 
 def cone_of(T_w_c: np.ndarray, origin: np.ndarray, field: Field, slack: float) -> Cone:

@@ -64,12 +64,14 @@ class Open(NamedTuple):
     """Longest time from the frame's until some row is exposed [s]."""
 
 
-def open_shutter(seen: View, after_s: float = 0.0) -> Open:
+def open_shutter(seen: View, current: np.ndarray, after_s: float = 0.0, way: np.ndarray | None = None) -> Open:
     """What a camera and the lamps do while it is open.
 
     Args:
         seen: The camera.
-        after_s: Added to the times of the frame: the frame interval, of the next frame.
+        current: Velocity of the water at its frame [3] [m/s].
+        after_s: Of the next frame: the frame interval [s].
+        way: And how far the water moves meanwhile [3] [m].
     """
     view, world, scene = seen.view, seen.world, seen.world.scene
     motion = seen.motion if view.shutter is not None else None
@@ -85,6 +87,7 @@ def open_shutter(seen: View, after_s: float = 0.0) -> Open:
         exposure.moments.cameras = wp.array([world.camera(view, seen.T_w_v)], dtype=CameraData, device=world.device)
         lights = world.lit(seen.T_w_v).lights.reshape((1, -1))
     exposure.length_s, exposure.after_s = when.length_s, after_s
+    exposure.current, exposure.way = wp.vec3(*current), wp.vec3(*(np.zeros(3) if way is None else way))
     exposure.begin_s = float(when.offset_s[0] - 0.5 * when.length_s)
     exposure.width, exposure.height = view.resolution
     exposure.table = directions(view, world.device)

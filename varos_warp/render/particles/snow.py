@@ -22,7 +22,14 @@ from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater
 from varos_warp.render.kinds import ParticleKernels, lit_by_field, particle_kernels
-from varos_warp.render.particles.cells import TURN_RATE, WANDER_PERIOD_S, particle_record, size_classes
+from varos_warp.render.particles.cells import (
+    TURN_RATE,
+    WANDER_PERIOD_S,
+    check_cells,
+    particle_record,
+    size_classes,
+    wander_of,
+)
 from varos_warp.render.particles.exposure import Open, View, open_shutter
 from varos_warp.render.particles.splats import Seen, seen_cells, splats_by_tiles
 from varos_warp.scene.description import Scene
@@ -44,6 +51,7 @@ class SnowRenderer:
     def __init__(self, scene: Scene, launcher: Launcher, open_water: OpenWater):
         self.scene, self.launcher, self.device, self.open_water = scene, launcher, launcher.device, open_water
         self.laws = particle_laws(scene)
+        check_cells(self.laws, scene.vehicle.cameras)
         self.current = Current(scene.current, scene.seed)
         self._records = functools.lru_cache(maxsize=8)(self._particles)
         self._tables: dict[Camera, wp.array] = {}
@@ -62,7 +70,7 @@ class SnowRenderer:
         shape = here.view.resolution[::-1]
         particles = [self._moved(record, law, here.time_ns) for record, law in
                      zip(self._records(here.view), self.laws, strict=True)]
-        shutter = open_shutter(here)
+        shutter = open_shutter(here, self._current(here.time_ns))
         images = {name: wp.zeros(shape, dtype=kind, device=self.device) for name, kind in (
             ("light", wp.vec3), ("passed", float), ("coverage", float), ("flow", wp.vec2))}
         added = wp.empty(shape, dtype=wp.vec3, device=self.device)
@@ -88,10 +96,14 @@ class SnowRenderer:
         moved, t = ParticleData(), 1e-9 * time_ns
         moved.assign(record)
         rate = 2.0 * np.pi / WANDER_PERIOD_S
-        moved.velocity = wp.vec3(*(self.current.velocity(np.array([t]))[0] + law.block.drift_m_s))
-        moved.wander, moved.wander_rate = law.block.wander_m_s * np.sqrt(2.0 / 3.0) / rate, rate
+        moved.drift = wp.vec3(*law.block.drift_m_s)
+        moved.wander, moved.wander_rate = wander_of(law), rate
         moved.wander_phase, moved.turn = (float(np.fmod(r * t, 2.0 * np.pi)) for r in (rate, TURN_RATE))
         return moved
+
+    def _current(self, time_ns: int) -> np.ndarray:
+        """Velocity of the water at a time, float64 [3] [m/s]."""
+        return self.current.velocity(np.array([1e-9 * time_ns]))[0]
 
     def _way(self, law: ParticleLaw, time_ns: int) -> np.ndarray:
         """How far the bodies of a block have drifted since time 0, float64 [3] [m]."""
@@ -156,7 +168,9 @@ class SnowRenderer:
         then = Exposure()
         then.moments.cameras = wp.empty(0, dtype=CameraData, device=self.device)
         if following is not None and optics_spec(following.view) == optics_spec(here.view):
-            then = open_shutter(following, 1e-9 * (following.time_ns - here.time_ns)).exposure
+            way = self.current.way(1e-9 * following.time_ns) - self.current.way(1e-9 * here.time_ns)
+            then = open_shutter(following, self._current(following.time_ns),
+                                1e-9 * (following.time_ns - here.time_ns), way).exposure
         known = {"scene": here.world.data, "exposure": shutter.exposure, "following": then, "lights": shutter.lights,
                  "field": self.open_water.around_lights if self._has_field else Field()}
         return splats_by_tiles(self.launcher, self._kernels(here).draw, known, self._cells(here, shutter, particles),

@@ -12,7 +12,7 @@ from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Cone
 from varos_warp.kernels.particles.gather import find_tiles
 from varos_warp.kernels.particles.splat import TILE, Splat
-from varos_warp.render.particles.cells import cells_of, cone_of, field_of, size_classes
+from varos_warp.render.particles.cells import cells_of, cone_of, field_of, size_classes, slack_of
 from varos_warp.render.particles.exposure import Open, View
 from varos_warp.scene.water.particles import ParticleLaw
 
@@ -40,11 +40,9 @@ def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open
         way: How far the bodies have drifted since time 0 [m].
         keys: Of the random numbers of each class.
     """
-    view = here.view
-    aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
-    slack = (np.linalg.norm(record.velocity) * shutter.longest_s + 2.0 * record.wander + law.block.radius_m[1]
-             + aperture * (1.0 + record.reach / max(view.focus_m, 0.1)) + 1e-3)
-    cone = cone_of(shutter.T_w_c, here.world.origin, field_of(view), float(slack))
+    speed = np.linalg.norm(np.array(shutter.exposure.current) + np.array(record.drift))
+    slack = slack_of(law, here.view, float(speed) * shutter.longest_s)
+    cone = cone_of(shutter.T_w_c, here.world.origin, field_of(here.view), slack)
     for size, key in zip(size_classes(law), keys, strict=True):
         reach = min(record.reach, size.r_high / record.least_angle)
         cells = cells_of(size, cone, reach, here.world.origin, way)

@@ -176,6 +176,9 @@ class Scene(Block):
         if SNOW in self.render.outputs and not self.particles:
             raise ValueError("render.outputs: N shows bodies in the water, and there are no particles; leave out N, or "
                              "give a block particles")
+        if SNOW in self.render.outputs and not self.render.shows_bodies:
+            raise ValueError("render.outputs: N is what bodies add to A, which has none of the light scattered once "
+                             "that they are a part of; leave out N, or let A have it (render.layers, max_scatterings)")
         return self
 
     @model_validator(mode="after")

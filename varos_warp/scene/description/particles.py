@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from varos_warp.scene.block import Block, NonNegative, Unit, Vec3
+from varos_warp.scene.block import Block, NonNegative, Unit
 
 PRESETS: dict[str, dict[str, Any]] = {
     "clear": {"share": 0.002},
@@ -12,6 +12,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "bloom": {"share": 0.012},
 }
 """Keys that a preset stands for, where a block does not give them itself."""
+Speed = Annotated[float, Field(ge=-10.0, le=10.0)]
 RadiusM = Annotated[float, Field(ge=2e-5, le=0.05)]
 
 
@@ -20,7 +21,7 @@ class Particles(Block):
 
     preset: Literal["clear", "coast", "bloom"] | None = Field(default=None, examples=["coast"])
     """Named values of the other keys: clear, coast or bloom; keys that stand beside it count instead."""
-    share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.005
+    share: Annotated[float, Field(ge=1e-9, le=1.0)] = 0.005
     """Share of the water's scattering coefficient that the bodies make up. Bodies scatter more light back than water
     does, so that more than some 1 % of it would be more light than there is: that is refused, with the limit."""
     radius_m: tuple[RadiusM, RadiusM] = (2e-4, 3e-3)
@@ -29,7 +30,7 @@ class Particles(Block):
     """Exponent s of the number of bodies by radius, n(r) ~ r^-s (Junge's law)."""
     opacity: Unit = 1.0
     """Share of the light that a body reflects; it transmits the rest, as evenly. 1 is an opaque grain."""
-    drift_m_s: Vec3 = (0.0, 0.0, -0.001)
+    drift_m_s: tuple[Speed, Speed, Speed] = (0.0, 0.0, -0.001)
     """Velocity of the bodies in the water [m/s], beside the current: they sink."""
     wander_m_s: Annotated[NonNegative, Field(le=1.0)] = 0.002
     """Root mean square of the velocity of a body's own motion to and fro [m/s]."""

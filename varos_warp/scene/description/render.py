@@ -129,6 +129,11 @@ class Render(Block):
         *(key for key in ("max_triangles", "dither", "noise") if getattr(render, key) is None),
         *(["segments"] if render.segments == "host" else [])])
 
+    @property
+    def shows_bodies(self) -> bool:
+        """Whether A has the light that bodies in the water scatter: it is a part of what is scattered once."""
+        return "single" in self.layers and self.max_scatterings != 0
+
     @field_validator("depth_range_m")
     @classmethod
     def _depth_ends_after_its_start(cls, value):
