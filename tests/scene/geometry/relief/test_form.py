@@ -78,6 +78,18 @@ def test_normals_converge_to_those_of_the_waves():
     assert off[1] < 0.02
 
 
+def test_a_steep_bank_is_of_the_sediment_of_the_level_ground_below_it():
+    def banked(points):
+        gap = np.linalg.norm(points[:, :2], axis=1)
+        return gap, 2.0 * np.clip(0.3 - gap, 0.0, None)  # 63 degrees
+
+    looks = [Layered(kind="layered", relief="sand", steep=steep) for steep in (None, "rock")]
+    sand, both = (form.formed(form.base_of(plane()), look, lambda points, normals: np.full(len(points), 0.05), banked)
+                  for look in looks)
+    assert (sand["vertices"] == both["vertices"]).all()
+    assert (sand["colours"] == both["colours"]).all()
+
+
 def test_what_is_closed_stays_closed():
     ball = trimesh.creation.icosphere(subdivisions=2)
     mesh = made(Part("objects.0", np.array(ball.vertices), np.array(ball.faces, np.int32), Diffuse()), 0.05)

@@ -79,7 +79,8 @@ def _samples(corners, keys):
 
 
 def _summed(inverse, columns, count):
-    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T])
+    # of nothing at all bincount makes integers
+    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T]).astype(float)
 
 
 def _key(cells):

@@ -61,15 +61,16 @@ class Wanted:
     def crowding(self, host: str) -> Crowding:
         """How the copies keep together on a host of this name: clumps are as full as bodies make them.
 
-        Fewer a square metre are fewer clumps, no looser ones.
+        Fewer a square metre are fewer clumps, no looser ones, and more are more clumps, no fuller ones.
         """
         own = key_of(self.seed, self.block.seed, self.block.kind, host)
         shared = key_of(self.seed, host) if self.kind.scars else None
         if self.cluster == 0.0 or self.per_m2 == 0.0:
             return crowding(1.0, self.kind.wavelength, own, None)
         size = np.mean(self.sizes((np.arange(200) + 0.5) / 200) ** 2)
-        full = self.kind.cover / (0.25 * np.pi * (self.kind.body or 1.0) ** 2 * size)
-        times = max(np.exp(PER_CLUSTER * self.cluster), full / self.per_m2)
+        times = self.kind.cover / (0.25 * np.pi * (self.kind.body or 1.0) ** 2 * size) / self.per_m2
+        if not (self.kind.cover and self.kind.body):  # more than is full would find no room
+            times = max(np.exp(PER_CLUSTER * self.cluster), times)
         return crowding(times, self.kind.wavelength, own, shared, self.kind.territory)
 
     def share_above(self, size: np.ndarray) -> np.ndarray:

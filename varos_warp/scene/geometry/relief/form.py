@@ -94,6 +94,7 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None, fo
     """
     p, faces, edge = refine(base.vertices, base.faces, wanted, base.normals)
     normals = vertex_normals(p, faces)
+    up = normals[:, 2]  # of the ground: banks are of its sediment, however steep they are
     clear = np.full(len(p), np.inf)
     x = p
     if around is not None:
@@ -106,7 +107,7 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None, fo
                   height=_heights(x, foot) if around is None else np.zeros(len(x)),
                   clear=clear, middle=middle, spread=spread,
                   sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
-    surfaces = _blended(sites, look)
+    surfaces = _blended(sites, look, up)
     room = Room(base, x, faces, normals) if around is None else None
     for step in ("coarse", "fine"):
         h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
@@ -196,12 +197,11 @@ def _spread(base):
     return middle, within + 0.75 * np.einsum("f,fi,fj->ij", weight, centre, centre)
 
 
-def _blended(sites, look):
+def _blended(sites, look, up):
     """The recipes of a material and the share of each at the vertices: one, or two for flat and for steep ground."""
     if look.steep is None or look.steep == look.relief:
         return [(RECIPES[look.relief], np.ones(len(sites.p)))]
-    up = sites.n[:, 2] + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge)
-    flat = smoothstep(*STEEP, up)
+    flat = smoothstep(*STEEP, up + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge))
     return [(RECIPES[look.relief], flat), (RECIPES[look.steep], 1.0 - flat)]
 
 

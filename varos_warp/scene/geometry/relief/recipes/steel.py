@@ -82,7 +82,7 @@ class Steel:
         hung = drawn(tones, shape)
         paint = np.asarray(PAINT if look.paint is None else look.paint)
         paint = _faded(tones, hung, shape, paint, min(1.0, 3.0 * look.wear))
-        paint = mix(paint, PAINT, 0.6 * min(1.0, 4.0 * look.wear) * _scratches(sites, pattern, look.seed))
+        paint = mix(paint, PAINT, 0.35 * min(1.0, 4.0 * look.wear) * _scratches(sites, pattern, look.seed))
         # the more rust there is, the less the paint that is left stands out from it
         stain = np.max([(0.5 + 0.4 * look.wear) * damage.near, _stains(pattern, shape, damage, look),
                         np.full(len(paint), 0.8 * look.wear**2)], axis=0)
