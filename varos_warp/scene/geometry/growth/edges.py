@@ -79,7 +79,7 @@ def _samples(corners, keys):
 
 
 def _summed(inverse, columns, count):
-    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T])
+    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T]).astype(float, copy=False)
 
 
 def _key(cells):
