@@ -57,6 +57,11 @@ def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: st
         wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block_dim(kernel))
         return
 
+    starts = range(0, dim[0], rows)
+    if len(starts) == 1:  # a thread would take longer to start than most single tiles to run
+        wp.launch(kernel, dim=dim, device=device, inputs=inputs)
+        return
+
     gate = _Gate()
 
     def tile(row):
@@ -66,7 +71,7 @@ def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: st
                           inputs=[*inputs[:at], row, *inputs[at + 1:]])
 
     with ThreadPoolExecutor(threads or usable_cores()) as pool, gate:
-        list(pool.map(tile, range(0, dim[0], rows)))
+        list(pool.map(tile, starts))
 
 
 class _Gate:
