@@ -26,6 +26,20 @@ def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return normals
 
 
+def largest(values: np.ndarray) -> np.ndarray:
+    """The largest [F] of three numbers each [F, 3]; ``max`` along so short an axis takes ten times as long."""
+    return np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
+
+
+def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Lengths [F, 3] of the edges 01, 12, 20 of faces."""
+    size = np.empty(faces.shape)
+    for i in range(3):
+        x, y, z = (vertices[faces[:, i]] - vertices[faces[:, (i + 1) % 3]]).T
+        size[:, i] = np.sqrt(x * x + y * y + z * z)
+    return size
+
+
 def extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest coordinates [F, k] of triangles [F, 3, k]; ``min`` and ``max`` take five times as long."""
     a, b, c = np.moveaxis(triangles, 1, 0)

@@ -19,7 +19,7 @@ from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
 from varos_warp.scene.geometry.relief.form import Base, base_of, formed, vertex_normals
 from varos_warp.scene.geometry.relief.recipes.sand import tint_of
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.topology import area_normals, edge_uses, is_consistent
+from varos_warp.scene.geometry.topology import area_normals, edge_uses, is_consistent, largest
 
 TOLD_SHARE = 0.02
 """Share of faces back to back that is warned of."""
@@ -192,7 +192,7 @@ def _back_to_back(base):
     """Share of the faces whose corners' mean normals are at right angles to them or behind."""
     face = area_normals(base.vertices, base.faces)
     facing = np.einsum("fki,fi->fk", vertex_normals(base.vertices, base.faces)[base.faces], face)
-    return float((facing.max(axis=1) < 0.1 * np.linalg.norm(face, axis=1)).mean())
+    return float((largest(facing) < 0.1 * np.linalg.norm(face, axis=1)).mean())
 
 
 def _seed(scene, part):
