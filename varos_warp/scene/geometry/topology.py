@@ -27,7 +27,7 @@ def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def largest(values: np.ndarray) -> np.ndarray:
-    """The largest [F] of three numbers each [F, 3]; ``max`` along so short an axis takes ten times as long."""
+    """The largest [F] of three values each [F, 3]; ``max`` along so short an axis takes ten times as long."""
     return np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
 
 

@@ -51,7 +51,7 @@ def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.
     clear, height = np.full(len(points), np.inf), np.zeros(len(points))
     objects = [part for part in parts if not isinstance(part, Instances | Moving)]
     near = [partial(_near_object, points, part) for part in objects]
-    near += [some for part in parts if isinstance(part, Instances) for some in _near_copies(points, part)]
+    near += _near_copies(points, [part for part in parts if isinstance(part, Instances)])
 
     def found(some):
         trace = some()
@@ -139,16 +139,22 @@ def least_width(places: np.ndarray) -> float:
     return float(np.ptp(places @ np.stack([np.cos(turns), np.sin(turns)]), axis=0).min())
 
 
-def _near_copies(points, group):
-    """Likewise of every copy of a mesh: a function for each."""
-    if not len(points):
+def _near_copies(points, groups):
+    """Likewise of every copy of some meshes: a function for each copy."""
+    if not len(points) or not groups:
         return
-    surface, scale = Surface(group.vertices, group.faces), group.scale
-    width, reach = least_width(group.vertices[:, :2]), np.linalg.norm(group.vertices, axis=1).max()
-    radius = scale * (reach + REACH * np.clip(width, SMALLEST_M / scale, LARGEST_M / scale))
-    squares = Squares(points[:, :2], float(radius.max()))
-    for T, s, r in zip(group.T_w_o, scale, radius, strict=True):
-        yield partial(_near_copy, points, squares, (surface, width), T, s, r)
+    reaches = [_reaches(group) for group in groups]
+    squares = Squares(points[:, :2], max(float(reach.max()) for reach in reaches))
+    for group, reach in zip(groups, reaches, strict=True):
+        mesh = Surface(group.vertices, group.faces), least_width(group.vertices[:, :2])
+        for T, s, radius in zip(group.T_w_o, group.scale, reach, strict=True):
+            yield partial(_near_copy, points, squares, mesh, T, s, radius)
+
+
+def _reaches(group):
+    """How far from the middles of copies [N] the ground may know of them [m]."""
+    width, reach, scale = least_width(group.vertices[:, :2]), np.linalg.norm(group.vertices, axis=1).max(), group.scale
+    return scale * (reach + REACH * np.clip(width, SMALLEST_M / scale, LARGEST_M / scale))
 
 
 def _near_copy(points, squares, mesh, T, s, radius):

@@ -38,7 +38,7 @@ def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np
     length, finished = wanted(vertices, normals), []
     for _ in range(MOST_ROUNDS):
         size, long = _long_edges(vertices, faces, length)
-        active = long[:, 0] | long[:, 1] | long[:, 2]  # an edge is long for both of its faces: no other face will ever be cut
+        active = largest(long)  # an edge is long for both of its faces: no other face will ever be cut
         finished.append(faces[~active])
         if not active.any():
             break
