@@ -48,3 +48,21 @@ def test_when_an_interrupted_launch_ends_none_of_its_threads_is_at_work_any_more
     assert 0 < begun == finished
     time.sleep(0.3)
     assert under_way.count("begun") == begun
+
+
+@pytest.mark.parametrize("count", [0, 1, 8, 9, 1000])
+def test_tiles_cover_everything_once_and_are_about_as_long(count):
+    tiles = launch.tiles_of(count, 8)
+    assert [i for tile in tiles for i in range(tile.start, tile.stop)] == list(range(count))
+    lengths = [tile.stop - tile.start for tile in tiles]
+    assert max(lengths, default=0) <= 8
+    assert max(lengths, default=0) - min(lengths, default=0) <= 1
+
+
+def test_what_fails_in_a_tile_is_told():
+    def fail(tile):
+        if tile.start:
+            raise ValueError("the second tile")
+
+    with pytest.raises(ValueError, match="the second tile"):
+        launch.in_tiles(fail, 16, 8)

@@ -5,15 +5,16 @@ A CPU launch is serial and lets go of Python's lock, so that threads share the w
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import warp as wp
 
 from varos_warp.device.compile import block_dim, load_kernel
 from varos_warp.device.devices import usable_cores
 
+T = TypeVar("T")
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 CHUNK = 1 << 15
@@ -57,6 +58,11 @@ def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: st
         wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block_dim(kernel))
         return
 
+    starts = range(0, dim[0], rows)
+    if len(starts) == 1:  # a thread would take longer to start than most single tiles to run
+        wp.launch(kernel, dim=dim, device=device, inputs=inputs)
+        return
+
     gate = _Gate()
 
     def tile(row):
@@ -66,7 +72,7 @@ def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: st
                           inputs=[*inputs[:at], row, *inputs[at + 1:]])
 
     with ThreadPoolExecutor(threads or usable_cores()) as pool, gate:
-        list(pool.map(tile, range(0, dim[0], rows)))
+        list(pool.map(tile, starts))
 
 
 class _Gate:
@@ -104,3 +110,27 @@ def launch(kernel: wp.Kernel, count: int, arguments: Mapping[str, Any], device: 
     """Run ``count`` threads of a kernel that takes the number of its first as `FIRST_ROW`."""
     if count:
         launch_rows(kernel, (count,), arguments, device, rows=CHUNK)
+
+
+def tiles_of(count: int, size: int | None = None) -> list[slice]:
+    """Slices of ``count`` things, ``size`` long at most (absent: `CHUNK`) and all about as long.
+
+    The number of threads does not change them.
+    """
+    number = -(-count // (size or CHUNK))
+    return [slice(count * i // number, count * (i + 1) // number) for i in range(number)]
+
+
+def in_threads(function: Callable[[T], None], some: Sequence[T]) -> None:
+    """Call a function of numpy's for each of some things, in threads: numpy lets go of Python's lock, too."""
+    if len(some) < 2:
+        for one in some:
+            function(one)
+        return
+    with ThreadPoolExecutor(min(usable_cores(), len(some))) as pool:
+        list(pool.map(function, some))
+
+
+def in_tiles(function: Callable[[slice], None], count: int, size: int | None = None) -> None:
+    """Call a function of numpy's for slices of ``count`` things, in threads."""
+    in_threads(function, tiles_of(count, size))

@@ -8,11 +8,31 @@ SLANT = wp.constant(0.4)
 """Cosine between a surface's normal and the view, below which its relief faces the view anyway."""
 BEHIND = wp.constant(-0.3)
 """Below, not even relief does."""
+FARTHER = wp.constant(1.0001)
+"""Square of how much farther an eye must be to be passed over, beyond rounding."""
+MARGIN = wp.constant(1.0e-4)
+"""Between cosines, within which it takes the angles to tell whether a point is in a cone."""
+
+
+@wp.func
+def is_in_cone(along: float, half: float, cosine: float, ball: float):
+    """Whether a ball that is seen under an angle meets a cone.
+
+    Args:
+        along: Cosine of the angle between the axis and the way to the ball's middle.
+        half: Half angle of the cone [rad].
+        cosine: Of that angle.
+        ball: Sine of half the angle that the ball is seen under.
+    """
+    if ball == 0.0 and wp.abs(along - cosine) > MARGIN:  # as below, without the arc cosine
+        return along > cosine
+    return wp.acos(along) <= half + wp.asin(ball)
 
 
 @wp.kernel(module="unique")
 def find_nearest_view(
     first_row: int, eyes: wp.array(dtype=wp.vec3), axes: wp.array(dtype=wp.vec3), halves: wp.array(dtype=wp.float32),
+    cosines: wp.array(dtype=wp.float32),  # of the halves
     points: wp.array(dtype=wp.vec3), normals: wp.array(dtype=wp.vec3),  # zero: not known
     radius: wp.array(dtype=wp.float32),  # of balls about the points [m]
     # out
@@ -21,19 +41,30 @@ def find_nearest_view(
 ):
     """How near eyes come to balls; what is seen at a slant is as if it were farther away."""
     i = first_row + wp.tid()
-    known = wp.length_sq(normals[i]) > 0.0
+    point = points[i]
+    normal = normals[i]
+    ball = radius[i]
+    known = wp.length_sq(normal) > 0.0
     nearest = float(wp.inf)
     in_view = float(wp.inf)
+    reach = float(wp.inf)
     for k in range(eyes.shape[0]):
-        way = points[i] - eyes[k]
-        d = wp.length(way)
-        near = wp.max(d - radius[i], 0.0)
+        way = point - eyes[k]
+        square = wp.length_sq(way)
+        if square > reach:  # nearer than what is in view nothing is at a slant, either
+            continue
+        d = wp.sqrt(square)
+        near = wp.max(d - ball, 0.0)
         nearest = wp.min(nearest, near)
-        facing = wp.where(known, -wp.dot(way, normals[i]) / wp.max(d, 1.0e-6), 1.0)
+        facing = wp.where(known, -wp.dot(way, normal) / wp.max(d, 1.0e-6), 1.0)
         slanted = near / wp.sqrt(wp.max(facing, SLANT))
         if facing > BEHIND and slanted < in_view:
-            aside = wp.acos(wp.clamp(wp.dot(way, axes[k]) / wp.max(d, 1.0e-6), -1.0, 1.0))
-            if near == 0.0 or aside <= halves[k] + wp.asin(radius[i] / d):
+            along = wp.clamp(wp.dot(way, axes[k]) / wp.max(d, 1.0e-6), -1.0, 1.0)
+            inside = bool(near == 0.0)
+            if not inside:
+                inside = is_in_cone(along, halves[k], cosines[k], ball / d)
+            if inside:
                 in_view = slanted
+                reach = FARTHER * (in_view + ball) * (in_view + ball)
     distance[i] = nearest
     seen[i] = in_view

@@ -6,6 +6,8 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from varos_warp.device.launch import in_tiles
+
 CHUNK = 1 << 20
 """Triangles processed at once, where temporary arrays are larger than the triangles."""
 FARTHEST = 1e15
@@ -20,10 +22,33 @@ def chunks(count: int, size: int = CHUNK) -> Iterator[slice]:
 def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Normals [F, 3], as long as twice the area, float64."""
     normals = np.empty((len(faces), 3))
-    for part in chunks(len(faces)):
-        a, b, c = (np.asarray(vertices[faces[part, i]], float) for i in range(3))
-        normals[part] = np.cross(b - a, c - a)
+
+    def fill(tile):
+        a, b, c = (np.asarray(vertices[faces[tile, i]], float) for i in range(3))
+        (x, y, z), (u, v, w), out = (b - a).T, (c - a).T, normals[tile].T
+        out[0], out[1], out[2] = y * w - z * v, z * u - x * w, x * v - y * u
+
+    in_tiles(fill, len(faces))
     return normals
+
+
+def largest(values: np.ndarray) -> np.ndarray:
+    """The largest [F] of three values each [F, 3]; ``max`` along so short an axis takes ten times as long."""
+    return np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
+
+
+def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Lengths [F, 3] of the edges 01, 12, 20 of faces."""
+    size = np.empty(faces.shape)
+
+    def fill(tile):
+        corners = [vertices[faces[tile, i]] for i in (0, 1, 2, 0)]
+        for i in range(3):
+            x, y, z = (corners[i] - corners[i + 1]).T
+            size[tile, i] = np.sqrt(x * x + y * y + z * z)
+
+    in_tiles(fill, len(faces))
+    return size
 
 
 def extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -324,3 +324,10 @@ def test_kinds_half_a_turn_apart_have_their_territories_where_the_other_has_not(
     one, other = (crowding(25.0, 0.2, key_of(k), key_of("host"), territory)(places)[0] > 5.0
                   for k, territory in ((1, 0.0), (2, 0.5)))
     assert np.count_nonzero(one & other) < 0.2 * one.mean() * other.mean() * len(places)
+
+
+def test_a_host_beyond_reach_carries_none_of_a_kind_that_prefers_edges():
+    far = {**ROCK, "position": [2 * REACH_M, 0, 0.4]}
+    (group,) = grown({"kind": "hydroid", "on": ["objects.0", "objects.1"], "per_m2": 200, "seed": 1},
+                     objects=[ROCK, far])[:1]
+    assert set(np.array(group.hosts)[group.host]) == {"objects.0"}

@@ -5,11 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from varos_warp.device import launch
 from varos_warp.scene.description import Scene
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances
+from varos_warp.scene.geometry.relief import apply, drifts
 
 CAMERA = {"id": "M0", "resolution": [640, 360], "sensor_mm": [4.8, 2.7], "focal_mm": 4.8}
 STONE = {"kind": "boulder", "diameter": 1.0, "position": [0, 3, 0], "material": "rock"}
@@ -121,3 +123,21 @@ def test_steep_on_the_material_of_an_object_is_refused_with_its_key():
 def test_steep_on_the_material_of_the_ground_is_not():
     ground = {"kind": "procedural", "size_m": 10, "resolution": 21, "material": "sand"}
     scene(terrain=ground, materials={"sand": {"kind": "layered", "relief": "sand", "steep": "rock"}})
+
+
+def test_bytes_do_not_depend_on_the_number_of_threads(monkeypatch, tmp_path):
+    block = {"object": {k: v for k, v in STONE.items() if k != "position"}, "count": 4}
+    made = []
+    for threads in (1, 5):
+        monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / str(threads)))  # or the second were read, not made
+        for module in (launch, apply, drifts):
+            monkeypatch.setattr(module, "usable_cores", lambda count=threads: count)
+        monkeypatch.setattr(launch, "CHUNK", 1 << 10)
+        terrain = {"kind": "procedural", "size_m": 10, "resolution": 21, "relief_m": 0.2, "around_objects": True,
+                   "material": "rock"}
+        made.append(build_parts(scene(terrain=terrain, objects=[STONE], scatter=[block], render={
+            "max_triangles": 30_000})))
+    for one, many in zip(*made, strict=True):
+        for name in ("vertices", "faces", "normals"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
+        np.testing.assert_array_equal(one.skin.corners, many.skin.corners)

@@ -117,3 +117,12 @@ def test_what_is_buried_to_its_top_has_hardly_a_bank():
     deep = Part("objects.0", MESH.vertices - [0, 0, 0.98], np.array(MESH.faces, np.int32), Diffuse())
     _, height = drifts.surroundings(ground((0.25, 0)), [deep], STILL)
     assert 0.0 < height[0] < 0.02
+
+
+def test_points_within_a_radius_are_those_that_a_search_of_all_finds():
+    rng = np.random.default_rng(0)
+    points, middles = rng.uniform(-3.0, 5.0, (2000, 2)), rng.uniform(-5.0, 7.0, (50, 2))
+    squares = drifts.Squares(points, 0.7)
+    for middle, radius in zip(middles, rng.uniform(0.0, 2.0, len(middles)), strict=True):
+        expected = np.flatnonzero(np.hypot(*(points - middle).T) <= radius)
+        assert sorted(squares.within(middle, radius)) == expected.tolist()

@@ -13,8 +13,12 @@ from scipy.optimize import brentq
 from scipy.special import ndtr, pdtr
 from scipy.stats import poisson
 
+from varos_warp.device.launch import in_tiles
+
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 WAVES = 24
+TILE = 1 << 13
+"""Places at which waves are added together: they stay in a core's cache."""
 OCTAVES = ((0.35, 0.5), (1.0, 0.6))
 """Wavelengths of clumps and clusters, in those of clusters, and their shares of the noise's deviation."""
 GROUPS = (5.0, 0.62)
@@ -80,7 +84,15 @@ class Field:
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Values [N] at points [N, 3] [m]."""
-        return np.cos(points @ self.k + self.phase).sum(axis=1) * np.sqrt(2.0 / WAVES)
+        values = np.empty(len(points))
+
+        def fill(tile):
+            waves = points[tile] @ self.k
+            waves += self.phase
+            values[tile] = np.cos(waves, out=waves).sum(axis=1)
+
+        in_tiles(fill, len(points), TILE)
+        return values * np.sqrt(2.0 / WAVES)
 
 
 def field_of(key: np.uint64, wavelength: float, turn: float = 0.0) -> Field:

@@ -79,8 +79,7 @@ def _samples(corners, keys):
 
 
 def _summed(inverse, columns, count):
-    # of nothing at all bincount makes integers
-    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T]).astype(float)
+    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T]).astype(float, copy=False)
 
 
 def _key(cells):

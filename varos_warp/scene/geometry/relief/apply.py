@@ -2,24 +2,28 @@
 
 import itertools
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cached_property
+from threading import Lock
 
 import numpy as np
 
 from varos_warp.cache import cached, code_hash, digest
+from varos_warp.device.devices import usable_cores
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.course import places, used_stops
 from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
-from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, factor_for, rough
+from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, Rough, factor_for, rough
 from varos_warp.scene.geometry.relief.contact import foot_of
 from varos_warp.scene.geometry.relief.density import STEP_M, Footprint, Pixels, footprint, longest_edge
 from varos_warp.scene.geometry.relief.drifts import flow_direction, surroundings
 from varos_warp.scene.geometry.relief.form import Base, base_of, formed, vertex_normals
 from varos_warp.scene.geometry.relief.recipes.sand import tint_of
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.topology import area_normals, edge_uses, is_consistent
+from varos_warp.scene.geometry.topology import area_normals, edge_uses, is_consistent, largest
 
 TOLD_SHARE = 0.02
 """Share of faces back to back that is warned of."""
@@ -43,33 +47,88 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
     seen = footprint(scene, parts)
     parts = [some for part in parts for some in (_by_detail(part, seen) if isinstance(part, Instances) and isinstance(
         part.material, Layered) else [part])]
-    chosen = [i for i, part in enumerate(parts) if isinstance(part.material, Layered)]
-    bases = {i: base_of(parts[i]) for i in chosen}
-    pixels = {i: pixels_on(scene, parts[i], bases[i], seen) for i in chosen}
+    unformed = {i: Unformed(scene, part, seen) for i, part in enumerate(parts) if isinstance(part.material, Layered)}
     most = scene.render.max_triangles or MOST_TRIANGLES
-    # without bodies, of which every vehicle sees others: all see the same world
-    alike = [i for i in chosen if parts[i].name not in scene.companions]
-    factor = _factor(scene, {i: (parts[i], bases[i], pixels[i]) for i in alike}, seen, most)
-    done: dict[int, Part | Instances] = {}
-    for i in sorted(chosen, key=lambda i: parts[i].name == "terrain"):  # the ground comes last: it lies against them
-        now = [done.get(k, part) for k, part in enumerate(parts)]
-        done[i] = _formed(scene, parts[i], now, bases[i], pixels[i], seen, factor)
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        # without bodies, of which every vehicle sees others: all see the same world
+        alike = [each for each in unformed.values() if each.part.name not in scene.companions]
+        factor = _factor(alike, seen, most, pool)
+        done = _all_formed(scene, parts, unformed, seen, factor, pool)
     if factor > TOLD_FACTOR:
         warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
              "times as long as asked, so the finest forms are missing; raise it")
     return [done.get(i, part) for i, part in enumerate(parts)]
 
 
-def _factor(scene, surfaces, seen, most):
+class Unformed:
+    """A part before its relief. What only a surface that is not kept is made from waits until it is asked for."""
+
+    def __init__(self, scene: Scene, part: Part | Instances, seen: Footprint):
+        self.part, self.places, self._scene, self._seen = part, _places_of(scene, part), scene, seen
+        self._base: Base | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """Of all of it that its base is made from."""
+        part = self.part
+        return digest(part.vertices, part.faces, np.array([part.smooth_shading, part.smooth_angle], float))
+
+    @property
+    def base(self) -> Base:
+        """Its surface; one thread at a time asks for that of a part."""
+        if self._base is None:
+            self._base = base_of(self.part)
+        return self._base
+
+    def pixels(self) -> Pixels:
+        """How wide a pixel is on it."""
+        return pixels_on(self._scene, self.part, self.base, self._seen)
+
+    def rough(self) -> Rough:
+        """What its triangles are counted by."""
+        base = self.base
+        return rough(base.vertices, base.faces, self.pixels(), base.normals)
+
+
+def _all_formed(scene, parts, unformed, seen, factor, pool):
+    """Parts with their relief by their numbers: the ground last, as it lies against all others."""
+    ground = Ground(next((part for part in parts if part.name == "terrain"), None))
+
+    def form(i, now):
+        return _formed(scene, unformed[i], now, ground, seen, factor)
+
+    free, last = ([i for i in unformed if (parts[i].name == "terrain") == is_last] for is_last in (False, True))
+    done = dict(zip(free, pool.map(lambda i: form(i, parts), free), strict=True))
+    return done | {i: form(i, [done.get(k, part) for k, part in enumerate(parts)]) for i in last}
+
+
+class Ground:
+    """The terrain before its relief, which all parts ask that may stand in it; None: there is none."""
+
+    def __init__(self, part: Part | None):
+        self.part, self.digest = part, part and digest(*_standing(part))
+        self._lock, self._surface = Lock(), None
+
+    @property
+    def surface(self) -> Surface | None:
+        """To measure heights over."""
+        with self._lock:
+            if self._surface is None and self.part is not None:
+                self._surface = Surface(self.part.vertices, self.part.faces)
+            return self._surface
+
+    def under(self, part: Part | Instances) -> bool:
+        """Whether a part may stand in it; the ground itself does not, nor what moves."""
+        return self.part is not None and part.name != "terrain" and not isinstance(part, Moving)
+
+
+def _factor(surfaces, seen, most, pool):
     """By how much all edges are longer than asked; kept, as it takes seconds."""
-    depends_on = {"meshes": [digest(base.vertices, base.faces, base.normals, base.middle)
-                             for _, base, _ in surfaces.values()],
-                  "places": [_places_of(scene, part) for part, _, _ in surfaces.values()], "most": most,
-                  "cameras": seen.digest, "code": _code()}
+    depends_on = {"meshes": [each.digest for each in surfaces], "places": [each.places for each in surfaces],
+                  "most": most, "cameras": seen.digest, "code": _code()}
 
     def build():
-        looks = [rough(base.vertices, base.faces, pixel, base.normals) for _, base, pixel in surfaces.values()]
-        return {"factor": np.array(factor_for(looks, most))}
+        return {"factor": np.array(factor_for(list(pool.map(Unformed.rough, surfaces)), most))}
 
     return float(cached("relief_factor", depends_on, build)["factor"])
 
@@ -125,40 +184,34 @@ def _by_detail(copies: Instances, seen: Footprint) -> list[Instances]:
     return [copies.some(level == k) for k in np.unique(level)]
 
 
-def _formed(scene, part, parts, base, pixels, seen, factor):
+def _formed(scene, unformed, parts, ground, seen, factor):
     """A part with its relief; from the user's cache where it was made before."""
+    part = unformed.part
     look = part.material.model_copy(update={"seed": _seed(scene, part)})
     others = [other for other in parts if other.name != part.name and not isinstance(other, Moving)]
     around = _around(scene, others) if part.name == "terrain" else None
-    ground = _ground_of(part, parts)
-    tint = tint_of(ground.material if ground else part.material)
-    depends_on = {"mesh": digest(base.vertices, base.faces, base.normals, base.middle), "factor": factor,
-                  "look": look.model_dump(mode="json"), "cameras": seen.digest, "code": _code(),
-                  "places": _places_of(scene, part), "tint": tint.tolist(),
-                  "stands": ground and [bool(scene.terrain.around_objects), digest(*_standing(ground))],
+    stands, banked = ground.under(part), bool(scene.terrain and scene.terrain.around_objects)
+    tint = tint_of(ground.part.material if stands else part.material)
+    depends_on = {"mesh": unformed.digest, "factor": factor, "look": look.model_dump(mode="json"),
+                  "cameras": seen.digest, "code": _code(), "places": unformed.places, "tint": tint.tolist(),
+                  "stands": [banked, ground.digest] if stands else None,
                   "ground": around and [digest(*_standing(other)) for other in others],
-                  "around": around and bool(scene.terrain.around_objects) and list(scene.current.velocity)}
+                  "around": around and banked and list(scene.current.velocity)}
 
     def build():
-        foot = foot_of(part, ground and Surface(ground.vertices, ground.faces), base.middle,
-                       bool(ground and scene.terrain.around_objects), scene.seed)
-        return formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around, foot,
+        base, pixels = unformed.base, unformed.pixels()
+        foot = foot_of(part, ground.surface if stands else None, base.middle, banked, scene.seed)
+        made = formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around, foot,
                       tint)
+        return {**made, "middle": base.middle, "doubts": np.array([*_doubts(part, base), *_held(made)], str)}
 
     made = cached("relief", depends_on, build,
-                  what=f"the relief of {part.name}" if len(base.faces) > TOLD_FACES else None)
-    vertices, faces = made["vertices"].astype(float) + base.middle, made["faces"]
+                  what=f"the relief of {part.name}" if len(part.faces) > TOLD_FACES else None)
+    vertices, faces = made["vertices"].astype(float) + made["middle"], made["faces"]
     facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}
     return replace(part, vertices=vertices, faces=faces, normals=made["normals"][faces], smooth_shading=True,
                    smooth_angle=np.pi, skin=Skin(made["colours"][faces]), relief=facts, before=part,
-                   doubts=(*part.doubts, *_doubts(part, base), *_held(made)))
-
-
-def _ground_of(part, parts):
-    """The terrain that a part may stand in; None for itself, and for what moves."""
-    if part.name == "terrain" or isinstance(part, Moving):
-        return None
-    return next((other for other in parts if other.name == "terrain"), None)
+                   doubts=(*part.doubts, *made["doubts"].tolist()))
 
 
 def _held(made):
@@ -192,7 +245,7 @@ def _back_to_back(base):
     """Share of the faces whose corners' mean normals are at right angles to them or behind."""
     face = area_normals(base.vertices, base.faces)
     facing = np.einsum("fki,fi->fk", vertex_normals(base.vertices, base.faces)[base.faces], face)
-    return float((facing.max(axis=1) < 0.1 * np.linalg.norm(face, axis=1)).mean())
+    return float((largest(facing) < 0.1 * np.linalg.norm(face, axis=1)).mean())
 
 
 def _seed(scene, part):

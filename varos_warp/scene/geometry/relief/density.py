@@ -81,6 +81,7 @@ class Footprint:
             "eyes": upload((self.eyes - middle).astype(np.float32), wp.vec3, "cpu"),
             "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
             "halves": upload(self.halves.astype(np.float32), wp.float32, "cpu"),
+            "cosines": upload(np.cos(self.halves).astype(np.float32), wp.float32, "cpu"),
             "radius": upload(np.broadcast_to(np.float32(radius), len(points)).copy(), wp.float32, "cpu"),
             "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
             "normals": upload(np.asarray(np.zeros(points.shape) if normals is None else normals, np.float32), wp.vec3,

@@ -5,11 +5,12 @@ scour before it and along its sides, and a tail in its lee. Banks lean on what i
 with a toe that thins out.
 """
 
-import itertools
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from varos_warp.device.devices import usable_cores
 from varos_warp.scene.geometry.noise import fbm
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
@@ -48,13 +49,21 @@ def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.
         add [m].
     """
     clear, height = np.full(len(points), np.inf), np.zeros(len(points))
-    groups = [part for part in parts if isinstance(part, Instances)]
     objects = [part for part in parts if not isinstance(part, Instances | Moving)]
-    found = itertools.chain(*(_near_object(points, part) for part in objects),
-                            *(_near_copies(points, group) for group in groups))
-    for chosen, distance, size, aside in found:
-        clear[chosen] = np.minimum(clear[chosen], distance)
-        height[chosen] += drift(distance, size, aside @ current, unevenness(points[chosen], size, seed))
+    near = [partial(_near_object, points, part) for part in objects]
+    near += _near_copies(points, [part for part in parts if isinstance(part, Instances)])
+
+    def found(some):
+        trace = some()
+        if trace is None:
+            return None
+        chosen, distance, size, aside = trace
+        return chosen, distance, drift(distance, size, aside @ current, unevenness(points[chosen], size, seed))
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        for chosen, distance, added in filter(None, pool.map(found, near)):  # in the order of the parts
+            clear[chosen] = np.minimum(clear[chosen], distance)
+            height[chosen] += added
     return clear, height
 
 
@@ -86,18 +95,21 @@ def flow_direction(velocity: tuple[float, float, float]) -> np.ndarray:
 
 
 def _near_object(points, part):
-    """Points near to an object: their numbers, distances, the object's size, and directions from its surface."""
+    """Points near to an object: their numbers, distances, the object's size, and directions from its surface.
+
+    None where it does not stand in the ground.
+    """
     low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
     width = least_width(part.vertices[:, :2])
     reach = REACH * float(np.clip(width, SMALLEST_M, LARGEST_M))
     near = np.flatnonzero(((points > low - reach) & (points < high + reach)).all(axis=1))
     ground = _stands(points[near], low, high)
     if ground is None:
-        return
+        return None
     size = size_of(width, high[2] - ground)
     distance, aside = _beside(Surface(part.vertices, part.faces), points[near], REACH * size)
     there = np.isfinite(distance)
-    yield near[there], distance[there], size, _directions(aside[there, :2])
+    return near[there], distance[there], size, _directions(aside[there, :2])
 
 
 def size_of(width: float, height: float) -> float:
@@ -127,25 +139,65 @@ def least_width(places: np.ndarray) -> float:
     return float(np.ptp(places @ np.stack([np.cos(turns), np.sin(turns)]), axis=0).min())
 
 
-def _near_copies(points, group):
-    """Likewise of every copy of a mesh."""
-    if not len(points):
+def _near_copies(points, groups):
+    """Likewise of every copy of some meshes: a function for each copy."""
+    if not len(points) or not groups:
         return
-    surface, scale = Surface(group.vertices, group.faces), group.scale
-    width, reach = least_width(group.vertices[:, :2]), np.linalg.norm(group.vertices, axis=1).max()
-    tree, middle = cKDTree(points[:, :2]), group.T_w_o[:, :3, 3]
-    radius = scale * (reach + REACH * np.clip(width, SMALLEST_M / scale, LARGEST_M / scale))
-    for chosen, T, s in zip(tree.query_ball_point(middle[:, :2], radius, workers=-1), group.T_w_o, scale, strict=True):
-        near = np.array(chosen, int)
-        corners = group.vertices @ T[:3, :3].T + T[:3, 3]
-        ground = _stands(points[near], corners.min(axis=0), corners.max(axis=0)) if len(near) else None
-        if ground is None:
-            continue
-        size = size_of(width * s, corners[:, 2].max() - ground)
-        own = (points[near] - T[:3, 3]) @ T[:3, :3] / s**2
-        distance, aside = _beside(surface, own, REACH * size / s)
-        there = np.isfinite(distance)
-        yield near[there], s * distance[there], size, _directions((aside[there] @ T[:3, :3].T)[:, :2])
+    reaches = [_reaches(group) for group in groups]
+    squares = Squares(points[:, :2], max(float(reach.max()) for reach in reaches))
+    for group, reach in zip(groups, reaches, strict=True):
+        mesh = Surface(group.vertices, group.faces), least_width(group.vertices[:, :2])
+        for T, s, radius in zip(group.T_w_o, group.scale, reach, strict=True):
+            yield partial(_near_copy, points, squares, mesh, T, s, radius)
+
+
+def _reaches(group):
+    """How far from the middles of copies [N] the ground may know of them [m]."""
+    width, reach, scale = least_width(group.vertices[:, :2]), np.linalg.norm(group.vertices, axis=1).max(), group.scale
+    return scale * (reach + REACH * np.clip(width, SMALLEST_M / scale, LARGEST_M / scale))
+
+
+def _near_copy(points, squares, mesh, T, s, radius):
+    (surface, width), near = mesh, squares.within(T[:2, 3], radius)
+    corners = surface.vertices @ T[:3, :3].T + T[:3, 3]
+    ground = _stands(points[near], corners.min(axis=0), corners.max(axis=0)) if len(near) else None
+    if ground is None:
+        return None
+    size = size_of(width * s, corners[:, 2].max() - ground)
+    own = (points[near] - T[:3, 3]) @ T[:3, :3] / s**2
+    distance, aside = _beside(surface, own, REACH * size / s)
+    there = np.isfinite(distance)
+    return near[there], s * distance[there], size, _directions((aside[there] @ T[:3, :3].T)[:, :2])
+
+
+class Squares:
+    """Points of a plane by the squares of a grid that they lie in: which are near is told without a list of them.
+
+    Args:
+        points: float64 [N, 2] [m].
+        side: Of the squares [m], about as long as radii will be.
+    """
+
+    def __init__(self, points: np.ndarray, side: float):
+        self._points, self._low, self._side = points, points.min(axis=0), max(side, SMALLEST_M)
+        cells = self._cells(points)
+        self._across = int(cells[:, 0].max()) + 1
+        keys = cells[:, 1] * self._across + cells[:, 0]
+        self._order = np.argsort(keys, kind="stable")
+        self._keys = keys[self._order]
+
+    def within(self, middle: np.ndarray, radius: float) -> np.ndarray:
+        """Numbers of the points that are no farther than a radius from a place [2]."""
+        low, high = self._cells(np.stack([middle - radius, middle + radius]))
+        left, right = np.clip([low[0], high[0]], 0, self._across - 1)
+        rows = self._across * np.arange(low[1], high[1] + 1)
+        starts, ends = np.searchsorted(self._keys, rows + left), np.searchsorted(self._keys, rows + right, "right")
+        near = self._order[np.concatenate([np.arange(a, b) for a, b in zip(starts, ends, strict=True)])]
+        apart = self._points[near] - middle
+        return near[apart[:, 0] ** 2 + apart[:, 1] ** 2 <= radius * radius]
+
+    def _cells(self, points):
+        return np.floor((points - self._low) / self._side).astype(np.int64)
 
 
 def _directions(vectors):

@@ -5,7 +5,14 @@ Halving the edges of a needle makes four needles; flipped in between, its new ve
 
 import numpy as np
 
-from varos_warp.scene.geometry.topology import area_normals, edge_keys, next_corner, paired_edges
+from varos_warp.scene.geometry.topology import (
+    area_normals,
+    edge_keys,
+    edge_lengths,
+    largest,
+    next_corner,
+    paired_edges,
+)
 
 NEEDLE = 4.0
 """Longest over shortest edge beyond which a triangle is a needle."""
@@ -36,8 +43,8 @@ def flip_needles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _is_needle(vertices, faces):
-    size = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, -1, axis=1)], axis=2)
-    return size.max(axis=1) > NEEDLE * size.min(axis=1)
+    size = edge_lengths(vertices, faces)
+    return largest(size) > -NEEDLE * largest(-size)
 
 
 def _flip_once(vertices, faces, needles):

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from varos_warp.scene.geometry.relief.flips import NEEDLE, flip_needles
-from varos_warp.scene.geometry.topology import edge_keys
+from varos_warp.scene.geometry.topology import edge_keys, edge_lengths, largest
 
 SLIVER = 0.6
 """An edge shorter than this share of the longest that is too long in its face waits, so that slivers become round."""
@@ -38,7 +38,7 @@ def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np
     length, finished = wanted(vertices, normals), []
     for _ in range(MOST_ROUNDS):
         size, long = _long_edges(vertices, faces, length)
-        active = long.any(axis=1)  # an edge is long for both of its faces: no other face will ever be cut
+        active = largest(long)  # an edge is long for both of its faces: no other face will ever be cut
         finished.append(faces[~active])
         if not active.any():
             break
@@ -65,9 +65,8 @@ def _middles(vertices, normals, a, b):
 
 def _long_edges(vertices, faces, length):
     """Lengths of edges 01, 12, 20 of faces [F, 3], and which are longer than is wanted at either end."""
-    following = np.roll(faces, -1, axis=1)
-    size = np.linalg.norm(vertices[faces] - vertices[following], axis=2)
-    return size, size > np.minimum(length[faces], length[following])
+    size, at = edge_lengths(vertices, faces), length[faces]
+    return size, size > np.minimum(at, at[:, [1, 2, 0]])
 
 
 def _to_halve(size, long, keys):
@@ -76,9 +75,9 @@ def _to_halve(size, long, keys):
     Edges that are the longest of both their faces are among them, so it goes on until none is long (Rivara 1997: with
     Delaunay flips this makes needles round).
     """
-    longest = np.where(long, size, 0.0).max(axis=1, keepdims=True)
-    needle = size.max(axis=1, keepdims=True) > NEEDLE * size.min(axis=1, keepdims=True)
-    now = long & (size >= np.where(needle, 1.0 - 1e-9, SLIVER) * longest)
+    longest = largest(np.where(long, size, 0.0))
+    needle = largest(size) > -NEEDLE * largest(-size)
+    now = long & (size >= (np.where(needle, 1.0 - 1e-9, SLIVER) * longest)[:, None])
     return np.setdiff1d(keys[now], keys[long & ~now])
 
 

@@ -90,7 +90,8 @@ def _family(seed: int) -> np.ndarray:
 
 def _bent(sites: Sites, look: Look) -> Patterns:
     """Patterns at places that are bent over the whole object."""
-    return sites.patterns(look.seed).moved(0.07 * sites.size, 2.0 / sites.size, 10, 3)
+    return sites.once(("rock", "bent", look.seed), lambda: sites.patterns(look.seed).moved(
+        0.07 * sites.size, 2.0 / sites.size, 10, 3))
 
 
 def _bedding(seed: int) -> np.ndarray:
@@ -123,8 +124,9 @@ def _beds(pattern: Patterns, across: np.ndarray, thickness: float, salt: int) ->
 
 def _thin_beds(sites: Sites, look: Look) -> Beds:
     """The laminae inside of the beds: what bedding is at arm's length."""
-    pattern = sites.patterns(look.seed).moved(0.02, 4.0, 15, 3)
-    return _beds(pattern, _bedding(look.seed), float(np.clip(0.016 * sites.size, 0.007, 0.022)), 25)
+    return sites.once(("rock", "thin", look.seed), lambda: _beds(
+        sites.patterns(look.seed).moved(0.02, 4.0, 15, 3), _bedding(look.seed),
+        float(np.clip(0.016 * sites.size, 0.007, 0.022)), 25))
 
 
 def _laminated(sites: Sites, look: Look) -> np.ndarray:
@@ -137,6 +139,10 @@ def _joints(sites: Sites, bent: Patterns) -> tuple[np.ndarray, np.ndarray, np.nd
 
     Joints open and close along their length: of one width they would look like stitches.
     """
+    return sites.once(("rock", "joints", bent.seed), lambda: _jointed(sites, bent))
+
+
+def _jointed(sites, bent):
     size, plain = sites.size, sites.patterns(bent.seed)
     cells = bent.worley(2.6 / size, 30)
     open = smoothstep(-0.05, 0.25, plain.fbm(2.0 / size, 3, 31))

@@ -69,7 +69,7 @@ class Sand:
         worked = smoothstep(-0.25, 0.3, pattern.fbm(1.1, 3, 9))
         lumps = 0.0050 * worked * (pattern.billow(13.0, 4, 10) + 0.38) + 0.0036 * pattern.fbm(36.0, 4, 11)
         grain = 0.0020 * pattern.fbm(130.0, 2, 12)
-        stones = sum(0.5 * radius / cycles * rise for _, rise, radius, cycles in _stones(pattern))
+        stones = sum(0.5 * radius / cycles * rise for _, rise, radius, cycles in _stones(sites, pattern))
         h = 0.004 * dug.rim - 0.022 * dug.hole + lumps + grain + stones - 0.006 * _tracks(sites, pattern)
         return np.clip(h, -FINE_LIMIT_M, FINE_LIMIT_M)
 
@@ -89,7 +89,7 @@ class Sand:
         sand = mix(sand, ALGAE, _algae(pattern, look.film))
         sand, thickness = _muddy(sand, pattern, look.silt, rippled * profile)
         sand = _flecked(sand, pattern)
-        for tones, rise, _, _ in _stones(pattern):
+        for tones, rise, _, _ in _stones(sites, pattern):
             sand = mix(sand, np.asarray(STONE) * (0.6 + 1.3 * tones)[:, None], 0.85 * smoothstep(0.05, 0.35, rise))
         sand = sand * (1.0 - 0.65 * _burrows(sites, pattern).hole - 0.2 * _tracks(sites, pattern))[:, None]
         return np.clip(sand * _tint(look.paint), DARKEST, PALEST), thickness
@@ -127,8 +127,12 @@ def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
     return AMPLITUDE_M * there * pattern.resolved(WAVELENGTH_M), 1.0 - 2.0 * sharp
 
 
-def _stones(pattern: Patterns) -> list[tuple[np.ndarray, np.ndarray, float, float]]:
+def _stones(sites: Sites, pattern: Patterns) -> list[tuple[np.ndarray, np.ndarray, float, float]]:
     """Pebbles half sunk in the sand: their tone 0..1 and height 0..1, each [N], radius in cells, cells of a metre."""
+    return sites.once(("sand", "stones", pattern.seed), lambda: _strewn(pattern))
+
+
+def _strewn(pattern):
     made = []
     gathered = np.clip(0.5 + 2.0 * pattern.fbm(0.9, 3, 60), 0.05, 1.6)
     for k, (cycles, share, radius) in enumerate(STONES):
@@ -166,6 +170,10 @@ def _mounds(sites: Sites, pattern: Patterns) -> np.ndarray:
 
 def _burrows(sites: Sites, pattern: Patterns) -> Burrows:
     """Holes 3 cm wide with a rim, in a fifth of the cells and only in some places."""
+    return sites.once(("sand", "burrows", pattern.seed), lambda: _dug(pattern))
+
+
+def _dug(pattern):
     cells = pattern.moved(0.03, 14.0, 81).worley(5.2, 8, flat=True)
     there = (cells.id > 0.70) * patches(pattern.fbm(0.9, 2, 82), 0.35, 0.05) * pattern.resolved(0.03)
     size = 0.55 + 0.6 * (cells.id - 0.70) / 0.30
