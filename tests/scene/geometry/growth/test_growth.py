@@ -293,6 +293,11 @@ def test_both_sides_of_a_thin_plate_make_it_an_edge():
     assert edges(np.array([[0.05, 0.05, 0.001]])) == 1.0
 
 
+def test_a_host_of_which_nothing_is_near_has_no_edges():
+    edges = edges_of(np.zeros((0, 3, 3)), np.zeros(0, np.uint64))
+    assert edges(np.zeros((0, 3))).shape == (0,)
+
+
 def test_fewer_barnacles_are_fewer_clumps_and_no_looser_ones():
     wanted = [placing.Wanted(Growth(on=["terrain"], kind="barnacle", per_m2=n), "growth.0", 1, 0.0) for n in (200, 400)]
     few, many = (each.per_m2 * each.crowding("terrain").peak for each in wanted)

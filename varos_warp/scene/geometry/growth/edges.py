@@ -79,7 +79,8 @@ def _samples(corners, keys):
 
 
 def _summed(inverse, columns, count):
-    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T])
+    # of nothing, bincount gives whole numbers in spite of its weights
+    return np.column_stack([np.bincount(inverse, column, count) for column in columns.T]).astype(np.float64)
 
 
 def _key(cells):
