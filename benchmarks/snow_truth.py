@@ -9,6 +9,7 @@ are those of Campbell's integral instead, of n g^2 over places and sizes, g the 
 has the ratio of sampled variances to it, and that of the integral of n g, in numpy, to E.
 """
 
+import functools
 import sys
 
 import numpy as np
@@ -31,6 +32,8 @@ FOUR = [LAMP | {"position": [x, 0, z], "direction": [-0.3 * x, 1, -0.6 * z], "co
 TERRAIN = {"terrain": {"kind": "procedural", "size_m": 12, "resolution": 65, "relief_m": 0.3, "position": [0, 2, -0.8]},
            "scatter": [{"object": {"kind": "boulder", "diameter": 0.3, "seed": 2}, "count": 30, "circle": [0, 2, 1.5]}]}
 SHUTTER = {"exposure_s": 0.05}
+SIDEWAYS = [0.5, 0.2, 0.1]
+"""Velocity of a vehicle that moves [m/s]."""
 N_WATER = {"temperature_C": 10, "salinity": 35}
 
 
@@ -46,23 +49,24 @@ def scene(camera=None, lights=(LAMP,), kind="1C", share=0.005, **more):
 
 
 SCENES = {
-    **{f"{kind}, share {share}": ({"kind": kind, "share": share, "render": {"integrator": "path"}}, False)
+    **{f"{kind}, share {share}": ({"kind": kind, "share": share, "render": {"integrator": "path"}}, None)
        for kind in ("IB", "1C") for share in (0.002, 0.005, 0.013)},
-    "terrain, four lamps": ({"lights": FOUR, "kind": "3C"} | TERRAIN, False),
+    "terrain, four lamps": ({"lights": FOUR, "kind": "3C"} | TERRAIN, None),
     "lamp in view": ({"lights": [LAMP | {"position": [0.3, 1.2, 0.1], "direction": [-0.3, -0.2, 0], "cone_deg": 120}]},
-                     False),
-    "moving, shutter": ({"camera": {"shutter": SHUTTER}}, True),
-    "rolling": ({"camera": {"shutter": SHUTTER | {"readout_s": 0.05}}}, True),
-    "dome port": ({"camera": {"port": {"kind": "dome", "radius_m": 0.05}}}, False),
-    "fisheye": ({"camera": {"focal_mm": 3, "distortion": {"model": "kannala_brandt", "k": [0.01, 0, 0, 0]}}}, False),
-    "dispersion": ({"camera": {"n_water": N_WATER, "port": {"kind": "flat", "distance_m": 0.02}}}, False),
-    "disk lamps": ({"lights": [LAMP | {"radius_m": 0.1}]}, False),
-    "strobe": ({"lights": [LAMP | {"strobe": {"on_s": 0.005}}], "camera": {"shutter": SHUTTER}}, True),
+                     None),
+    "moving, shutter": ({"camera": {"shutter": SHUTTER}}, SIDEWAYS),
+    "forward, shutter": ({"camera": {"shutter": SHUTTER}}, [0.0, 0.5, 0.0]),
+    "rolling": ({"camera": {"shutter": SHUTTER | {"readout_s": 0.05}}}, SIDEWAYS),
+    "dome port": ({"camera": {"port": {"kind": "dome", "radius_m": 0.05}}}, None),
+    "fisheye": ({"camera": {"focal_mm": 3, "distortion": {"model": "kannala_brandt", "k": [0.01, 0, 0, 0]}}}, None),
+    "dispersion": ({"camera": {"n_water": N_WATER, "port": {"kind": "flat", "distance_m": 0.02}}}, None),
+    "disk lamps": ({"lights": [LAMP | {"radius_m": 0.1}]}, None),
+    "strobe": ({"lights": [LAMP | {"strobe": {"on_s": 0.005}}], "camera": {"shutter": SHUTTER}}, SIDEWAYS),
 }
 
 
-def moving(offset_ns):
-    return transform(np.eye(3), np.multiply.outer(1e-9 * offset_ns, [0.5, 0.2, 0.1]))
+def moving(velocity, offset_ns):
+    return transform(np.eye(3), np.multiply.outer(1e-9 * offset_ns, velocity))
 
 
 def blocks(values):
@@ -70,13 +74,14 @@ def blocks(values):
     return values[:height, :width].reshape(height // 8, 8, width // 8, 8, -1).mean((1, 3), dtype=float)
 
 
-def layers(of_scene, moves, seeds):
-    """S and E of blocks, [seed, row, column, channel]."""
+def layers(of_scene, velocity, seeds):
+    """S and E of blocks, [seed, row, column, channel]; ``velocity`` is the vehicle's, None if it stands."""
+    motion = None if velocity is None else functools.partial(moving, velocity)
     renderer = FrameRenderer(of_scene, "cpu")
     drawn, mean = [], []
     for seed in range(1000, 1000 + seeds):
         renderer.snow.scene = of_scene.model_copy(update={"seed": seed})
-        n = renderer.render(np.eye(4), outputs="N", seed=seed, motion=moving if moves else None).N
+        n = renderer.render(np.eye(4), outputs="N", seed=seed, motion=motion).N
         drawn.append(blocks(n.light))
         mean.append(blocks(n.light - n.added))
     return np.array(drawn), np.array(mean)
@@ -118,7 +123,7 @@ def campbell(law, corner, rng):
     d *= cos[:, None]
     area = t**2 * cos**3 / FOCAL_PX**2
     g = light_of_bodies(law, t[:, None] * d, d, t, r, area) / 64
-    R = np.sqrt(r**2 / area + 0.45**2) + 0.25
+    R = np.sqrt(r**2 / area + 0.7**2) + 0.25
     one, two = (in_block(x, y, R, corner, rng) for _ in "12")
     weight = (law.density * r**-law.block.slope * area * (8 + 2 * beside) ** 2
               * t * np.log(reach / 0.05) * r * np.log(r1 / r0) / n)
@@ -152,12 +157,12 @@ def line_of(drawn, mean, expected=None):
 def main(arguments):
     wp.config.quiet = True
     seeds = int(arguments[0]) if arguments else 256
-    for name, (how, moves) in SCENES.items():
+    for name, (how, velocity) in SCENES.items():
         if len(arguments) > 1 and not any(word in name for word in arguments[1:]):
             continue
         of_scene = scene(**how)
         expected = campbell_of(of_scene) if "share" in name else None
-        print(f"{name:22s}", line_of(*layers(of_scene, moves, seeds), expected), flush=True)
+        print(f"{name:22s}", line_of(*layers(of_scene, velocity, seeds), expected), flush=True)
 
 
 if __name__ == "__main__":

@@ -134,9 +134,9 @@ def test_what_cannot_be_is_refused(tmp_path):
         scene_of(particles=[])
     with pytest.raises(InputError, match="none of the light scattered once"):
         scene_of(render=SCENE["render"] | {"layers": ["direct", "multiple"]})
+    camera = {"id": "M0", "resolution": [1280, 720], "sensor_mm": [8, 4.5], "focal_mm": 6}
+    many = scene_of(vehicle=SCENE["vehicle"] | {"cameras": [camera]},
+                    particles=[{"share": 0.013, "radius_m": [2e-5, 1e-4], "least_px": 0.005}])
     with pytest.raises(InputError, match=r"particles\.0\.least_px = 0\.005.*cells of water"):
-        camera = {"id": "M0", "resolution": [1280, 720], "sensor_mm": [8, 4.5], "focal_mm": 6}
-        produce(scene_of(vehicle=SCENE["vehicle"] | {"cameras": [camera]},
-                         particles=[{"share": 0.013, "radius_m": [2e-5, 1e-4], "least_px": 0.005}]),
-                tmp_path / "out", quiet=True)
+        produce(many, tmp_path / "out", quiet=True)
     assert not (tmp_path / "out").exists()

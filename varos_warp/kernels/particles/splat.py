@@ -8,7 +8,7 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-OPTICS_PX = wp.constant(0.45)
+OPTICS_PX = wp.constant(0.7)
 """Radius of the image of a point in focus."""
 ROUND_PX = wp.constant(1.2)
 """Bodies below this radius in the image are seen round."""
