@@ -77,10 +77,10 @@ def test_what_an_image_shows_of_a_body_at_its_edge_is_what_a_larger_image_shows_
 
 def test_place_and_radius_of_a_blurred_disc():
     """Of defocus, body and lens together; its pixels have the second moments of a disc with an edge one pixel wide."""
-    snowing = Snowing(snow_scene({"f_stop": 1.0, "focus_m": 0.25}, STILL), (PLACE, 5e-3))
+    snowing = Snowing(snow_scene({"f_stop": 0.5, "focus_m": 0.15}, STILL), (PLACE, 5e-3))
     centre, spread = moments_of(snowing().light)
     body = F_PX * 5e-3 / 1.2 * np.sqrt(np.linalg.norm(PLACE) / 1.2)
-    size = np.sqrt(body**2 + 0.7**2 + (F_PX * 3e-3 * (1 / 0.25 - 1 / 1.2)) ** 2)
+    size = np.sqrt(body**2 + 0.7**2 + (F_PX * 6e-3 * (1 / 0.15 - 1 / 1.2)) ** 2)
     assert snowing.splats["radius"][0] == pytest.approx(size, rel=5e-3)  # a pixel is no square across a slanted ray
     r = np.linspace(0, size + 0.5, 4001)
     ramp = np.clip(size + 0.5 - r, 0, 1)
