@@ -66,7 +66,8 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
 
 @pytest.mark.parametrize(("file", "changes"), [
     (DATA / "starter.yaml", []),
-    (DATA / "starter.yaml", ["growth=[]", "objects=[]", "materials={}", "terrain={kind: procedural, resolution: 65}"]),
+    (DATA / "starter.yaml", ["growth=[]", "objects=[]", "scatter=[]", "materials={}",
+                              "terrain={kind: procedural, resolution: 65}"]),
     (DATA / "templates" / "stereo_survey.yaml", []), (EXAMPLES / "every_block" / "scene.yaml", []),
 ], ids=["starter", "grey", "stereo_survey", "every_block"])
 def test_what_a_scene_holds_is_foretold_by_its_file(file, changes):

@@ -48,6 +48,7 @@ def planned():
     """A scene, its renderer and its plan."""
     scene = make_scene()
     renderer = make_renderer(scene)
+    TOLD.clear()  # where tests of other files come between, it is planned anew
     return scene, renderer, plan_render(scene, renderer, [POSE], progress=lambda *step: TOLD.append(step))
 
 

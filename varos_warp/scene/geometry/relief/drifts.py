@@ -18,7 +18,7 @@ from varos_warp.scene.geometry.surface import Surface
 
 SMALLEST_M, LARGEST_M = 0.03, 1.5
 """Sizes of bodies that drifts are made for [m]; those of larger ones are as high as of the largest."""
-BANK, BANK_WIDTH = 0.32, 0.80
+BANK, BANK_WIDTH = 0.20, 0.80
 """Height of the bank against the foot, and how far it reaches, as shares of the body's size."""
 APRON, APRON_WIDTH = 0.05, 0.60
 """Height of what lies about it widely, and where that falls to 1 / e, likewise."""
@@ -26,7 +26,7 @@ MOAT, MOAT_AT, MOAT_WIDTH = 0.08, 0.75, 0.30
 """Depth of the moat, where it is deepest and how wide it is, likewise."""
 REACH = 1.6
 """Beyond this many sizes from a body the ground knows nothing of it."""
-UNEVEN, UNEVEN_CYCLES = 1.7, 1.4
+UNEVEN, UNEVEN_CYCLES = 1.2, 1.4
 """How much banks and moats differ along a body, over the noise, and cells of the noise over a size."""
 BESIDE_M = 0.1
 """How far from a body the ground still tells whether it stands in it [m]."""
