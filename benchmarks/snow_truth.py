@@ -83,7 +83,7 @@ def layers(of_scene, velocity, seeds):
         renderer.snow.scene = of_scene.model_copy(update={"seed": seed})
         n = renderer.render(np.eye(4), outputs="N", seed=seed, motion=motion).N
         drawn.append(blocks(n.light))
-        mean.append(blocks(n.light - n.added))
+        mean.append(blocks((n.light - n.added) / n.passed[..., None]))
     return np.array(drawn), np.array(mean)
 
 

@@ -158,7 +158,7 @@ def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, f
     """Kernels of bodies in the water, which the ``field`` lights; ``moves``: the vehicle does so."""
     moves = moves and view.shutter is not None
     spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
-                   rolling=moves and is_rolling(view),
+                   rolling=is_rolling(view) and (moves or lights_vary(scene.lights)),
                    disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0, field=field)
     return ParticleKernels(make_draw_kernel(spec), make_expected_kernel(spec),
                            make_field_light_kernel(spec) if spec.field else None)

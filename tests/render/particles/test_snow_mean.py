@@ -22,7 +22,7 @@ LAMPS = {
 
 def expected_of(snowing, **options):
     n = snowing(**options)
-    return (n.light - n.added).astype(float)
+    return ((n.light - n.added) / n.passed[..., None]).astype(float)
 
 
 def profile(lamp, cos):
@@ -98,7 +98,7 @@ def seeds():
     for seed in range(SEEDS):
         renderer.snow.scene = scene.model_copy(update={"seed": 100 + seed})
         n = renderer.render(np.eye(4), outputs="N", seed=seed).N
-        found.append((blocks(n.light), blocks(n.light - n.added), blocks(n.passed[..., None])))
+        found.append((blocks(n.light), blocks((n.light - n.added) / n.passed[..., None]), blocks(n.passed[..., None])))
     return tuple(map(np.array, zip(*found, strict=True)))
 
 
@@ -155,6 +155,6 @@ def test_a_gpu_sees_the_bodies_of_a_cpu():
     scene = snow_scene({"shutter": {"exposure_s": 0.02, "readout_s": 0.01}}, {"share": 0.008})
     cpu, gpu = (FrameRenderer(scene, device).render(np.eye(4), outputs="N").N for device in ("cpu", "cuda:0"))
     assert np.abs(gpu.light - cpu.light).sum(dtype=float) < 1e-3 * cpu.light.sum(dtype=float)
-    mean = cpu.light - cpu.added
-    np.testing.assert_allclose(gpu.light - gpu.added, mean, atol=1e-4 * mean.max())
+    expected = [(snow.light - snow.added) / snow.passed[..., None] for snow in (cpu, gpu)]
+    np.testing.assert_allclose(expected[1], expected[0], atol=1e-4 * expected[0].max())
     np.testing.assert_allclose(gpu.passed, cpu.passed, atol=2e-3)

@@ -36,7 +36,7 @@ TUMBLE = wp.constant(0.3)
 """Amplitude by which a body is brighter or darker as it turns; its mean is 1."""
 STRAIGHT_PX, MOST_PARTS = wp.constant(0.1), wp.constant(16)
 """A streak is drawn in parts, each of which is straight up to this, but no more of them."""
-LEAST_STRETCH = wp.constant(0.1)
+LEAST_GAIN = wp.constant(0.1)
 """An image that moves along with the rows is stretched no more than by one over this."""
 ROUNDS = 3
 """In which the row of a rolling shutter that sees a body is found."""
@@ -175,27 +175,32 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         found = Sighting()
         found.row = exposure.height / 2
         found.stretch = 1.0
+        row = float(found.row) + 0.5
         for _ in range(wp.static(ROUNDS if spec.rolling else 1)):
             open_at = exposure_of_row(exposure.moments, found.row)
             found.begin = open_at[0]
             found.end = open_at[1]
             found = part_of(exposure, particles, body, found, 0, 1, channel)
             if wp.static(spec.rolling):
-                found.row = wp.clamp(int(found.image.y), 0, exposure.height - 1)
-        if wp.static(spec.rolling):
-            later = 0.5 * (found.begin + found.end) + exposure.moments.per_row
-            moved = image_at(exposure, particles, body, later, channel).y - found.image.y
-            found.stretch = 1.0 / wp.max(wp.abs(1.0 - moved), LEAST_STRETCH)
+                # Newton's method: the image moves while the next row is awaited
+                later = 0.5 * (found.begin + found.end) + exposure.moments.per_row
+                gain = 1.0 - image_at(exposure, particles, body, later, channel).y + found.image.y
+                gain = wp.where(gain < 0.0, wp.min(gain, -LEAST_GAIN), wp.max(gain, LEAST_GAIN))
+                row += (found.image.y - row) / gain
+                found.row = wp.clamp(int(row), 0, exposure.height - 1)
+                found.stretch = 1.0 / wp.abs(gain)
         return found
 
     @wp.func
     def parts_of(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
         """In how many parts a body's way is straight and even in the image, while its row is exposed."""
-        if found.end <= found.begin or found.image.seen == 0:
+        if found.end <= found.begin:
             return 1
         first = image_at(exposure, particles, body, found.begin, channel)
         last = image_at(exposure, particles, body, found.end, channel)
-        if first.seen == 0 or last.seen == 0:
+        if first.seen + found.image.seen + last.seen == 0:
+            return 1
+        if first.seen * found.image.seen * last.seen == 0:
             return MOST_PARTS
         bend = wp.vec2(0.5 * (first.x + last.x) - found.image.x, 0.5 * (first.y + last.y) - found.image.y)
         change = wp.max(first.area, last.area) / wp.min(first.area, last.area)
@@ -227,8 +232,13 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         splat.y = image.y
         splat.t = image.t
         splat.along = half_streak(exposure, particles, body, found, channel)
+        if wp.length(splat.along) > splat.radius:
+            splat.uneven = 0.0  # the outline of a long streak is straight
         splat.turn = wp.tau * body.u[3] + particles.turn
-        splat.cover = wp.static(1.0 / channels) * drawn * wp.pi * size * size
+        splat.cover = drawn * wp.pi * size * size
+        if wp.static(channels > 1):
+            if channel != GREEN:
+                splat.cover = 0.0  # what it hides is hidden once
         return splat
 
     @wp.func
@@ -247,14 +257,14 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         return bright * wp.pi * body.r * body.r * wp.cw_mul(particles.albedo, L)
 
     @wp.func
-    def flow_of(following: Exposure, particles: Particles, body: Body, splat: Splat, channel: int):
+    def flow_of(following: Exposure, particles: Particles, body: Body, image: Image, channel: int):
         """To the image of a body in the next frame [pixels]; 0 where that is not known."""
         if following.moments.cameras.shape[0] == 0:
             return wp.vec2(0.0)
         then = sighting_of(following, particles, body, channel).image
-        if then.seen == 0:
+        if then.seen * image.seen == 0:
             return wp.vec2(0.0)
-        return wp.vec2(then.x - splat.x, then.y - splat.y)
+        return wp.vec2(then.x - image.x, then.y - image.y)
 
     @wp.func
     def as_lit(scene: SceneData, lights: wp.array2d(dtype=Light), moving: wp.array2d(dtype=Instance), found: Sighting):
@@ -327,7 +337,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
                             here = as_lit(scene, lights, exposure.moments.moving, found)
                             splat.flux = drawn * flux_of(here, field, particles, body, found)
                             splat.scale = 1.0 / profile_sum(splat)
-                            splat.flow = flow_of(following, particles, body, splat, channel)
+                            splat.flow = flow_of(following, particles, body, whole.image, channel)
                             count = list_splat(splat, box, exposure.width, count, tiles, splats)
         if counting:
             counts[i] = count

@@ -20,6 +20,7 @@ def find_tiles(tiles: wp.array(dtype=int), count: int, starts: wp.array(dtype=in
 def take_mean(
     share: wp.array2d(dtype=wp.float64),  # of the light that reaches each pixel; empty: all
     expected: wp.array2d(dtype=wp.vec3),
+    passed: wp.array2d(dtype=float),
     light: wp.array2d(dtype=wp.vec3),
     # out
     added: wp.array2d(dtype=wp.vec3),
@@ -30,7 +31,7 @@ def take_mean(
     if share.shape[0] > 0:
         reaches = float(share[row, col])
     light[row, col] = reaches * light[row, col]
-    added[row, col] = light[row, col] - reaches * expected[row, col]
+    added[row, col] = light[row, col] - reaches * passed[row, col] * expected[row, col]
 
 
 @wp.func

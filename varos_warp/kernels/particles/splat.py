@@ -17,7 +17,7 @@ UNEVEN = wp.constant(0.42)
 LARGEST_PX = wp.constant(4000.0)
 """Of a disc; blurred more, it would not be seen."""
 SUMMED_PX = wp.constant(128)
-"""Side of the box whose pixels are all summed up; of larger ones, as many along the longer side."""
+"""Side of the box whose pixels are all summed up; of larger ones that are uneven, as many along the longer side."""
 TILE = wp.constant(8)
 """Side of the squares of pixels, each of which has a list of the splats that it shows."""
 
@@ -81,9 +81,11 @@ def profile(splat: Splat, col: int, row: int):
 
 @wp.func
 def profile_sum(splat: Splat):
-    """Sum of the profile over all pixels, those outside of the image too; of large ones by some of them."""
+    """Sum of the profile over all pixels, those outside of the image too; of large ones its integral, or of some."""
     box = splat_box(splat)
     step = 1 + wp.max(box[2] - box[0], box[3] - box[1]) / SUMMED_PX
+    if step > 1 and splat.uneven == 0.0:
+        return wp.pi * (splat.radius * splat.radius + 1.0 / 12.0) + 4.0 * wp.length(splat.along) * splat.radius
     total = float(0.0)
     row = box[1]
     while row <= box[3]:

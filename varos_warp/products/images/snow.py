@@ -16,7 +16,7 @@ class Snow:
     """Bodies in the water as a camera sees them; image A has them already."""
 
     added: np.ndarray
-    """Radiance of the bodies less its mean, float32 [H, W, 3] [W/sr/m^2]."""
+    """Radiance of the bodies less its mean, as far as they let that pass, float32 [H, W, 3] [W/sr/m^2]."""
     passed: np.ndarray
     """Share of the light from behind that they let pass, over its mean, float32 [H, W]."""
     coverage: np.ndarray | None = None

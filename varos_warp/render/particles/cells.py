@@ -48,7 +48,7 @@ def field_of(view: Camera) -> Field:
     seen = np.isfinite(rays.direction).all(-1)
     d = rays.direction[seen]
     angle = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2]).max()
-    margin = 2.0 / max(width, height) + (0.03 if not seen.all() else 0.0)
+    margin = 3.0 * camera_model(view).pixel_angle + (0.03 if not seen.all() else 0.0)
     return Field(float(min(angle + margin, np.pi)), float(np.linalg.norm(rays.origin[seen], axis=-1).max()))
 
 
@@ -102,7 +102,7 @@ def size_classes(law: ParticleLaw) -> list[SizeClass]:
 def slack_of(law: ParticleLaw, view: Camera, way: float = 0.0) -> float:
     """By how much bodies may be off the rays of a camera and still be seen [m]; ``way`` is that of the water."""
     aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
-    blur = aperture * (1.0 + reach_of(law) / max(view.focus_m, 0.1))
+    blur = aperture * (1.0 + reach_of(law) / max(view.focus_m, 0.02))
     return float(way + 2.0 * wander_of(law) + law.block.radius_m[1] + blur + 1e-3)
 
 

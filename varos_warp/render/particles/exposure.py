@@ -86,9 +86,12 @@ def open_shutter(seen: View, current: np.ndarray, after_s: float = 0.0, way: np.
     else:
         exposure.moments.cameras = wp.array([world.camera(view, seen.T_w_v)], dtype=CameraData, device=world.device)
         lights = world.lit(seen.T_w_v).lights.reshape((1, -1))
-    exposure.length_s, exposure.after_s = when.length_s, after_s
+    length_s = when.length_s
+    if when.open == 0.0 and len(when.offset_s) > 1:  # an instant to a row: from row to row
+        length_s = float(when.offset_s[1] - when.offset_s[0])
+    exposure.length_s, exposure.after_s = length_s, after_s
     exposure.current, exposure.way = wp.vec3(*current), wp.vec3(*(np.zeros(3) if way is None else way))
-    exposure.begin_s = float(when.offset_s[0] - 0.5 * when.length_s)
+    exposure.begin_s = float(when.offset_s[0] - 0.5 * length_s)
     exposure.width, exposure.height = view.resolution
     exposure.table = directions(view, world.device)
     return Open(exposure, lights, varies, camera_pose(view, poses), float(np.abs(when.offset_s).max()))

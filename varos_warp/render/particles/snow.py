@@ -1,7 +1,7 @@
 """The layer ``snow``: the drawn bodies of a frame, less what they add in the mean.
 
-A_out = A M + S - E: S are the bodies, E is their expectation, and M is what bodies let pass of what is behind them,
-over its mean. The mean over all seeds is A, whatever integrator made it (Campbell's theorem: E[S] = E, E[M] = 1).
+A_out = (A - E) M + S: S are the bodies, E is their expectation, and M is what bodies let pass, over its mean. The mean
+over all seeds is A, whatever integrator made it (Campbell's theorem: E[S] = E, E[M] = 1).
 """
 
 import functools
@@ -80,7 +80,7 @@ class SnowRenderer:
             self.launcher.rows(gather_splats, shape, {**splats, "hits": hits, **images})
         self.launcher.run(take_mean, shape, {
             "share": wp.empty((0, 0), dtype=wp.float64, device=self.device) if share is None else share,
-            "expected": expected, "light": images["light"], "added": added})
+            "expected": expected, "passed": images["passed"], "light": images["light"], "added": added})
         wanted = {"added": added, "passed": images["passed"]}
         wanted |= {name: images[name] for name in ("coverage", "light") if whole}
         wanted |= {"flow": images["flow"]} if whole and following is not None else {}
