@@ -43,8 +43,10 @@ def test_one_sample_a_pixel_is_a_sound_dataset(made):
 
 
 def test_two_shards_of_a_real_run_give_the_same_bytes(made, tmp_path):
-    """With a given integrator: that a plan is the same each time is shown of the planner. In water that scatters little,
-    for the field is coarse here."""
+    """With a given integrator: that a plan is the same each time is shown of the planner.
+
+    In water that scatters little, for the field is coarse here.
+    """
     how = [*SMALL, "--integrator", "field", "--set", "water={jerlov: {type: IA}}"]
     for shard in (["--shard", "1/2"], ["--shard", "0/2"]):
         call("run", made / "scene.yaml", "-o", tmp_path / "shards", *shard, *how)
