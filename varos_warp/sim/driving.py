@@ -82,7 +82,7 @@ def _find_course(scene: Scene, parts: list | None) -> None:
 
 
 def _rows(scene: Scene, frames: int) -> int:
-    """Rows up to what sensors read, until shutters close, and with F to the frame after the last."""
+    """Rows up to what sensors read, until shutters close, and with F or N to the frame after the last."""
     last = frames - 1 if OF_NEXT_FRAME.isdisjoint(scene.render.outputs) else frames
     after_ns = frame_time_ns(last, scene.render.frame_rate_hz) + open_ns(scene.vehicle.cameras)
     return max(rows_read(scene, frames), -(-after_ns // TICK_NS) + 1)

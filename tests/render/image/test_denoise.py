@@ -39,7 +39,8 @@ def scene(spp=16, seed=0, shape=(96, 128)):
 
 def denoise(radiance, stderr, method):
     """A whole image, denoised."""
-    return denoise_image(SimpleNamespace(radiance=radiance, stderr=stderr, correction=None, base_variance=None,
+    return denoise_image(SimpleNamespace(snow=None, radiance=radiance, stderr=stderr, correction=None,
+                                         base_variance=None,
                                          albedo=None, normal=None), method)
 
 
@@ -231,7 +232,7 @@ def layered(spp=16, seed=0, shape=(96, 128), guides=False):
     stderr = (SPREAD * np.sqrt(level**2 + taken**2) / np.sqrt(spp)).astype(np.float32)
     albedo = np.full((*shape, 3), 0.4, np.float32) if guides else None
     normal = np.full((*shape, 3), (0.0, 0.0, 1.0), np.float32) if guides else None
-    image = SimpleNamespace(radiance=texture + correction, stderr=stderr, correction=correction,
+    image = SimpleNamespace(snow=None, radiance=texture + correction, stderr=stderr, correction=correction,
                             base_variance=np.zeros_like(stderr), albedo=albedo, normal=normal)
     return texture + level - taken, image
 
@@ -265,7 +266,8 @@ def guided(base, level, albedo, direct):
     """Image of ``base`` under a correction with the mean ``level``, with guides of which ``direct`` counts."""
     k = 0.5
     correction = np.random.default_rng(2).gamma(k, level / k).astype(np.float32)
-    image = SimpleNamespace(radiance=base + correction, correction=correction, stderr=level / np.float32(np.sqrt(k)),
+    image = SimpleNamespace(
+        snow=None, radiance=base + correction, correction=correction, stderr=level / np.float32(np.sqrt(k)),
                             base_variance=np.zeros_like(base))
     inputs = on("cpu", direct=direct, radiance=image.radiance, correction=correction, albedo=albedo,
                 normal=np.zeros_like(base))
@@ -337,7 +339,8 @@ def test_negative_values_do_not_brighten_the_image(method):
     shape, spp = (120, 160, 3), 4
     k = spp / SPREAD**2
     correction = (0.05 * (rng.gamma(k, 1 / k, shape) - rng.gamma(k, 1 / k, shape))).astype(np.float32)
-    image = SimpleNamespace(radiance=np.float32(1.0) + correction, stderr=np.full(shape, 0.05 * SPREAD, np.float32),
+    image = SimpleNamespace(
+        snow=None, radiance=np.float32(1.0) + correction, stderr=np.full(shape, 0.05 * SPREAD, np.float32),
                             correction=correction, base_variance=np.zeros(shape, np.float32), albedo=None, normal=None)
     error = correction.std() / np.sqrt(correction.size)
     bias = denoise_image(image, method).mean(dtype=np.float64) - image.radiance.mean(dtype=np.float64)
@@ -352,7 +355,7 @@ def test_a_constant_correction_stays_constant(method, level):
     needs(method)
     correction = np.full((32, 48, 3), level, np.float32)
     stderr = np.full_like(correction, 0.01)
-    image = SimpleNamespace(radiance=1 + correction, stderr=stderr, correction=correction,
+    image = SimpleNamespace(snow=None, radiance=1 + correction, stderr=stderr, correction=correction,
                             base_variance=np.zeros_like(stderr), albedo=None, normal=None)
     inside = np.s_[8:-8, 8:-8]
     np.testing.assert_allclose(denoise_image(image, method)[inside] - 1, correction[inside], rtol=0.02)
@@ -361,7 +364,7 @@ def test_a_constant_correction_stays_constant(method, level):
 
 def test_an_image_without_a_correction_is_denoised_as_a_whole():
     _, noisy, stderr = scene()
-    image = SimpleNamespace(radiance=noisy, stderr=stderr, correction=None, base_variance=None,
+    image = SimpleNamespace(snow=None, radiance=noisy, stderr=stderr, correction=None, base_variance=None,
                             albedo=None, normal=None)
     for method in ("oidn", "nlm", "none"):
         needs(method)
@@ -401,7 +404,8 @@ def kinds_of_images():
     """With a correction, with guides, plain, black, and of another size."""
     for how in ({}, {"guides": True}, {"shape": (45, 77), "seed": 4}):
         yield layered(**how)[1]
-    yield SimpleNamespace(radiance=scene()[1], stderr=scene()[2], correction=None, base_variance=None, albedo=None,
+    yield SimpleNamespace(
+        snow=None, radiance=scene()[1], stderr=scene()[2], correction=None, base_variance=None, albedo=None,
                           normal=None)
     yield SimpleNamespace(**vars(layered()[1]) | {"correction": np.zeros((96, 128, 3), np.float32)})
     _, image = layered(guides=True)
@@ -649,7 +653,7 @@ def test_a_gpu_denoises_as_the_package_does_through_the_host():
     _, noisy, stderr = scene(shape=(180, 320))
     scale = 2.0 ** -np.round(np.log2(noisy.mean(dtype=np.float64)))
     expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
-    image = SimpleNamespace(radiance=noisy, stderr=stderr, correction=None, base_variance=None,
+    image = SimpleNamespace(snow=None, radiance=noisy, stderr=stderr, correction=None, base_variance=None,
                             albedo=None, normal=None)
     np.testing.assert_allclose(device_denoised(Denoiser(Launcher("cuda:0")), image), expected, rtol=2**-11)
 

@@ -18,7 +18,16 @@ from varos_warp.kernels.particles.bodies import (
 )
 from varos_warp.kernels.particles.field_light import field_on_body
 from varos_warp.kernels.particles.image import Directions, Image, camera_between, make_image_of
-from varos_warp.kernels.particles.splat import LARGEST_PX, OPTICS_PX, ROUND_PX, Splat, list_splat, profile_sum, tiles_of
+from varos_warp.kernels.particles.splat import (
+    LARGEST_PX,
+    OPTICS_PX,
+    ROUND_PX,
+    Splat,
+    SplatList,
+    list_splat,
+    profile_sum,
+    tiles_of,
+)
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.next_event import irradiance
@@ -293,25 +302,22 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         cone: Cone,
         particles: Particles,
         cells: Cells,
-        ends: wp.array(dtype=int),  # of the splats of cells, one after the other; empty: they are to be counted
         first_row: int,
         # out
-        counts: wp.array(dtype=int),
-        tiles: wp.array(dtype=int),
-        splats: wp.array(dtype=Splat),
+        listed: SplatList,
     ):
         """Splats, one for each tile that they show in, or how many there are of each cell."""
         i = first_row + wp.tid()
         at = cell_of(cells, i)
-        counting = ends.shape[0] == 0
+        counting = listed.ends.shape[0] == 0
         count = int(0)
         if counting:
-            counts[i] = 0
+            listed.counts[i] = 0
             if not cell_is_seen(cone, cells, at, wp.min(particles.reach, cells.r_high / particles.least_angle)):
                 return
         else:
-            count = ends[i] - counts[i]
-            if counts[i] == 0:
+            count = listed.ends[i] - listed.counts[i]
+            if listed.counts[i] == 0:
                 return
         for n in range(bodies_in_cell(cells, at)):
             body = body_of(cells, at, n)
@@ -338,8 +344,8 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
                             splat.flux = drawn * flux_of(here, field, particles, body, found)
                             splat.scale = 1.0 / profile_sum(splat)
                             splat.flow = flow_of(following, particles, body, whole.image, channel)
-                            count = list_splat(splat, box, exposure.width, count, tiles, splats)
+                            count = list_splat(splat, box, exposure.width, count, listed)
         if counting:
-            counts[i] = count
+            listed.counts[i] = count
 
     return draw_bodies

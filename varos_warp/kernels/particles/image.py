@@ -10,7 +10,7 @@ import warp as wp
 
 from varos_warp.kernels.numerics import bilinear, brightest
 from varos_warp.kernels.transport.moments import Moments
-from varos_warp.kernels.world.camera import Camera, make_ray
+from varos_warp.kernels.world.camera import Camera, image_point, make_ray
 from varos_warp.kernels.world.optics import OpticsSpec
 
 wp.set_module_options({"enable_backward": False})
@@ -66,12 +66,13 @@ def in_plane(o: wp.vec3, d: wp.vec3, p: wp.vec3, n: wp.vec3):
 def straight_image(camera: Camera, table: Directions, p: wp.vec3, channel: int):
     """`Image` of a point for a pinhole or a thin lens, in closed form."""
     image = Image()
+    at = image_point(camera, p, wp.vec2(0.0, 0.0))
     v = p - camera.position
-    z = wp.dot(v, camera.forward)
+    z = at[2]
     if z > BEHIND:
         image.seen = 1
-        image.x = camera.cx + camera.fx * wp.dot(v, camera.right) / z
-        image.y = camera.cy + camera.fy * wp.dot(v, camera.down) / z
+        image.x = at[0]
+        image.y = at[1]
         image.t = wp.length(v)
         image.d = v / image.t
         image.area = z * z * z / (image.t * camera.fx * camera.fy)

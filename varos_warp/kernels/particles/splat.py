@@ -49,6 +49,18 @@ class Splat:
     """To its image in the next frame [pixels]."""
 
 
+@wp.struct
+class SplatList:
+    """The splats of the cells of one class of sizes, one for each tile that they show in, cell after cell."""
+
+    counts: wp.array(dtype=int)
+    """Of each cell."""
+    ends: wp.array(dtype=int)
+    """Where those of each cell end; empty: they are to be counted."""
+    tiles: wp.array(dtype=int)
+    splats: wp.array(dtype=Splat)
+
+
 @wp.func
 def splat_reach(splat: Splat):
     """How far the disc reaches from its streak [pixels]."""
@@ -113,14 +125,13 @@ def tiles_of(splat: Splat, width: int, height: int):
 
 
 @wp.func
-def list_splat(splat: Splat, box: wp.vec4i, width: int, first: int, tiles: wp.array(dtype=int),
-               splats: wp.array(dtype=Splat)):
+def list_splat(splat: Splat, box: wp.vec4i, width: int, first: int, listed: SplatList):
     """Write a splat once for each of its tiles (`tiles_of`) from place ``first`` on; returns the place after them."""
     across = (width + TILE - 1) / TILE
     place = first
     for row in range(box[1], box[1] + box[3]):
         for col in range(box[0], box[0] + box[2]):
-            tiles[place] = row * across + col
-            splats[place] = splat
+            listed.tiles[place] = row * across + col
+            listed.splats[place] = splat
             place += 1
     return place

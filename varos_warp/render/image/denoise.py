@@ -68,7 +68,7 @@ def denoise_image(image, method: str) -> np.ndarray:
     Raises:
         ValueError: If a value is not finite, or the method is unknown.
     """
-    if getattr(image, "snow", None) is not None:
+    if image.snow is not None:
         return np.maximum(image.snow.over(denoise_image(image.without_snow(), method)), 0.0)
     method, whole = available_method(method), image.correction is None
     if method == "none" or (whole and not (np.any(image.stderr) and np.any(image.radiance))):

@@ -131,11 +131,16 @@ def check_cells(laws: Sequence[ParticleLaw], cameras: Iterable[Camera]) -> None:
 
 def _count(size: SizeClass, cone: Cone, reach: float) -> float:
     """How many cells there are around a cone, about; as a float, which has no end."""
-    axis = np.array(cone.axis, float)
-    between = np.arccos(np.clip(axis, -1.0, 1.0))
-    along = sum(np.maximum(np.cos(np.maximum(angle - cone.half_angle, 0.0)), 0.0)
-                for angle in (between, np.pi - between))
-    return float(np.prod((along * reach + 2.0 * cone.slack) / size.side + 2.0))
+    ahead, behind = _extents(cone)
+    return float(np.prod(((ahead + behind) * reach + 2.0 * cone.slack) / size.side + 2.0))
+
+
+def _extents(cone: Cone) -> tuple[np.ndarray, np.ndarray]:
+    """How far a cone of length 1 reaches from its apex along each axis [3], and against it."""
+    between = np.arccos(np.clip(np.array(cone.axis, float), -1.0, 1.0))
+    ahead, behind = (np.maximum(np.cos(np.maximum(angle - cone.half_angle, 0.0)), 0.0)
+                     for angle in (between, np.pi - between))
+    return ahead, behind
 
 
 def cone_of(T_w_c: np.ndarray, origin: np.ndarray, field: Field, slack: float) -> Cone:
@@ -167,11 +172,8 @@ def cells_of(size: SizeClass, cone: Cone, reach: float, origin: np.ndarray, move
         origin: Of the local world, float64 [3] [m].
         moved: Way of the water since time 0, float64 [3] [m]: cells are numbered in the water.
     """
-    apex, axis = np.array(cone.apex, float), np.array(cone.axis, float)
-    between = np.arccos(np.clip(axis, -1.0, 1.0))
-    ahead, behind = (np.maximum(np.cos(np.maximum(angle - cone.half_angle, 0.0)), 0.0)
-                     for angle in (between, np.pi - between))
-    still = apex + origin - moved
+    ahead, behind = _extents(cone)
+    still = np.array(cone.apex, float) + origin - moved
     first = np.floor((still - behind * reach - cone.slack) / size.side).astype(np.int64)
     last = np.floor((still + ahead * reach + cone.slack) / size.side).astype(np.int64)
     cells = Cells()

@@ -27,7 +27,6 @@ from varos_warp.render.particles.cells import (
     WANDER_PERIOD_S,
     check_cells,
     particle_record,
-    size_classes,
     wander_of,
 )
 from varos_warp.render.particles.exposure import Open, View, open_shutter
@@ -181,8 +180,7 @@ class SnowRenderer:
         seen: list[Seen] = []
         for number, (law, record) in enumerate(zip(self.laws, particles, strict=True)):
             seeds = np.random.SeedSequence([self.scene.seed, law.block.seed, number, 0x736E6F77])
-            keys = seeds.generate_state(len(size_classes(law))).tolist()
-            seen += seen_cells(law, record, here, shutter, self._way(law, here.time_ns), keys)
+            seen += seen_cells(law, record, here, shutter, self._way(law, here.time_ns), seeds)
         return seen
 
 

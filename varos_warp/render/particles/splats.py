@@ -11,7 +11,7 @@ from varos_warp.kernels.particles.bodies import Cells
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Cone
 from varos_warp.kernels.particles.gather import find_tiles
-from varos_warp.kernels.particles.splat import TILE, Splat
+from varos_warp.kernels.particles.splat import TILE, Splat, SplatList
 from varos_warp.render.particles.cells import cells_of, cone_of, field_of, size_classes, slack_of
 from varos_warp.render.particles.exposure import Open, View
 from varos_warp.scene.water.particles import ParticleLaw
@@ -28,8 +28,8 @@ class Seen(NamedTuple):
     cells: Cells
 
 
-def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open, way: np.ndarray, keys: Sequence[int]
-               ) -> Iterator[Seen]:
+def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open, way: np.ndarray,
+               seeds: np.random.SeedSequence) -> Iterator[Seen]:
     """The cells of each class of sizes of a block.
 
     Args:
@@ -38,12 +38,13 @@ def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open
         here: The camera.
         shutter: While it is open.
         way: How far the bodies have drifted since time 0 [m].
-        keys: Of the random numbers of each class.
+        seeds: Of the random numbers, of which each class has its own.
     """
     speed = np.linalg.norm(np.array(shutter.exposure.current) + np.array(record.drift))
     slack = slack_of(law, here.view, float(speed) * shutter.longest_s)
     cone = cone_of(shutter.T_w_c, here.world.origin, field_of(here.view), slack)
-    for size, key in zip(size_classes(law), keys, strict=True):
+    sizes = size_classes(law)
+    for size, key in zip(sizes, seeds.generate_state(len(sizes)), strict=True):
         reach = min(record.reach, size.r_high / record.least_angle)
         cells = cells_of(size, cone, reach, here.world.origin, way)
         cells.slope, cells.key = law.block.slope, wp.uint32(int(key))
@@ -62,25 +63,26 @@ def splats_by_tiles(launcher: Launcher, kernel: wp.Kernel, known: dict[str, Any]
         resolution: Width and height of the image.
     """
     device = launcher.device
-    none: dict[str, Any] = {"ends": _integers(0, device), "tiles": _integers(0, device),
-                            "splats": wp.empty(0, dtype=Splat, device=device)}
-    counted = []
+    lists = []
     for some in seen:
-        counts = _integers(int(np.prod(some.cells.size)), device)
-        launcher.rows(kernel, counts.shape, {**known, **some._asdict(), **none, "counts": counts}, tile_rows=CELL_ROWS)
-        ends = wp.empty_like(counts)
-        wp.utils.array_scan(counts, ends, inclusive=True)
-        counted.append((counts, ends))
-    totals = [int(total[0]) for total in launcher.fetch(*(ends[-1:].contiguous() for _, ends in counted))]
+        listed = SplatList()
+        listed.counts = _integers(int(np.prod(some.cells.size)), device)
+        listed.ends, listed.tiles = _integers(0, device), _integers(0, device)
+        listed.splats = wp.empty(0, dtype=Splat, device=device)
+        launcher.rows(kernel, listed.counts.shape, {**known, **some._asdict(), "listed": listed}, tile_rows=CELL_ROWS)
+        listed.ends = wp.empty_like(listed.counts)
+        wp.utils.array_scan(listed.counts, listed.ends, inclusive=True)
+        lists.append(listed)
+    totals = [int(total[0]) for total in launcher.fetch(*(listed.ends[-1:].contiguous() for listed in lists))]
     if not (count := sum(totals)):
         return None
     tiles, splats, first = _integers(2 * count, device), wp.empty(count, dtype=Splat, device=device), 0
-    for some, (counts, ends), total in zip(seen, counted, totals, strict=True):
-        part = slice(first, first + total)
+    for some, listed, total in zip(seen, lists, totals, strict=True):
         if total:
-            launcher.rows(kernel, counts.shape, {
-                **known, **some._asdict(), "counts": counts, "ends": ends, "tiles": tiles[part],
-                "splats": splats[part]}, tile_rows=CELL_ROWS)
+            part = slice(first, first + total)
+            listed.tiles, listed.splats = tiles[part], splats[part]
+            launcher.rows(kernel, listed.counts.shape, {**known, **some._asdict(), "listed": listed},
+                          tile_rows=CELL_ROWS)
         first += total
     return {"splats": splats, **_sorted(launcher, tiles, count, resolution)}
 

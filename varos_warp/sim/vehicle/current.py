@@ -67,7 +67,6 @@ class Turbulence:
         return (self.rms * (v[n] + s * (slope[n] + s * (c2 + s * c3))),
                 self.rms * (slope[n] + s * (2.0 * c2 + s * 3.0 * c3)) / self._step)
 
-
     def way(self, t: float) -> np.ndarray:
         """How far the water has moved from time 0 to ``t`` [s], [3] [m], by the trapezoidal rule over the knots."""
         whole = int(np.floor(t / self._step + 1e-9))
