@@ -31,6 +31,10 @@ FOUR = [LAMP | {"position": [x, 0, z], "direction": [-0.3 * x, 1, -0.6 * z], "co
         for x in (-0.5, 0.5) for z in (-0.3, 0.3)]
 TERRAIN = {"terrain": {"kind": "procedural", "size_m": 12, "resolution": 65, "relief_m": 0.3, "position": [0, 2, -0.8]},
            "scatter": [{"object": {"kind": "boulder", "diameter": 0.3, "seed": 2}, "count": 30, "circle": [0, 2, 1.5]}]}
+BOX = [{"kind": "concrete_block", "only": ["block"], "size_m": size, "position": position} for size, position in (
+    ([4, 4, 0.4], [0, 0, -1.1]), ([4, 4, 0.4], [0, 0, 0.7]), ([0.6, 3.6, 1.8], [-1.3, 0, -0.9]),
+    ([0.6, 3.6, 1.8], [1.3, 0, -0.9]), ([3.6, 0.6, 1.8], [0, 1.5, -0.9]), ([3.6, 0.6, 1.8], [0, -1.5, -0.9]))]
+"""A closed room of 2 x 2.4 x 1.4 m around the vehicle."""
 SHUTTER = {"exposure_s": 0.05}
 SIDEWAYS = [0.5, 0.2, 0.1]
 """Velocity of a vehicle that moves [m/s]."""
@@ -52,6 +56,8 @@ SCENES = {
     **{f"{kind}, share {share}": ({"kind": kind, "share": share, "render": {"integrator": "path"}}, None)
        for kind in ("IB", "1C") for share in (0.002, 0.005, 0.013)},
     "terrain, four lamps": ({"lights": FOUR, "kind": "3C"} | TERRAIN, None),
+    "closed box": ({"kind": "7C", "objects": BOX}, None),
+    "world camera": ({"camera": {"mount": "world", "position": [0.6, 0.2, 0.3], "look_at": [0, 2, 0]}}, None),
     "lamp in view": ({"lights": [LAMP | {"position": [0.3, 1.2, 0.1], "direction": [-0.3, -0.2, 0], "cone_deg": 120}]},
                      None),
     "moving, shutter": ({"camera": {"shutter": SHUTTER}}, SIDEWAYS),
