@@ -77,7 +77,7 @@ class HillsRenderer(standins.FlatFloorRenderer):
         tone = np.where(found, 0.5 + 0.2 * np.sin(4 * x) * np.sin(5 * y) + 0.1 * np.sin(9 * x), 0.02)
         grey = (tone[..., None] * np.ones(3)).astype(np.float32)
         light = (grey / np.where(found, z, 3.0)[..., None] ** 2).astype(np.float32)
-        plain = dict.fromkeys(("albedo", "normal", "correction", "denoised"))
+        plain = dict.fromkeys(("albedo", "normal", "correction", "denoised", "snow"))
         plain |= {"spp": float(spp), "lost_samples": 0, "layers": {}}
         images = {
             "A": SimpleNamespace(**plain, radiance=light, stderr=light * 0.01),

@@ -138,7 +138,7 @@ class FlatFloorRenderer:
         rng = np.random.default_rng([self.scene.seed, frame, *view.id.encode()])
         noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
         error = (clean / np.sqrt(spp)).astype(np.float32)
-        plain = dict.fromkeys(("albedo", "normal", "correction", "denoised"))
+        plain = dict.fromkeys(("albedo", "normal", "correction", "denoised", "snow"))
         plain |= {"spp": float(spp), "lost_samples": 0}
         A = SimpleNamespace(**plain, radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2})
         grey = (tone[..., None] * np.ones(3)).astype(np.float32)
