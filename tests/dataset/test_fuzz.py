@@ -35,7 +35,7 @@ from varos_warp.sim.trajectory import simulate
 COUNT, SEED = int(os.environ.get("VAROS_WARP_FUZZ", "500")), int(os.environ.get("VAROS_WARP_FUZZ_SEED", "0"))
 FEW = ("render.max_triangles=20000", "growth=[]")
 """Surfaces with relief, and what grows on them, may take longer than that where they are as fine as a camera sees."""
-SECONDS, WAIT_SECONDS, BYTES = 10, 120, 1_000_000_000
+SECONDS, WAIT_SECONDS, BYTES = 25, 240, 1_000_000_000  # the surfaces of a scene take 7, on a busy core twice that
 FACTORS = [-1, 0, 1e-9, 1e-3, 0.5, 2, 1e3, 1e9]
 NUMBERS = ["1e308", "-1", "0", "NaN", ".nan", "1e999", "1000000000000", "5e-324", "-2147483649", "4294967295", "", "x"]
 TEXTS = [b"*a", b"&a ", b"!!int ", b"{", b"[", b"\0", b"\xff", b"/dev/zero", b"../", b"\\ud800", b"<<: ", b"<script>"]

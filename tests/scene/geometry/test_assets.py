@@ -29,6 +29,8 @@ ASSETS = {
     "flange": {"kind": "flange", "radius": 0.15},
     "small flange": {"kind": "flange", "radius": 0.005},
     "support": {"kind": "pipe_support", "radius": 0.15},
+    "flat support": {"kind": "pipe_support", "radius": 0.15, "cradle_deg": 90.0},
+    "deep support": {"kind": "pipe_support", "radius": 0.15, "cradle_deg": 165.0},
     "tall support": {"kind": "pipe_support", "radius": 0.15, "height": 2.0},
     "bolt": {"kind": "bolt", "size": "M24"},
     "short bolt": {"kind": "bolt", "size": "M48", "length": 0.005},
@@ -232,14 +234,15 @@ def test_a_flange_has_the_measures_of_the_standard_and_between_its_sizes_they_ar
     assert inside["between"].all()
 
 
-def test_a_support_touches_its_pipe_along_the_groove_and_reaches_its_foot():
-    mesh = make({"kind": "pipe_support", "radius": 0.15, "height": 0.5})
-    assert mesh.bounds[:, 2] == pytest.approx([-0.5, 0.0])
+@pytest.mark.parametrize(("given", "top", "low"), [({}, 0.0, -168.54), ({"cradle_deg": 120.0}, -0.0487, -150.0)])
+def test_a_support_touches_its_pipe_along_the_groove_and_reaches_its_foot(given, top, low):
+    mesh = make({"kind": "pipe_support", "radius": 0.15, "height": 0.5, **given})
+    assert mesh.bounds[:, 2] == pytest.approx([-0.5, top], abs=1e-4)
     groove = np.linalg.norm(mesh.vertices[:, [0, 2]], axis=1)
     assert groove.min() == pytest.approx(0.15)
     touching = mesh.vertices[np.abs(groove - 0.15) < 1e-9]
     angle = np.degrees(np.arctan2(touching[:, 2], touching[:, 0]))
-    assert (angle.min(), angle.max()) == pytest.approx((-168.5, -11.5), abs=0.1)
+    assert (angle.min(), angle.max()) == pytest.approx((low, -180.0 - low), abs=0.1)
 
 
 # -------------------------------------------------------------------------------------------------- bevels and details

@@ -16,8 +16,8 @@ SLOPES = [2.0, 2.7, 3.0, 3.6, 4.0, 5.5]
 FOURNIER_FORAND = {"jerlov": {"type": "1C", "phase": {"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}}}
 
 
-def law_of(**block):
-    scene = scene_from_dict({"water": FOURNIER_FORAND, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+def law_of(water=FOURNIER_FORAND, **block):
+    scene = scene_from_dict({"water": water, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
                              "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]}})
     return ParticleLaw(Particles(**block), optical_properties(scene))
 
@@ -100,3 +100,16 @@ def test_without_particles_there_are_no_laws():
     scene = scene_from_dict({"water": FOURNIER_FORAND, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
                              "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]}})
     assert particle_laws(scene) == []
+
+
+def test_white_bodies_in_blue_water_are_bounded_by_the_channel_that_scatters_least():
+    blue = {"coefficients": {"sigma_s": [0.002, 0.02, 0.04], "sigma_a": [0.1, 0.1, 0.1], "phase": {"g": 0.8}}}
+    as_b, white = (law_of(water=blue, share=1e-4, **more) for more in ({}, {"reflectance": [1.0, 1.0, 1.0]}))
+    np.testing.assert_allclose(white.sigma_s, 1e-4 * 0.04, rtol=1e-12)
+    np.testing.assert_allclose(as_b.sigma_s, 1e-4 * np.array([0.002, 0.02, 0.04]), rtol=1e-12)
+    assert white.extinction == as_b.extinction
+    assert white.largest_share == pytest.approx(as_b.largest_share * 0.002 / 0.04, rel=1e-12)
+
+
+def test_black_bodies_are_bounded_by_nothing_but_the_share():
+    assert law_of(reflectance=[0.0, 0.0, 0.0], share=0.9).largest_share == 1.0

@@ -30,6 +30,10 @@ class Particles(Block):
     """Exponent s of the number of bodies by radius, n(r) ~ r^-s (Junge's law)."""
     opacity: Unit = 1.0
     """Share of the light that a body reflects; it transmits the rest, as evenly. 1 is an opaque grain."""
+    reflectance: tuple[Unit, Unit, Unit] | None = Field(default=None, examples=[[1.0, 0.95, 0.85]])
+    """Share of the light that falls on a body and that it scatters, R G B; what is left it absorbs. Absent: as the
+    water's scattering, 1 in its brightest channel. Large bodies are of no colour or brownish, also where the water's
+    scattering is blue; ``share`` then is that of the brightest channel times what is given here."""
     drift_m_s: tuple[Speed, Speed, Speed] = (0.0, 0.0, -0.001)
     """Velocity of the bodies in the water [m/s], beside the current: they sink."""
     wander_m_s: Annotated[NonNegative, Field(le=1.0)] = 0.002

@@ -187,6 +187,9 @@ class PipeSupport(Parametric):
     """Outer radius of the pipe [m]."""
     height: Measure | None = Field(default=None, examples=[0.6])
     """From the pipe's axis down to the foot [m]; absent: twice the radius."""
+    cradle_deg: Annotated[float, Field(ge=60.0, le=165.0)] | None = Field(default=None, examples=[120])
+    """Angle over which the groove holds the pipe [degrees]: with 120 the block ends well below the pipe's axis.
+    Absent: 157, up to the axis."""
 
 
 class Bolt(Parametric):

@@ -3,10 +3,11 @@
 The number of bodies by radius is n(r) = K r^-s between two radii. A body takes its projected area out of a ray and
 scatters of it what its albedo says, so that a share f of the scattering coefficient b means
 
-    f max(b) = K pi int r^(2-s) dr,        albedo = b / max(b)
+    f max(b) = K pi int r^(2-s) dr
 
-where the maximum is over the channels. Bodies have a phase function p_s of their own, and the rest of the water keeps
-what makes the whole that of the scene, p = f p_s + (1 - f) p_c with p_c >= 0. So f is at most the least of p / p_s.
+where the maximum is over the channels. The albedo is ``reflectance``, or b / max(b) without it, so that the bodies
+scatter b_s = f max(b) albedo. They have a phase function p_s of their own, and the rest of the water keeps what makes
+the whole that of the scene, b p = b_s p_s + (b - b_s) p_c with p_c >= 0. So b_s / b is at most the least of p / p_s.
 """
 
 from dataclasses import dataclass
@@ -50,17 +51,21 @@ class ParticleLaw:
     @property
     def sigma_s(self) -> np.ndarray:
         """Scattering coefficient of the bodies [1/m], float64 [3]."""
-        return self.block.share * self.water.sigma_s
+        if self.block.reflectance is None:  # so that rounding leaves it the share of each channel
+            return self.block.share * self.water.sigma_s
+        return self.extinction * self.albedo
 
     @property
     def albedo(self) -> np.ndarray:
-        """Share of the light that a body scatters, float64 [3]; 1 in one channel."""
+        """Share of the light that a body scatters, float64 [3]."""
+        if self.block.reflectance is not None:
+            return np.array(self.block.reflectance)
         return self.water.sigma_s / self.water.sigma_s.max()
 
     @property
     def extinction(self) -> float:
         """Projected area of all bodies in a cubic metre [1/m]."""
-        return float(self.sigma_s.max())
+        return float((self.block.share * self.water.sigma_s).max())
 
     @property
     def density(self) -> float:
@@ -72,13 +77,20 @@ class ParticleLaw:
         r0, r1 = self.block.radius_m
         return self.density * float(power_integral(-self.block.slope, max(low, r0), min(high, r1)))
 
-    @cached_property
+    @property
     def largest_share(self) -> float:
-        """What ``share`` may be at most in this water."""
+        """What ``share`` may be at most in this water; 1 for bodies that scatter nothing."""
+        return min(1.0, self.block.share / float(self.used.max())) if self.used.any() else 1.0
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """What the bodies scatter of the most that the water leaves them, float64 [3]; above 1 is too much."""
         s = np.sin(ANGLES / 2.0) ** 2
         bodies = self.phase.eval_s(s)
         lit = bodies > 1e-12 * bodies.max()
-        return float(np.min(self.water.phase.eval_s(s[lit]) / bodies[lit]))
+        least = np.min(self.water.phase.eval_s(s[lit]) / bodies[lit])
+        b, scattered = self.water.sigma_s, self.sigma_s
+        return np.where(scattered > 0.0, scattered / np.maximum(least * b, 1e-300), 0.0)
 
     def drawn(self, t: np.ndarray, least_angle: float, fade: float) -> np.ndarray:
         """Share of the scattering by bodies that is drawn at distances ``t`` [m]: of those that seem large enough.
@@ -117,15 +129,17 @@ def particle_laws(scene: Scene) -> list[ParticleLaw]:
         raise InputError("the water does not scatter, and particles are a share of what it scatters", key="particles",
                          remedy="Give a water that scatters, or leave particles out.")
     laws = [ParticleLaw(block, water) for block in scene.particles]
-    used = 0.0
+    used = np.zeros(3)
     for i, law in enumerate(laws):
-        used += law.block.share / law.largest_share
-        if used > 1.0:
-            rest = max(0.0, law.largest_share * (1.0 - used) + law.block.share)
+        before, used = used, used + law.used
+        if used.max() > 1.0:
+            taken = law.used > 0.0
+            rest = law.block.share * float(np.clip((1.0 - before[taken]) / law.used[taken], 0.0, None).min())
             others = " beside the blocks before it" if i else ""
+            coloured = " and of this reflectance" if law.block.reflectance is not None else ""
             raise InputError(
                 f"is more light than the water scatters backwards: in this water bodies of opacity "
-                f"{law.block.opacity:g} can be at most {rest:.4g} of the scattering{others}",
+                f"{law.block.opacity:g}{coloured} can be at most {rest:.4g} of the scattering{others}",
                 key=f"particles.{i}.share", value=law.block.share,
                 remedy="Give at most that, or a smaller opacity, of which the water allows more.")
     return laws

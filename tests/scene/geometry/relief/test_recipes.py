@@ -140,7 +140,7 @@ def test_ripples_end_at_objects_and_on_slopes():
     pattern = sites_of(p, faces, n).patterns(1)
     amplitude = sand._ripples(sites_of(p, faces, n), pattern)[0]
     assert amplitude.max() > 0.003
-    assert not sand._ripples(sites_of(p, faces, n, clear=np.full(len(p), 0.05)), pattern)[0].any()
+    assert not sand._ripples(sites_of(p, faces, n, clear=np.full(len(p), 0.02)), pattern)[0].any()
     steep = np.broadcast_to([np.sin(0.7), 0.0, np.cos(0.7)], p.shape)  # 40 degrees
     assert not sand._ripples(sites_of(p, faces, steep), pattern)[0].any()
 

@@ -22,6 +22,8 @@ from varos_warp.scene.geometry.assets.slabs import circle, mitred, slab
 from varos_warp.scene.geometry.joining import join
 
 DEFAULT = Detail(1e-4)
+CRADLE = np.pi - 0.4
+"""Angle over which the groove of a support holds its pipe, where none is given [rad]."""
 WALL = 0.08
 """Thickness of a pipe's wall, as a share of its radius, where none is given."""
 RIM = 0.25
@@ -104,7 +106,8 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
         raise InputError(f"the foot must lie at least {1.15 * r:.4g} m below the pipe's axis", key=f"{key}.height",
                          value=height, remedy="Leave it out for twice the radius.")
     half, b = 0.6 * r, 0.03 * r
-    outline, cap = _saddle(r, height, detail)
+    cradle = CRADLE if block.cradle_deg is None else np.deg2rad(block.cradle_deg)
+    outline, cap = _saddle(r, height, cradle, detail)
     if detail.is_grid:
         vertices, faces = slab([outline], -half, half, b, detail)
         return outward(vertices[:, [0, 2, 1]], faces)
@@ -196,15 +199,19 @@ def _plate(walls):
 # -------------------------------------------------------------------------------------------------------------- saddles
 
 
-def _saddle(r, height, detail):
-    """Outline [2 n, 2] of a support, seen along the pipe, and the triangles between its lower and its upper half."""
-    ease = 0.2  # the groove ends so far below the pipe's axis [rad], and goes on along its tangent
-    arc = np.linspace(ease - np.pi, -ease, arc_steps(r, np.pi - 2.0 * ease, detail, 9) + 1)
-    groove = [(-r / np.cos(ease), 0.0), *(r * np.column_stack([np.cos(arc), np.sin(arc)])), (r / np.cos(ease), 0.0)]
+def _saddle(r, height, cradle, detail):
+    """Outline [2 n, 2] of a support, seen along the pipe, and the triangles between its lower and its upper half.
+
+    ``cradle`` is the angle that the groove holds the pipe over [rad]; beyond it goes on along its tangents.
+    """
+    ease, on = 0.5 * (np.pi - cradle), r * np.tan(0.2)
+    lip, rim = r * np.cos(ease) + on * np.sin(ease), -r * np.sin(ease) + on * np.cos(ease)
+    arc = np.linspace(ease - np.pi, -ease, arc_steps(r, cradle, detail, 9) + 1)
+    groove = [(-lip, rim), *(r * np.column_stack([np.cos(arc), np.sin(arc)])), (lip, rim)]
     shoulder, sole = 1.4 * r, 1.6 * r
-    top = np.array([(-sole, -height), (-shoulder, 0.0), *groove, (shoulder, 0.0), (sole, -height)])
+    top = np.array([(-sole, -height), (-shoulder, rim), *groove, (shoulder, rim), (sole, -height)])
     top = rounded(top, r * np.array([0.0, 0.1, 0.06, *np.zeros(len(arc)), 0.06, 0.1, 0.0]), detail)[1:-1]
-    foot = np.array([(-shoulder, 0.0), (-sole, -height), (sole, -height), (shoulder, 0.0)])
+    foot = np.array([(-shoulder, rim), (-sole, -height), (sole, -height), (shoulder, rim)])
     foot = rounded(foot, 0.1 * r, detail)[1:-1]
     corner = len(foot) // 2
     between = np.column_stack([sole / shoulder * top[corner:-corner, 0], np.full(len(top) - 2 * corner, -height)])

@@ -18,9 +18,9 @@ from varos_warp.scene.geometry.surface import Surface
 
 SMALLEST_M, LARGEST_M = 0.03, 1.5
 """Sizes of bodies that drifts are made for [m]; those of larger ones are as high as of the largest."""
-BANK, BANK_WIDTH = 0.20, 0.80
+BANK, BANK_WIDTH = 0.15, 0.60
 """Height of the bank against the foot, and how far it reaches, as shares of the body's size."""
-APRON, APRON_WIDTH = 0.05, 0.60
+APRON, APRON_WIDTH = 0.03, 0.60
 """Height of what lies about it widely, and where that falls to 1 / e, likewise."""
 MOAT, MOAT_AT, MOAT_WIDTH = 0.08, 0.75, 0.30
 """Depth of the moat, where it is deepest and how wide it is, likewise."""
@@ -28,6 +28,8 @@ REACH = 1.6
 """Beyond this many sizes from a body the ground knows nothing of it."""
 UNEVEN, UNEVEN_CYCLES = 1.2, 1.4
 """How much banks and moats differ along a body, over the noise, and cells of the noise over a size."""
+UNLIKE = 0.6
+"""How much bodies differ from one another, likewise: some are scoured where others are banked up."""
 BESIDE_M = 0.1
 """How far from a body the ground still tells whether it stands in it [m]."""
 TURNS = 36
@@ -53,15 +55,17 @@ def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.
     near = [partial(_near_object, points, part) for part in objects]
     near += _near_copies(points, [part for part in parts if isinstance(part, Instances)])
 
-    def found(some):
+    def found(some, own):
         trace = some()
         if trace is None:
             return None
         chosen, distance, size, aside = trace
-        return chosen, distance, drift(distance, size, aside @ current, unevenness(points[chosen], size, seed))
+        return chosen, distance, drift(distance, size, aside @ current, own + unevenness(points[chosen], size, seed))
 
+    near = list(near)
+    unlike = np.random.default_rng([seed, 1]).uniform(-UNLIKE, UNLIKE, len(near))
     with ThreadPoolExecutor(usable_cores()) as pool:
-        for chosen, distance, added in filter(None, pool.map(found, near)):  # in the order of the parts
+        for chosen, distance, added in filter(None, pool.map(found, near, unlike)):  # in the order of the parts
             clear[chosen] = np.minimum(clear[chosen], distance)
             height[chosen] += added
     return clear, height

@@ -20,7 +20,7 @@ AMPLITUDE_M = 0.0065
 """Of ripples where they are highest; half of their height."""
 BLUNT = 0.015
 """How blunt their crests are: 0 is as sharp as a cusp."""
-FREE_M = (0.06, 0.45)
+FREE_M = (0.02, 0.22)
 """Ripples end where something stands nearer than the first, and are whole from the second on."""
 LEVEL = (0.78, 0.97)
 """Likewise for z of the normal: on a slope sand slides."""
