@@ -146,7 +146,8 @@ class Scene(Block):
 
     @model_validator(mode="after")
     def _classes_have_one_spelling(self):
-        if problem := spelling_problem(self._placed_blocks()):
+        grown = self.growth if self.render.segments == "fine" else []
+        if problem := spelling_problem([*self._placed_blocks(), *((f"growth.{i}", g) for i, g in enumerate(grown))]):
             raise ValueError(problem)
         return self
 

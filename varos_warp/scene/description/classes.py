@@ -5,7 +5,6 @@ from collections.abc import Iterable
 
 from varos_warp.errors import same_name
 from varos_warp.scene.block import Block
-from varos_warp.scene.description.placed import Placed
 
 TERRAIN_CLASS, WATER_CLASS = "terrain", "water"
 """Of the sea floor, unless it has another, and of where nothing is hit."""
@@ -34,21 +33,21 @@ def _stem(file: str) -> str:
     return re.sub(r"[\W_]+", "_", name).strip("_")
 
 
-def spelling_problem(blocks: Iterable[tuple[str, Placed | None]]) -> str | None:
+def spelling_problem(blocks: Iterable[tuple[str, Block | None]]) -> str | None:
     """What is wrong with the keys ``class`` of blocks, after the key that it is wrong with; None: nothing.
 
     Args:
         blocks: All that has one, by key; first the terrain, or None.
     """
     (_, ground), *others = blocks
-    if ground is not None and ground.class_ and same_name(ground.class_, [WATER_CLASS]):
-        return f"terrain.class: '{ground.class_}' is the class of where nothing is seen; give another name"
+    if ground is not None and same_name(class_of(ground, True), [WATER_CLASS]):
+        return f"terrain.class: '{class_of(ground, True)}' is the class of where nothing is seen; give another name"
     surfaces = [WATER_CLASS, TERRAIN_CLASS if ground is None else class_of(ground, True)]
     known: dict[str, tuple[str, bool]] = {}
     for key, block in others:
         if block is None:
             continue
-        name, own = class_of(block), block.class_ is not None
+        name, own = class_of(block), getattr(block, "class_", None) is not None
         if surface := same_name(name, surfaces):
             whose = "of where nothing is seen" if surface == WATER_CLASS else "that of the terrain"
             place = f"{key}.class" if own else "terrain.class"
@@ -59,5 +58,6 @@ def spelling_problem(blocks: Iterable[tuple[str, Placed | None]]) -> str | None:
                 place = key if own else first
                 return (f"{place}.class: '{name if own else other}' is '{other if own else name}' of "
                         f"{first if own else key} in another spelling; spell both alike")
-        known[name] = known.get(name, (key, False))[0], own or known.get(name, (key, False))[1]
+        if name not in known or own:
+            known[name] = key, own
     return None
