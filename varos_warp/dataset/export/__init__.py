@@ -21,7 +21,9 @@ from varos_warp.dataset.export.shared.job import EXPORTED, Clocked, Job
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", "coco", "yolo", "bop")
+LABELS = ("coco", "yolo", "bop")
+"""Formats of labels, which need image S."""
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", *LABELS)
 """Names of the modules here; docs/exports.md says what each writes."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""

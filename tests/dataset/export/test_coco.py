@@ -1,0 +1,133 @@
+"""The COCO export comes back through pycocotools; panoptic segments by the words of the format's page."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+from pycocotools import mask as cocomask
+from pycocotools.coco import COCO
+
+from varos_warp.dataset.export import export
+from varos_warp.dataset.export.shared.masks import box_of, run_lengths
+from varos_warp.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def folder(labels_out):
+    return labels_out / "coco"
+
+
+def test_masks_boxes_and_areas_of_what_is_seen_are_those_of_S(folder, labelled):
+    coco = COCO(folder / "annotations/instances.json")
+    assert len(coco.imgs) == 9
+    for entry in coco.imgs.values():
+        S = labelled.image("S", entry["frame"], entry["camera"])
+        found = coco.imgToAnns[entry["id"]]
+        assert {one["object"] for one in found} == set(np.unique(S).tolist()) - {0, 1}
+        for one in found:
+            mask = coco.annToMask(one).astype(bool)
+            np.testing.assert_array_equal(mask, S == one["object"])
+            assert one["area"] == mask.sum() == cocomask.area(one["segmentation"])
+            assert one["bbox"] == cocomask.toBbox(one["segmentation"]).tolist()
+            assert one["iscrowd"] == 0
+        with Image.open(folder / "images" / entry["file_name"]) as image:
+            assert image.size == (entry["width"], entry["height"])
+
+
+def test_all_of_an_object_has_what_is_seen_of_it_under_the_same_number(folder):
+    seen, whole = (COCO(folder / f"annotations/{name}.json") for name in ("instances", "amodal"))
+    assert seen.anns.keys() < whole.anns.keys()
+    for number, entry in whole.anns.items():
+        mask = whole.annToMask(entry).astype(bool)
+        assert entry["area"] == mask.sum() > 0
+        assert entry["bbox"] == cocomask.toBbox(entry["segmentation"]).tolist()
+        if number not in seen.anns:
+            assert entry["visible_share"] == 0.0
+            assert entry["visible_bbox"] is None
+            continue
+        one = seen.anns[number]
+        assert mask[seen.annToMask(one).astype(bool)].all()
+        assert one["visible_share"] == entry["visible_share"] == one["area"] / entry["area"]
+        assert (one["amodal_bbox"], entry["visible_bbox"]) == (entry["bbox"], one["bbox"])
+        assert one["T_c_o"] == entry["T_c_o"]
+
+
+def test_categories_are_the_classes_of_the_scene(folder):
+    coco = COCO(folder / "annotations/instances.json")
+    assert [entry["name"] for entry in coco.dataset["categories"]] == ["rock", "pipe", "boulder"]
+    by_key = {entry["key"]: coco.cats[entry["category_id"]]["name"] for entry in coco.anns.values()}
+    assert by_key["objects.0"] == "rock"  # its class
+    assert by_key["objects.3"] == "pipe"  # its kind
+    assert {name for key, name in by_key.items() if key.startswith("scatter")} == {"boulder"}
+
+
+def test_panoptic_segments_cover_the_image(folder, labelled):
+    """cocodataset.org/#format-data: id = R + 256 G + 256^2 B; 0 is nothing; each id of the PNG is in the JSON."""
+    content = json.loads((folder / "annotations/panoptic.json").read_text())
+    kinds = {entry["id"]: entry for entry in content["categories"]}
+    assert [entry["name"] for entry in kinds.values() if not entry["isthing"]] == ["terrain", "water"]
+    images = {entry["id"]: entry for entry in content["images"]}
+    for entry in content["annotations"]:
+        with Image.open(folder / "annotations/panoptic" / entry["file_name"]) as image:
+            rgb = np.array(image, np.uint32)
+        ids, of = rgb @ [1, 256, 256**2], images[entry["image_id"]]
+        S = labelled.image("S", of["frame"], of["camera"])
+        assert {segment["id"] for segment in entry["segments_info"]} == set(np.unique(ids).tolist()) - {0}
+        for segment in entry["segments_info"]:
+            mask, name = ids == segment["id"], kinds[segment["category_id"]]["name"]
+            assert segment["area"] == mask.sum()
+            assert segment["bbox"] == box_of(np.flatnonzero(mask), mask.shape[1])
+            assert set(np.unique(S[mask]).tolist()) == {0 if name == "water" else segment["id"]}
+            assert (name == "terrain") == (segment["id"] == 1)
+
+
+@pytest.mark.parametrize("kind", ["chance", "full", "first", "last", "one", "stripes", "large"])
+def test_run_lengths_are_those_of_pycocotools(kind):
+    rng = np.random.default_rng(4)
+    mask = {"chance": rng.random((37, 53)) < 0.4, "full": np.ones((5, 7), bool), "first": np.eye(6, 9, dtype=bool),
+            "last": np.eye(6, 9, dtype=bool)[::-1, ::-1], "one": np.ones((1, 1), bool),
+            "stripes": np.arange(40)[None] % 7 < np.full((31, 1), 3),
+            "large": np.pad(np.ones((700, 1200), bool), ((10, 10), (2000, 40)))}[kind]
+    known = cocomask.encode(np.asfortranarray(mask.astype(np.uint8)))
+    assert run_lengths(np.flatnonzero(mask), mask.shape)["counts"] == known["counts"].decode()
+
+
+def test_without_the_files_of_the_scene_what_is_seen_is_exported_alone(labelled, tmp_path, monkeypatch):
+    """A dataset from elsewhere: its meshes are not at hand."""
+    from varos_warp.dataset.export.shared import labels
+
+    def lost(_):
+        raise InputError("mesh.ply is not at hand, or not as it was")
+
+    monkeypatch.setattr(labels, "rebuilt", lost)
+    with pytest.warns(UserWarning, match=r"amodal boxes and visible shares: mesh\.ply is not at hand"):
+        export(labelled.root, "coco", tmp_path / "coco", "B", ["M0"])
+    assert not (tmp_path / "coco/annotations/amodal.json").exists()
+    coco = COCO(tmp_path / "coco/annotations/instances.json")
+    assert not any("amodal_bbox" in entry or "visible_share" in entry for entry in coco.anns.values())
+    assert any(entry["key"] == "objects.3" and entry["T_c_o"] for entry in coco.anns.values())
+    with pytest.raises(InputError, match=r"what is hidden of objects cannot be known: mesh\.ply.*coco and yolo"):
+        export(labelled.root, "bop", tmp_path / "bop", "B", ["M0"])
+    assert [path.name for path in tmp_path.iterdir()] == ["coco"]
+
+
+@pytest.mark.parametrize("to", ["coco", "yolo", "bop"])
+def test_a_dataset_without_S_is_refused(written, tmp_path, to):
+    with pytest.raises(InputError, match=rf"to = '{to}': needs image S.*Add S to render.outputs"):
+        export(written, to, tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("to", ["coco", "yolo", "bop"])
+def test_a_full_disk_leaves_nothing(labelled, tmp_path, monkeypatch, to):
+    from varos_warp.dataset import files
+
+    def full(*_args, **_options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files, "atomic", full)
+    with pytest.raises(InputError, match="No space left"), warnings.catch_warnings(action="ignore"):
+        export(labelled.root, to, tmp_path / "out", "B", ["M0"])
+    assert list(tmp_path.iterdir()) == []
