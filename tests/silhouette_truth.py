@@ -10,7 +10,7 @@ from varos_warp.scene.optics.shutter import in_ns, offsets_of_rows_s
 from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.companions import motions
 
-PATH = [{"time_s": 0, "position": [-1.4, 3.4, 0.5], "rotation_euler_deg": [0, 90, 0]},
+PATH = [{"time_s": 0, "position": [-1.4, 3.4, 0.5], "rotation_euler_deg": [20, 70, 0]},
         {"time_s": 0.4, "position": [0.2, 3.6, 0.6], "rotation_euler_deg": [0, 90, 40]}]
 ROUGH = {"chord_error_m": 0.05}
 SCENE = {
@@ -21,7 +21,8 @@ SCENE = {
         {"kind": "pipe", "radius": 0.25, "length": 1.6, "position": [0, 2.6, 0], **ROUGH},  # before it
         {"kind": "boulder", "position": [0, -4, 0], "class": "rock", **ROUGH},  # behind the cameras
         {"kind": "pipe", "radius": 0.2, "length": 1.0, "path": PATH, **ROUGH},
-        {"kind": "boulder", "position": [-2.5, 4, 0.2], "diameter": 1.0, **ROUGH},  # leaves the image
+        {"kind": "boulder", "position": [-2.5, 4, 0.2], "diameter": 1.0, "rotation_euler_deg": [30, 40, 50],
+         "scale": [1.0, 1.4, 0.7], **ROUGH},  # leaves the image
         {"kind": "boulder", "position": [0, 3.6, -0.1], "diameter": 0.2, **ROUGH}],  # hidden by the pipe
     "scatter": [{"object": {"kind": "boulder", "diameter": 0.3, **ROUGH}, "count": 12, "area": [-2, 2, 2, 6],
                  "scale_range": [0.5, 2]}],
