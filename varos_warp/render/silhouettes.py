@@ -85,10 +85,12 @@ class Silhouettes:
         kernel = make_silhouettes_kernel(replace(world.spec, optics=optics_spec(view), rolling=rolls))
         shape = height + 2 * margin[0], width + 2 * margin[1]
         counts = wp.zeros(shape, dtype=wp.int32, device=self.device)
-        arguments = {"scene": world.data, "camera": camera_record(
-            view, T_w_v.reshape(-1, 4, 4)[0], world.origin, pinhole=True), "of_rows": rows, "margin": wp.vec2i(*margin), "counts": counts}
-        self.launcher.rows(kernel, shape, {**arguments, "starts": wp.empty((0, 0), dtype=wp.int64, device=self.device),
-                                           "parts": wp.empty(0, dtype=wp.int32, device=self.device)})
+        camera = camera_record(view, T_w_v.reshape(-1, 4, 4)[0], world.origin, pinhole=True)
+        arguments = {"scene": world.data, "camera": camera, "of_rows": rows, "margin": wp.vec2i(*margin),
+                     "counts": counts}
+        nowhere = wp.empty((0, 0), dtype=wp.int64, device=self.device)
+        self.launcher.rows(kernel, shape, {**arguments, "starts": nowhere, "parts": wp.empty(
+            0, dtype=wp.int32, device=self.device)})
         on_host = self.launcher.fetch(counts)[0].copy()  # counts are written again
         ends = np.cumsum(on_host, dtype=np.int64).reshape(shape)
         parts = wp.empty(int(ends[-1, -1]), dtype=wp.int32, device=self.device)

@@ -44,7 +44,8 @@ def model(folder, number):
 
 def silhouette(entry, about, mesh, size, aside):
     """Which pixels of the image and of as many around it the rays hit, [3 H, 3 W], by poses and K as the format has
-    them: p_i = K (R p_m + t), the centre of the top left pixel at (0, 0)."""
+    them: p_i = K (R p_m + t), the centre of the top left pixel at (0, 0).
+    """
     R, t = np.reshape(entry["cam_R_m2c"], (3, 3)), np.array(entry["cam_t_m2c"])
     K = np.reshape(about["cam_K"], (3, 3))
     row, col = np.indices((3 * size[0], 3 * size[1])) - np.reshape(size, (2, 1, 1))
@@ -83,7 +84,8 @@ def test_poses_models_and_K_make_the_masks(folder, labelled):
 
 def test_depth_lies_on_the_models_where_they_are_seen(folder, labelled):
     """Each pixel of mask_visib, at its depth, on the model at its pose: to half a step of depth, and what z may be
-    within `NEAR`."""
+    within `NEAR`.
+    """
     at, cameras, gt, _ = scene(folder, 0)
     for frame, entries in gt.items():
         K, scale = np.reshape(cameras[frame]["cam_K"], (3, 3)), cameras[frame]["depth_scale"]

@@ -15,7 +15,8 @@ from varos_warp.scene.file.load import scene_from_dict
 
 def load(folder, labels="labels"):
     """Images with their lines, as Ultralytics finds and checks them: all files below ``train`` of data.yaml, each with
-    the text of its name where the last ``images`` of its path is ``labels``."""
+    the text of its name where the last ``images`` of its path is ``labels``.
+    """
     about = yaml.safe_load((folder / "data.yaml").read_text())
     assert sorted(about["names"]) == list(range(len(about["names"])))
     for image in sorted((folder / about["train"]).rglob("*.*")):
@@ -46,6 +47,7 @@ def test_boxes_are_those_of_the_pixels_of_S(folder, labelled):
     found = list(load(folder))
     assert len(found) == 9
     for image, names, rows in found:
+        assert names == {0: "rock", 1: "pipe", 2: "boulder"}
         camera, frame = image.parent.name[3:], int(image.stem[-8:])
         S = labelled.image("S", frame, camera)
         numbers = np.setdiff1d(np.unique(S), [0, 1])
@@ -56,7 +58,6 @@ def test_boxes_are_those_of_the_pixels_of_S(folder, labelled):
             row, col = np.nonzero(S == number)
             # float32, as Ultralytics reads them
             np.testing.assert_allclose(box, [col.min(), row.min(), col.max() + 1, row.max() + 1], atol=1e-4)
-    assert names == {0: "rock", 1: "pipe", 2: "boulder"}
 
 
 def test_boxes_about_all_of_each_object_enclose_those_about_what_is_seen(folder):
@@ -77,10 +78,11 @@ def test_boxes_about_all_of_each_object_enclose_those_about_what_is_seen(folder)
 
 @pytest.mark.parametrize("to", ["yolo", "bop"])
 def test_a_scene_of_terrain_alone_has_nothing_to_label(tmp_path, to):
-    scene = {"terrain": {"kind": "procedural", "resolution": 9}, "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
+    scene = {"terrain": {"kind": "procedural", "resolution": 9},
+             "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
              "trajectory": {"poses": [{"position": [0, 0, 3]}], "duration_s": 0.1},
              "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"}}
     produce(scene_from_dict(scene), tmp_path / "data", device="cpu", quiet=True)
-    with pytest.raises(InputError, match="nothing .* but the terrain"):
+    with pytest.raises(InputError, match=r"nothing .* but the terrain"):
         export(tmp_path / "data", to, tmp_path / "out", "B")
     assert [path.name for path in tmp_path.iterdir()] == ["data"]

@@ -1,8 +1,8 @@
 """BOP: poses, masks, depth and models of objects (bop_toolkit, docs/bop_datasets_format.md).
 
 Lengths are in mm; the centre of the top left pixel is (0, 0). Each camera is a scene. As scripts/calc_gt_info.py there
-counts, an object's silhouette reaches beyond the image, up to its size on each side, and widths and heights of boxes are
-from the first pixel to the last: one less than how many there are.
+counts, an object's silhouette reaches beyond the image, up to its size on each side, and widths and heights of boxes
+are from the first pixel to the last: one less than how many there are.
 """
 
 import json
@@ -75,7 +75,8 @@ def _write_scene(job: Job, labels: Labels, camera: str, folder: str, numbers: di
         cameras[frame] = {"cam_K": K, "depth_scale": _depth_scale(job), **_rigid(T_c_w, "w2c")}
     _write_json(job, f"{folder}/scene_camera.json", cameras)
     for name, part in (("scene_gt", 0), ("scene_gt_info", 1)):
-        _write_json(job, f"{folder}/{name}.json", {frame: each[part] for frame, each in zip(frames, found, strict=True)})
+        entries = {frame: each[part] for frame, each in zip(frames, found, strict=True)}
+        _write_json(job, f"{folder}/{name}.json", entries)
     return {entry["obj_id"] for each, _ in found for entry in each}
 
 

@@ -15,7 +15,6 @@ from varos_warp.scene.block import (
     unwritten_if_absent,
 )
 
-
 ClassName = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^\S(.*\S)?$")]
 """Of objects in labels."""
 
