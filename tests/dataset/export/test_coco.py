@@ -1,7 +1,6 @@
 """The COCO export comes back through pycocotools; panoptic segments by the words of the format's page."""
 
 import json
-import warnings
 
 import numpy as np
 import pytest
@@ -12,6 +11,8 @@ from pycocotools.coco import COCO
 from varos_warp.dataset.export import export
 from varos_warp.dataset.export.shared.masks import box_of, run_lengths
 from varos_warp.errors import InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore:__array__ implementation doesn't accept a copy keyword")
 
 
 @pytest.fixture(scope="module")
@@ -117,17 +118,4 @@ def test_without_the_files_of_the_scene_what_is_seen_is_exported_alone(labelled,
 def test_a_dataset_without_S_is_refused(written, tmp_path, to):
     with pytest.raises(InputError, match=rf"to = '{to}': needs image S.*Add S to render.outputs"):
         export(written, to, tmp_path / "out")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("to", ["coco", "yolo", "bop"])
-def test_a_full_disk_leaves_nothing(labelled, tmp_path, monkeypatch, to):
-    from varos_warp.dataset import files
-
-    def full(*_args, **_options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files, "atomic", full)
-    with pytest.raises(InputError, match="No space left"), warnings.catch_warnings(action="ignore"):
-        export(labelled.root, to, tmp_path / "out", "B", ["M0"])
     assert list(tmp_path.iterdir()) == []
