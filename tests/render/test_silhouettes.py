@@ -32,7 +32,7 @@ def scene(folder=".", **changes):
 def both(scene):
     renderer = FrameRenderer(scene, "cpu")
     numbers = {row["key"]: row["id"] for row in renderer.segments}
-    return renderer, Silhouettes(scene, renderer.parts, numbers, "cpu"), numbers
+    return renderer, Silhouettes(scene, renderer.parts, numbers, renderer.world.origin, "cpu"), numbers
 
 
 def poses(scene, time_ns=0):

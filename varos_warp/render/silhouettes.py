@@ -16,7 +16,6 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene, Poses, camera_record, camera_records, optics_spec
 from varos_warp.scene.frames import camera_pose, inverse, transform
-from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.parts import Grown, Instances, Moving, Part
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 
@@ -31,12 +30,13 @@ class Silhouettes:
         scene: The scene.
         parts: Everything solid in it.
         numbers: The numbers in S, by key.
+        origin: Of the local world, as in `DeviceScene`; that of the renderer makes rays equal to the last bit.
         device: ``auto``, ``cpu`` or ``cuda:N``.
     """
 
-    def __init__(self, scene: Scene, parts: list[Part | Instances], numbers: dict[str, int], device: str = "auto"):
+    def __init__(self, scene: Scene, parts: list[Part | Instances], numbers: dict[str, int],
+                 origin: np.ndarray, device: str = "auto"):
         self.device = resolve_device(device)
-        origin = local_origin(scene, parts)
         kept = [part for part in parts if part.name != SURFACE]
         if scene.render.segments != "fine":
             kept = [_not_on_surface(part) if isinstance(part, Grown) else part for part in kept]

@@ -4,13 +4,16 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 from pycocotools import mask as cocomask
 from pycocotools.coco import COCO
 
 from varos_warp.dataset.export import export
 from varos_warp.dataset.export.shared.masks import box_of, run_lengths
+from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import scene_from_dict
 
 pytestmark = pytest.mark.filterwarnings("ignore:__array__ implementation doesn't accept a copy keyword")
 
@@ -99,7 +102,7 @@ def test_without_the_files_of_the_scene_what_is_seen_is_exported_alone(labelled,
     """A dataset from elsewhere: its meshes are not at hand."""
     from varos_warp.dataset.export.shared import labels
 
-    def lost(_):
+    def lost(*_):
         raise InputError("mesh.ply is not at hand, or not as it was")
 
     monkeypatch.setattr(labels, "rebuilt", lost)
@@ -119,3 +122,41 @@ def test_a_dataset_without_S_is_refused(written, tmp_path, to):
     with pytest.raises(InputError, match=rf"to = '{to}': needs image S.*Add S to render.outputs"):
         export(written, to, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def of_meshes(tmp_path_factory):
+    """Two boxes of a mesh file, one before the other; beside the scene, and in a folder with another of its name."""
+    root = tmp_path_factory.mktemp("of_meshes")
+    for name, height in (("scenes", 1.0), ("elsewhere", 2.0)):
+        (root / name).mkdir()
+        trimesh.creation.box([1, 1, height]).export(root / name / "box.ply")
+    scene = scene_from_dict({
+        "objects": [{"file": "box.ply", "position": [0, 4, 0]}, {"file": "box.ply", "position": [0.4, 2.5, 0]}],
+        "vehicle": {"cameras": [{"id": "M0", "resolution": [32, 18]}]},
+        "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 0.1},
+        "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"}}, root / "scenes")
+    produce(scene, root / "data", device="cpu", quiet=True)
+    return root
+
+
+def test_meshes_are_found_beside_the_scene_file(of_meshes, tmp_path, monkeypatch):
+    """They are relative to it, wherever the export is made; another mesh of their name is not taken for them."""
+    monkeypatch.chdir(of_meshes / "elsewhere")
+    export(of_meshes / "data", "coco", tmp_path / "found", "B", scene_dir=of_meshes / "scenes")
+    coco = COCO(tmp_path / "found/annotations/instances.json")
+    shares = {entry["key"]: entry["visible_share"] for entry in coco.anns.values()}
+    assert shares["objects.1"] == 1.0 > shares["objects.0"] > 0.0
+    with pytest.warns(UserWarning, match=r"box\.ply is not at hand, or not as it was\. .*--scene-dir"):
+        export(of_meshes / "data", "coco", tmp_path / "lost", "B")
+    with pytest.raises(InputError, match=r"scene_dir = .*no such folder"):
+        export(of_meshes / "data", "coco", tmp_path / "none", "B", scene_dir=tmp_path / "nowhere")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["found", "lost"]
+
+
+def test_alike_meshes_are_one_model(of_meshes, tmp_path):
+    export(of_meshes / "data", "bop", tmp_path / "bop", "B", scene_dir=of_meshes / "scenes")
+    gt = json.loads((tmp_path / "bop/train/000000/scene_gt.json").read_text())
+    assert [entry["obj_id"] for entry in gt["0"]] == [1, 1]
+    assert [path.name for path in (tmp_path / "bop/models").glob("*.ply")] == ["obj_000001.ply"]
+    assert not (tmp_path / "bop/train/000000/depth").exists()

@@ -30,7 +30,7 @@ LATEST_NS = (2**31 - 86_400) * 10**9
 
 
 def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet: bool = True, raw: bool = False,
-           start_ns: int = 0) -> Job:
+           start_ns: int = 0, scene_dir: str | Path = ".") -> Job:
     """Write a dataset in another format.
 
     Args:
@@ -42,6 +42,7 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
         quiet: No progress on stderr.
         raw: Uncompressed images beside the compressed ones, of MCAP only.
         start_ns: Time of the sequence's beginning [ns], which is added to all stamps; KITTI's stay relative.
+        scene_dir: Folder of the dataset's scene file, to which its meshes are relative; for labels.
 
     Returns:
         What was written and from where.
@@ -54,6 +55,9 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
                          f"There are: {', '.join(FORMATS)}; mcap is that of ROS.")
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
+    if not Path(scene_dir).is_dir():
+        raise InputError("there is no such folder", key="scene_dir", value=str(scene_dir),
+                         remedy="Name the one that the scene file lies in.")
     if not 0 <= start_ns < LATEST_NS:
         raise InputError("is no time that every format has", key="start_ns", value=start_ns,
                          remedy="Give nanoseconds since 1970, of a time before the year 2038.")
@@ -64,7 +68,8 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
     chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
-    job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED))
+    job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED),
+              Path(scene_dir))
     if hasattr(module, "cameras"):
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:

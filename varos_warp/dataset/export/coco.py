@@ -7,6 +7,7 @@ hidden, under the same numbers. ``annotations/panoptic.json`` and the PNG beside
 import colorsys
 import json
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
@@ -25,37 +26,41 @@ def write(job: Job) -> None:
     """Write the images under ``images/cam<id>``, and the annotations."""
     labels = Labels(job)
     images: list[dict] = []
-    found: list[tuple[int, Label, tuple[int, int]]] = []
+    found: list[tuple[dict | None, dict | None]] = []
     segments: list[dict] = []
     for camera in job.cameras:
-        first, size = len(images) + 1, (job.data.camera(camera)["height"], job.data.camera(camera)["width"])
+        about, first = job.data.camera(camera), len(images) + 1
         names = [f"cam{camera}/{name}" for name in job.names(camera)]
         job.link_images(camera, [f"images/{name}" for name in names])
         stamps = job.data.time_ns(camera).tolist()
-        images += [{"id": first + i, "file_name": name, "width": size[1], "height": size[0], "camera": camera,
-                    "frame": frame, "timestamp_ns": stamp}
+        images += [{"id": first + i, "file_name": name, "width": about["width"], "height": about["height"],
+                    "camera": camera, "frame": frame, "timestamp_ns": stamp}
                    for i, (name, frame, stamp) in enumerate(zip(names, job.data.frames, stamps, strict=True))]
         ids = range(first, first + len(names))
-        for image, each in zip(ids, job.each(f"labels {camera}", lambda frame, c=camera: labels.of(frame, c)),
-                               strict=True):
-            found += [(image, label, size) for label in each]
-        segments += job.each(f"panoptic {camera}", lambda frame, image, name, c=camera: _panoptic(
-            job, labels, frame, c, image, name), ids, names)
+        for each in job.each(f"labels {camera}", partial(_annotations, labels, camera), ids):
+            found += each
+        segments += job.each(f"panoptic {camera}", partial(_panoptic, job, labels, camera), ids, names)
     _write_all(job, labels, images, found, segments)
+
+
+def _annotations(labels: Labels, camera: str, frame: int, image: int) -> list[tuple[dict | None, dict | None]]:
+    """Of each thing in an image what is seen, if anything is, and all of it, if that is known."""
+    about, numbers = labels.data.camera(camera), {name: i for i, name in enumerate(labels.categories, 1)}
+    size = about["height"], about["width"]
+    return [(instance(image, label, size, numbers) if len(label.visible) else None,
+             amodal(image, label, size, numbers) if label.whole is not None else None)
+            for label in labels.of(frame, camera)]
 
 
 def _write_all(job: Job, labels: Labels, images: list[dict], found: list, segments: list[dict]) -> None:
     """The files of annotations."""
     things, surfaces = categories(labels)
     about = {"description": f"{job.data.meta['scene']['name']}, sequence {job.data.meta['sequence']}, by varos_warp"}
-    numbers = {entry["name"]: entry["id"] for entry in things}
-    seen = [instance(number, image, label, size, numbers) for number, (image, label, size) in enumerate(found, 1)
-            if len(label.visible)]
     bare = [{"id": entry["id"], "name": entry["name"], "supercategory": "object"} for entry in things]
+    seen, whole = ([{"id": number, **pair[k]} for number, pair in enumerate(found, 1) if pair[k]] for k in (0, 1))
     files_of = {"instances": (bare, seen), "panoptic": ([*things, *surfaces], segments)}
     if labels.silhouettes:
-        files_of["amodal"] = bare, [amodal(number, image, label, size, numbers)
-                                    for number, (image, label, size) in enumerate(found, 1)]
+        files_of["amodal"] = bare, whole
     for name, (kinds, annotations) in files_of.items():
         content = {"info": about, "licenses": [], "images": images, "categories": kinds, "annotations": annotations}
         text = json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
@@ -76,19 +81,19 @@ def _color(number: int) -> list[int]:
     return [round(255 * part) for part in colorsys.hsv_to_rgb(number * GOLDEN % 1.0, 0.6, 0.9)]
 
 
-def instance(number: int, image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
+def instance(image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
     """An annotation of what is seen of an object, with our own keys of all of it, and of its pose."""
     hidden = {} if label.whole is None else {"amodal_bbox": box_of(label.whole, size[1]),
                                              "amodal_area": len(label.whole)}
-    return {"id": number, "image_id": image, "category_id": categories[label.thing.category],
+    return {"image_id": image, "category_id": categories[label.thing.category],
             "bbox": box_of(label.visible, size[1]), "area": len(label.visible), "iscrowd": 0,
             "segmentation": run_lengths(label.visible, size), **hidden, **_own_keys(label)}
 
 
-def amodal(number: int, image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
+def amodal(image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
     """An annotation of all of an object, with our own keys of what is seen of it."""
     seen = box_of(label.visible, size[1]) if len(label.visible) else None
-    return {"id": number, "image_id": image, "category_id": categories[label.thing.category],
+    return {"image_id": image, "category_id": categories[label.thing.category],
             "bbox": box_of(label.whole, size[1]), "area": len(label.whole), "iscrowd": 0,
             "segmentation": run_lengths(label.whole, size), "visible_bbox": seen, "visible_area": len(label.visible),
             **_own_keys(label)}
@@ -101,7 +106,7 @@ def _own_keys(label: Label) -> dict:
     return {**share, "object": label.thing.number, "key": label.thing.key, **pose}
 
 
-def _panoptic(job: Job, labels: Labels, frame: int, camera: str, image: int, name: str) -> dict:
+def _panoptic(job: Job, labels: Labels, camera: str, frame: int, image: int, name: str) -> dict:
     """Write the PNG of an image, id = R + 256 G + 65536 B, and return its annotation."""
     numbers = labels.numbers(frame, camera)
     files.write_png(job.out / "annotations/panoptic" / name,

@@ -4,6 +4,8 @@ The numbers are shares of the image's width and height, x and y of the box's mid
 seen, ``labels_amodal`` about all of each object; labels.csv tells which object it is, and the visible share.
 """
 
+from functools import partial
+
 import yaml
 
 from varos_warp.dataset.export.shared.job import Job
@@ -24,24 +26,28 @@ def write(job: Job) -> None:
     if not labels.categories:
         raise InputError("there is nothing to label but the terrain", file=job.data.root, key="to", value="yolo",
                          remedy="Give the scene objects, or export as coco.")
-    numbers = {name: number for number, name in enumerate(labels.categories)}
     rows = ["image,object,key,class,visible_pixels,amodal_pixels,visible_share"]
     for camera in job.cameras:
-        size = job.data.camera(camera)["height"], job.data.camera(camera)["width"]
         names = [f"cam{camera}/{name}" for name in job.names(camera)]
         job.link_images(camera, [f"images/{name}" for name in names])
-        found = job.each(f"labels {camera}", lambda frame, c=camera: labels.of(frame, c))
-        for name, each in zip(names, found, strict=True):
-            text = f"{name.removesuffix('.png')}.txt"
-            seen = [label for label in each if len(label.visible)]
-            job.text(f"labels/{text}", [line(numbers, label, label.visible, size) for label in seen])
-            if labels.silhouettes:
-                job.text(f"labels_amodal/{text}", [line(numbers, label, label.whole, size) for label in each])
-            rows += [_row(name, label) for label in each]
+        for each in job.each(f"labels {camera}", partial(_write_image, job, labels, camera), names):
+            rows += each
     job.text("labels.csv", rows)
-    content = {"train": "images", "val": "images", "names": {number: name for name, number in numbers.items()}}
+    content = {"train": "images", "val": "images", "names": dict(enumerate(labels.categories))}
     text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     job.text("data.yaml", [NOTE + text.rstrip("\n")])
+
+
+def _write_image(job: Job, labels: Labels, camera: str, frame: int, name: str) -> list[str]:
+    """Write the labels of an image, and return their rows of labels.csv."""
+    about, numbers = job.data.camera(camera), {name: number for number, name in enumerate(labels.categories)}
+    size, found = (about["height"], about["width"]), labels.of(frame, camera)
+    text = f"{name.removesuffix('.png')}.txt"
+    seen = [label for label in found if len(label.visible)]
+    job.text(f"labels/{text}", [line(numbers, label, label.visible, size) for label in seen])
+    if labels.silhouettes:
+        job.text(f"labels_amodal/{text}", [line(numbers, label, label.whole, size) for label in found])
+    return [_row(name, label) for label in found]
 
 
 def line(numbers: dict[str, int], label: Label, pixels, size: tuple[int, int]) -> str:

@@ -4,6 +4,7 @@ An object is what has a number in S: an object of the scene file, the body of an
 with ``render.segments: fine``, of growth. What grows on it is a part of it, unless it has numbers of its own.
 """
 
+import contextlib
 import warnings
 from dataclasses import dataclass
 
@@ -20,11 +21,13 @@ from varos_warp.scene.description.classes import WATER_CLASS, class_of
 from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import inverse, pose_matrix, transform
+from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import pixel_centres
 from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.companions import motions
 
+AT_HAND = "Name the folder of the scene file with --scene-dir."
 WATER_NUMBER = 1 << 16
 """Of where nothing is hit, beyond all numbers of S."""
 
@@ -82,9 +85,9 @@ class Labels:
         except InputError as error:
             if must_be_whole:
                 raise InputError(f"what is hidden of objects cannot be known: {error.problem}", file=self.data.root,
-                                 remedy="Put back the scene's files; coco and yolo go without.") from None
-            warnings.warn(f"what is hidden of objects is left out, amodal boxes and visible shares: {error.problem}",
-                          stacklevel=4)
+                                 remedy=f"{AT_HAND} coco and yolo go without.") from None
+            warnings.warn(f"what is hidden of objects is left out, amodal boxes and visible shares: {error.problem}. "
+                          f"{AT_HAND}", stacklevel=4)
         self._T_w_o = self._poses()
 
     def _rebuild(self, numbers: dict[str, int]) -> None:
@@ -93,15 +96,21 @@ class Labels:
         Raises:
             InputError: If its files are not at hand, or it is not what S numbers.
         """
-        _, parts = rebuilt(self.data)
+        self.scene, parts = rebuilt(self.data, self.job.scene_dir)
         names = {name for part in parts for name in (part.names if isinstance(part, Instances) else [part.name])}
         fine = self.scene.render.segments == "fine"
         if lost := {name for name in names - {SURFACE} if fine or not name.startswith("growth.")} ^ (
                 numbers.keys() - {self.scene.own_body}):
             raise InputError(f"{min(lost)} is not as it was when the dataset was made, by another version")
         self.parts = parts
-        self.silhouettes = Silhouettes(self.scene, parts, numbers)
+        self.silhouettes = Silhouettes(self.scene, parts, numbers, self._origin())
         self._motions = motions(self.scene)
+
+    def _origin(self) -> np.ndarray:
+        """Where to put the local world: of a course whose file is not at hand among the cameras' places."""
+        with contextlib.suppress(InputError):
+            return local_origin(self.scene, self.parts)
+        return np.round(np.mean([self.data.views(camera)[1][:, :3, 3].mean(0) for camera in self.data.cameras], axis=0))
 
     @property
     def categories(self) -> list[str]:
