@@ -6,6 +6,8 @@ from silhouette_truth import truth
 
 from varos_warp.dataset.export.shared.job import Clocked, Job
 from varos_warp.dataset.export.shared.labels import WATER_NUMBER, Labels, moved, within
+from varos_warp.dataset.run.produce import produce
+from varos_warp.scene.file.load import scene_from_dict
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +88,28 @@ def test_pixels_that_hit_nothing_are_water_and_those_beyond_the_lens_nothing(lab
     assert (numbers[S == 0] == WATER_NUMBER).all()
     assert np.array_equal(numbers[S > 0], S[S > 0])
     assert (S == 0).any()
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """Labels of open water about a boulder, through a lens that ends within the image."""
+    out = tmp_path_factory.mktemp("ended") / "data"
+    produce(scene_from_dict({
+        "objects": [{"kind": "boulder", "position": [0, 3, 0]}],
+        "vehicle": {"cameras": [{"id": "M0", "resolution": [48, 36], "sensor_mm": [4.8, 3.6], "focal_mm": 1.2,
+                                 "distortion": {"model": "kannala_brandt", "k": [-0.2, 0, 0, 0]}}]},
+        "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 0.1},
+        "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"}}), out, device="cpu",
+        quiet=True)
+    return Labels(Job(Clocked(out, 0), out, "B", ("M0",)))
+
+
+def test_beyond_the_end_of_a_lens_nothing_is_seen(ended):
+    """Theta - 0.2 theta^3 grows up to theta = sqrt(1 / 0.6), where it is 0.8607: 10.33 px from the middle."""
+    numbers = ended.numbers(0, "M0")
+    row, col = np.indices(numbers.shape) + 0.5
+    radius = np.hypot(row - 18, col - 24)
+    end = 12 * np.sqrt(1 / 0.6) * (1 - 0.2 / 0.6)
+    assert 0.1 < (radius < end).mean() < 0.9
+    assert not numbers[radius > end].any()
+    assert set(np.unique(numbers[radius < end])) == {1, WATER_NUMBER}
