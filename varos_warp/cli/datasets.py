@@ -86,14 +86,17 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 
 @verb
 def export(dataset: Folder,
-           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="euroc, tum, kitti, colmap, nerfstudio, mcap "
-                                                                          "or stream: see docs/exports.md.")],
+           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="euroc, tum, kitti, colmap, nerfstudio, "
+                                                                          "mcap, stream, coco, yolo or bop: see "
+                                                                          "docs/exports.md.")],
            out: NewFolder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(metavar="ID", help="Only this camera; repeatable.")] = None,
            raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
            start_ns: Annotated[int, typer.Option(help="Time of the sequence's beginning, added to all stamps; ROS "
                                                       "takes a stamp of 0 for none.")] = 0,
+           scene_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="coco, yolo, bop: where the scene file lies, "
+                                                   "to which its meshes are relative.")] = Path("."),
            json_: Json = False, quiet: Quiet = False):
     """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
 
@@ -103,7 +106,7 @@ def export(dataset: Folder,
     from varos_warp.dataset.export.shared.job import NO_NOISE
 
     chosen = [part.strip() for each in camera or () for part in each.split(",")]
-    job = write(dataset, to, out, images, chosen, quiet, raw, start_ns)
+    job = write(dataset, to, out, images, chosen, quiet, raw, start_ns, scene_dir)
     if json_:
         print_json({"out": str(out), "to": to, "frames": len(job.data), "cameras": job.cameras, "noise": job.noises})
         return

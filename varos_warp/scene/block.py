@@ -89,6 +89,10 @@ def check_look_at(block):
     return block
 
 
+FILE_KEYS = {"class_": "class"}
+"""Keys of the file by the names of their fields, where they are no names in Python."""
+
+
 def unwritten_if_absent(*keys: str) -> Any:
     """Serializer of a block that does not write down some keys where they are absent.
 
@@ -98,10 +102,13 @@ def unwritten_if_absent(*keys: str) -> Any:
 
 
 def written_otherwise(left_out: Callable[[Any], Iterable[str]]) -> Any:
-    """Serializer of a block that does not write down what ``left_out`` names of it."""
+    """Serializer of a block that does not write down what ``left_out`` names of it.
+
+    Fields have their keys of the file, which differ for words of Python (`FILE_KEYS`).
+    """
     def written(self, handler):
         out = left_out(self)
-        return {key: value for key, value in handler(self).items() if key not in out}
+        return {FILE_KEYS.get(key, key): value for key, value in handler(self).items() if key not in out}
 
     return model_serializer(mode="wrap")(written)
 

@@ -95,13 +95,21 @@ class DeviceScene:
     """Owns everything that kernels read of a scene; ``data`` holds all but the lights (`lit`), and keeps it alive.
 
     World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
+
+    Args:
+        scene: The scene.
+        parts: Everything solid in it.
+        device: ``cpu`` or ``cuda:N``.
+        origin: Float64 [3]; absent: `local_origin`.
+        joins_copies: Whether copies join the one mesh; absent: on a GPU, if they are few.
     """
 
-    def __init__(self, scene: Scene, parts: list[Part | Instances], device: str):
+    def __init__(self, scene: Scene, parts: list[Part | Instances], device: str, *, origin: np.ndarray | None = None,
+                 joins_copies: bool | None = None):
         self.scene, self.device = scene, device
         self.kind = kind_of(device)
         parts = [part.whole_first() for part in parts]
-        self.origin = local_origin(scene, parts)
+        self.origin = local_origin(scene, parts) if origin is None else origin
         self.water = optical_properties(scene)
         self.lights = Lights(scene, device)
         self.moving = [part for part in parts if isinstance(part, Moving)]
@@ -109,7 +117,8 @@ class DeviceScene:
         """Of all that S numbers, in the order of their numbers, which begin at 1."""
         self._numbers, self.segment_of = self._numbered(parts)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
-        self.joins_copies = copied_faces <= MOST_JOINED_FACES[self.kind]
+        fit = copied_faces <= MOST_JOINED_FACES[self.kind]
+        self.joins_copies = fit if joins_copies is None else joins_copies
         self.spec = SceneSpec(
             medium=bool(self.water.sigma_s.any()), surfaces=bool(parts),
             instances=not self.joins_copies or bool(self.moving), textures=any(is_textured(part) for part in parts),

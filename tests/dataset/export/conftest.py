@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from varos_warp.dataset.export import FORMATS, export
+from varos_warp.dataset.export import FORMATS, LABELS, export
 from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.scene.description.noise_profile import NoiseProfile
@@ -25,11 +25,11 @@ def data(written):
 
 @pytest.fixture(scope="session")
 def out(written, tmp_path_factory):
-    """An export in each format, by name."""
+    """An export in each format but those of labels, by name."""
     root = tmp_path_factory.mktemp("exports")
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "tum holds one camera")
-        for name in FORMATS:
+        for name in FORMATS[:-len(LABELS)]:
             export(written, name, root / name)
     return root
 
@@ -51,3 +51,27 @@ def nerfbaselines():
     module = importlib.import_module("nerfbaselines.datasets")
     return SimpleNamespace(load=lambda path, *features, split="train": module.load_dataset(
         str(path), split, features=frozenset(features)))
+
+
+@pytest.fixture(scope="session")
+def labelled(tmp_path_factory):
+    """A dataset of things that hide each other, seen by three unlike cameras."""
+    from silhouette_truth import SCENE
+
+    from varos_warp.dataset.run.produce import produce
+    from varos_warp.scene.file.load import scene_from_dict
+
+    out = tmp_path_factory.mktemp("labelled") / "data"
+    produce(scene_from_dict(SCENE), out, device="cpu", quiet=True)
+    return Dataset(out)
+
+
+@pytest.fixture(scope="session")
+def labels_out(labelled, tmp_path_factory):
+    """Exports of it in the formats of labels, by name; BOP has the straight cameras only."""
+    root = tmp_path_factory.mktemp("labels")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "the format knows no rolling shutter")
+        for name in LABELS:
+            export(labelled.root, name, root / name, "B", ["M0", "R0"] if name == "bop" else None)
+    return root

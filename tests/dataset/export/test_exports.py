@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from varos_warp import cli
 from varos_warp.dataset import files
-from varos_warp.dataset.export import FORMATS, export
+from varos_warp.dataset.export import FORMATS, LABELS, export
 from varos_warp.dataset.export.shared import job
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import along_axis
@@ -89,8 +89,9 @@ def test_images_are_the_same_files_or_copies_where_they_cannot_be(written, tmp_p
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_path, monkeypatch, name):
-    before = tree(written)
+def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, labelled, tmp_path, monkeypatch, name):
+    source, how = (labelled.root, ("B", ["M0"])) if name in LABELS else (written, ())
+    before = tree(source)
 
     def full(*_args, **_options):
         raise OSError(28, "No space left on device")
@@ -98,9 +99,9 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, tmp_p
     for owner, function in ((files, "write_bytes"), (Writer, "write"), (files, "atomic")):
         monkeypatch.setattr(owner, function, full)
     with pytest.raises(InputError, match="No space left"):
-        export(written, name, tmp_path / "out")
+        export(source, name, tmp_path / "out", *how)
     assert list(tmp_path.iterdir()) == []
-    assert tree(written) == before
+    assert tree(source) == before
 
 
 def test_what_cannot_be_exported_is_bad_input(written, tmp_path):

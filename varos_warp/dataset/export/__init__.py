@@ -2,7 +2,8 @@
 
 Each has ``write(job)`` and ``IMAGES``, the letters of the images that it needs, where ``A`` without ``B`` stands for
 the colour images that are chosen. If the format has no room for all cameras, it has ``cameras(job)``, the ids of those
-that it holds, and ``HOLDS``, which they are; if it has readings of other sensors than `EXPORTED`, it has ``SENSORS``.
+that it holds, and ``HOLDS``, which they are; if it has readings of other sensors than `EXPORTED`, it has ``SENSORS``;
+if it is nothing without some images, ``NEEDS``.
 
 Images are linked or copied as they are; depth is encoded anew where a format has units of its own. No format states a
 shutter, so `shutters` writes a note of it, and `moving` the poses of what moves. An export is made in a hidden folder
@@ -20,14 +21,16 @@ from varos_warp.dataset.export.shared.job import EXPORTED, Clocked, Job
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream")
+LABELS = ("coco", "yolo", "bop")
+"""Formats of labels, which need image S."""
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", *LABELS)
 """Names of the modules here; docs/exports.md says what each writes."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
 
 
 def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet: bool = True, raw: bool = False,
-           start_ns: int = 0) -> Job:
+           start_ns: int = 0, scene_dir: str | Path = ".") -> Job:
     """Write a dataset in another format.
 
     Args:
@@ -39,6 +42,7 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
         quiet: No progress on stderr.
         raw: Uncompressed images beside the compressed ones, of MCAP only.
         start_ns: Time of the sequence's beginning [ns], which is added to all stamps; KITTI's stay relative.
+        scene_dir: Folder of the dataset's scene file, to which its meshes are relative; for labels.
 
     Returns:
         What was written and from where.
@@ -51,16 +55,21 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
                          f"There are: {', '.join(FORMATS)}; mcap is that of ROS.")
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
+    if not Path(scene_dir).is_dir():
+        raise InputError("there is no such folder", key="scene_dir", value=str(scene_dir),
+                         remedy="Name the one that the scene file lies in.")
     if not 0 <= start_ns < LATEST_NS:
         raise InputError("is no time that every format has", key="start_ns", value=start_ns,
                          remedy="Give nanoseconds since 1970, of a time before the year 2038.")
     data, module = Clocked(dataset_root, start_ns), import_module(f"{__name__}.{to}")
     if not _has_all_types(module):
         _require_colors(data, images)
+    _require_types(data, to, getattr(module, "NEEDS", ""))
     chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
-    job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED))
+    job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED),
+              Path(scene_dir))
     if hasattr(module, "cameras"):
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:
@@ -78,6 +87,14 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
 def _has_all_types(module) -> bool:
     """Whether a format holds images of every type, whichever are the colour images, also where there are none."""
     return {WATER, AMBIENT} <= {*module.IMAGES}
+
+
+def _require_types(data: Clocked, to: str, needs: str) -> None:
+    """Refuse a dataset without images that a format is nothing without; of colour images `_require_colors` tells."""
+    if lacks := [letter for letter in needs if letter not in (*data.outputs, WATER)]:
+        raise InputError(f"needs image {lacks[0]}, and the dataset has {', '.join(data.outputs)}", file=data.root,
+                         key="to", value=to, remedy=f"Add {lacks[0]} to render.outputs and `run` again: it makes what "
+                         "is missing.")
 
 
 def _require_colors(data: Clocked, images: str) -> None:

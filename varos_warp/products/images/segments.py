@@ -84,7 +84,7 @@ def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
     materials = list(scene.materials)
     rows = []
     for number, key in enumerate(part_names, start=1):
-        block = _block(scene, key)
+        block = block_of(scene, key)
         kind = "terrain" if key == "terrain" else getattr(block, "kind", "")
         name = getattr(block, "material", None)
         material_id = materials.index(name) + 1 if name in materials else 0
@@ -92,7 +92,7 @@ def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
     return rows
 
 
-def _block(scene: Scene, key: str) -> Any:
+def block_of(scene: Scene, key: str) -> Any:
     """The block that a key names; None for parts from elsewhere than the scene file."""
     group, *numbers = key.split(".")
     if group == "terrain":

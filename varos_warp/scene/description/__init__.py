@@ -14,6 +14,7 @@ from varos_warp.errors import did_you_mean
 from varos_warp.files import absolute
 from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
+from varos_warp.scene.description.classes import spelling_problem
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.growth import Growth, problem_of
 from varos_warp.scene.description.image_types import SNOW, TWIN, WATER
@@ -141,6 +142,13 @@ class Scene(Block):
                 near = did_you_mean(placed.material, self.materials)
                 raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})"
                                  + (f". {near}" if near else ""))
+        return self
+
+    @model_validator(mode="after")
+    def _classes_have_one_spelling(self):
+        grown = self.growth if self.render.segments == "fine" else []
+        if problem := spelling_problem([*self._placed_blocks(), *((f"growth.{i}", g) for i, g in enumerate(grown))]):
+            raise ValueError(problem)
         return self
 
     @model_validator(mode="after")

@@ -15,6 +15,9 @@ from varos_warp.scene.block import (
     unwritten_if_absent,
 )
 
+ClassName = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^\S(.*\S)?$")]
+"""Of objects in labels."""
+
 
 class Placed(Block):
     """Anything that stands in the world: position [m], rotation (about fixed x, then y, then z) and scale."""
@@ -30,6 +33,11 @@ class Placed(Block):
     else grey."""
     smooth_angle_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 30.0
     """Edges at most this sharp get smooth normals (paper, image type C) [degrees]."""
+    class_: ClassName | None = Field(default=None, alias="class", examples=["valve"])
+    """Its class in labels (docs/labels.md), one spelling of each. Absent: of an object the name of its mesh file, in
+    lower case, or its kind; of the sea floor terrain."""
+
+    _written = unwritten_if_absent("class_")
 
 
 class Stop(Block):
@@ -59,7 +67,7 @@ class Movable(Placed):
     """Where the object is at times; splines pass through these stops, as through the poses of a vehicle. After the
     last it brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
 
-    _written = unwritten_if_absent("path")
+    _written = unwritten_if_absent("path", "class_")
 
     @model_validator(mode="before")
     @classmethod
@@ -108,4 +116,4 @@ class Parametric(Movable):
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
-    _written = unwritten_if_absent("path", "max_edge_m")
+    _written = unwritten_if_absent("path", "class_", "max_edge_m")

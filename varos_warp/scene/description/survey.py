@@ -82,7 +82,8 @@ class Heights(Ground):
 
     _written = unwritten_if_absent(
         "positive", "unit", "height_unit", "height_scale", "height_range_m", "nodata", "region", "resolution_m",
-        "longest_edge_m", "columns", "classes", "pixel_m", "first_row", "origin", "around_objects")
+        "longest_edge_m", "columns", "classes", "pixel_m", "first_row", "origin", "class_",
+        "around_objects")
 
     @property
     def files(self) -> list[str]:

@@ -102,7 +102,7 @@ class Terrain(Ground):
     """Place in the axes of the file that becomes 0, 0, 0, before scale, rotation and position [m]. Absent: coordinates
     stay as they are."""
 
-    _written = unwritten_if_absent("origin", "around_objects")
+    _written = unwritten_if_absent("origin", "class_", "around_objects")
 
     _up = model_validator(mode="before")(_up_for_short)
 
@@ -126,7 +126,7 @@ class ProceduralTerrain(Ground):
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
-    _written = unwritten_if_absent("around_objects")
+    _written = unwritten_if_absent("class_", "around_objects")
 
 
 class MeshObject(Movable):
@@ -230,7 +230,7 @@ class Boulder(Parametric):
     """``rounded``: as weather and water leave a stone; ``joints``: a block between three sets of joints, with chipped
     corners, as broken rock lies at the foot of a slope. Absent: rounded."""
 
-    _written = unwritten_if_absent("path", "form")
+    _written = unwritten_if_absent("path", "class_", "form")
 
 
 class CalibrationBoard(Movable):
@@ -261,7 +261,7 @@ class CalibrationBoard(Movable):
     shading: Literal["flat", "smooth"] = "flat"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
-    _written = unwritten_if_absent("path", "square_m", "family", "tag_m", "spacing")
+    _written = unwritten_if_absent("path", "class_", "square_m", "family", "tag_m", "spacing")
 
     @model_validator(mode="after")
     def _has_what_its_pattern_needs(self):

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from varos_warp.errors import InputError, counted, did_you_mean, same_name
+from varos_warp.scene.block import FILE_KEYS
 from varos_warp.scene.description import LAMPS
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.file.schema import (
@@ -273,7 +274,7 @@ def _first_sentence(entry: Entry) -> str:
 def _instead(path: tuple, source: Source) -> str:
     """What to give instead of a key that is not known."""
     word, models = str(path[-1]), _models_at(path[:-1], source)
-    if kinds := [kind for model in models if {word, "kind"} <= {*model.model_fields} for kind in _kinds(model)]:
+    if kinds := [kind for model in models if {word, "kind"} <= {*_keys(model)} for kind in _kinds(model)]:
         return f"Blocks of kind {' or '.join(kinds)} have it: give the kind."
     known = _keys_of(models, source.value(path[:-1]))
     if word.lower() in INTRINSICS and "focal_mm" in known:
@@ -351,7 +352,12 @@ def _of_kind(models: list[type[BaseModel]], data: Any) -> list[type[BaseModel]]:
 
 def _keys_of(models: list[type[BaseModel]], data: Any) -> list[str]:
     """Keys that a block may have."""
-    return list(dict.fromkeys(name for model in _of_kind(models, data) for name in model.model_fields))
+    return list(dict.fromkeys(name for model in _of_kind(models, data) for name in _keys(model)))
+
+
+def _keys(model: type[BaseModel]) -> list[str]:
+    """Keys of a block."""
+    return [FILE_KEYS.get(name, name) for name in model.model_fields]
 
 
 def _kinds(model) -> tuple:

@@ -23,6 +23,7 @@ KIND_KEYS = ("kind", "model")
 FORMS = {r"^[0-9a-zA-Z]$": "a letter or digit", r"^[0-9a-zA-Z]{2}$": "two letters or digits",
          r"^(vehicle|imu|[0-9a-zA-Z]{2})$": "vehicle, imu or the id of a camera",
          r"^([xyz]{3}|[XYZ]{3})$": "three of x, y, z or of X, Y, Z",
+         r"^\S(.*\S)?$": "a text without blanks at its ends",
          r"^M\d+(\.\d+)?$": "M and a number, such as M24", r"^(terrain|objects\.\d+)$": "terrain or objects.NUMBER"}
 """What a text of each form is, in words."""
 

@@ -61,6 +61,8 @@ class Job:
     """MCAP: uncompressed images beside the compressed ones."""
     sensors: tuple[str, ...] = EXPORTED
     """Whose readings the format has."""
+    scene_dir: Path = Path(".")
+    """Folder of the dataset's scene file, to which its meshes are relative."""
 
     def link_images(self, camera: str, names: Iterable[str]) -> None:
         """The colour images under other names, frame by frame: hard links, or copies where there can be none."""
