@@ -26,7 +26,7 @@ PLAN_LOCK = ".plan.lock"
 _TEMP = re.compile(r"\.(\w+)-(\d+)-\d+\.tmp$")
 """Ends of the names of files that are not complete: host and process."""
 _counter = itertools.count()
-_FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
+FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is added, or made from what is there."""
 
 
@@ -215,7 +215,7 @@ def check_same(scene, meta: dict, file: Path) -> None:
     """
     here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
     there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
-    if different := [d for d in files.differences(there, here) if not d[0].startswith(_FREE)]:
+    if different := [d for d in files.differences(there, here) if not d[0].startswith(FREE)]:
         key, old, new = different[0]
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
         also = f" (also different: {', '.join(rest)})" if rest else ""
