@@ -28,8 +28,8 @@ Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N proc
 Over = Annotated[list[str], typer.Option(
     "--over", metavar="FILE|KEY=VALUE,...", help="What versions differ in: a file with `versions:` or `over:`, or a key "
     "with a value for each; repeatable, for all combinations.")]
-SweepOut = Annotated[Path, typer.Option("-o", "--out", help="Folder of the sweep, with one for each version; completes "
-                                                            "what is there.")]
+SweepOut = Annotated[Path, typer.Option(
+    "-o", "--out", help="Folder of the sweep, with one for each version; completes what is there.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only tell what would be made, and about what that takes.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]

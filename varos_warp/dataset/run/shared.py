@@ -18,6 +18,8 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.write.checksums import Record, read_checksums, sha256
 from varos_warp.device.devices import usable_cores
+from varos_warp.files import is_file
+from varos_warp.products.images.registry import colors
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.looks import LOOKS, without
 from varos_warp.scene.file.load import scene_to_dict
@@ -73,13 +75,14 @@ def borrow(donors: Mapping[str, Path], layout: Layout, scene: Scene, frames: lis
 
     def link(path: Path, root: Path) -> None:
         name = path.relative_to(layout.root).as_posix()
-        source = root / name
-        if not record.has(path) and records[root].has(source) and sha256(source) in records[root].known[name]:
+        source, is_there = root / name, path.is_file() if path.suffix == ".csv" else record.has(path)
+        if not is_there and is_file(source) and sha256(source) in records[root].known[name]:
             with files.atomic(path) as temp:
                 files.link(source, temp)
 
+    gains = {letter: [layout.exposures(camera, letter) for camera in layout.cameras] for letter in colors([*donors])}
     wanted = [(path, root) for letter, root in donors.items() if letter in scene.render.outputs
-              for path in images_of(layout, scene, letter, frames)]
+              for path in [*gains.get(letter, ()), *images_of(layout, scene, letter, frames)]]
     with ThreadPoolExecutor(usable_cores(), "link") as pool:
         list(pool.map(link, *zip(*wanted, strict=True)) if wanted else ())
 
