@@ -165,3 +165,15 @@ def test_several_vehicles_have_a_dataset_each_in_every_version(swept, tmp_path):
             for each in version["datasets"]}
     assert told == {f"{name}/veh{each}": "" if name == "0-II" else "CDS" for each in "12"
                     for name in ("0-II", "0-3C", "1-II", "1-3C")}
+
+
+def test_workers_make_the_bytes_of_one_process(swept, tmp_path):
+    _, folder, _ = swept
+    options = ["render.outputs=[D,T]", "vehicle.cameras.0.shutter=null", "growth=[]"]
+    made = {}
+    for name, workers in {"alone": None, "workers": 2}.items():
+        job = prepare(folder / "scene.yaml", ["water.jerlov.type=II,3C"], tmp_path / name, options, device="cpu",
+                      frames=slice(0, 4))
+        job.run(quiet=True, workers=workers)
+        made[name] = tree(tmp_path / name)
+    assert made["alone"] == made["workers"]

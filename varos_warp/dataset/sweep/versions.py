@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import yaml
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from varos_warp.dataset.sweep.draws import Distribution
 from varos_warp.errors import InputError
@@ -43,12 +43,16 @@ class Version(NamedTuple):
         return {change.key: change.value for change in self.changes}
 
 
+Values = Annotated[Annotated[list[Any], Tag("list")] | Annotated[Distribution, Tag("drawn")],
+                   Discriminator(lambda values: "drawn" if isinstance(values, dict) else "list")]
+
+
 class SweepFile(Block):
     """What a file of a sweep may say: named versions, or values of keys, or distributions with a seed and a count."""
 
     versions: dict[str, dict[str, Any] | None] | None = None
     """By name what each changes: keys with dots, or blocks in which they stand, with values."""
-    over: dict[str, list[Any] | Distribution] | None = None
+    over: dict[str, Values] | None = None
     """By key a list of values, of all of which there is every combination; or what its values are drawn from."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
     """All draws follow from it."""
@@ -92,7 +96,7 @@ def _of_file(path: Path) -> list[Version]:
     for block in ("versions", "over"):
         for key in source.data.get(block) or () if isinstance(source.data.get(block), dict) else ():
             if not isinstance(key, str):
-                raise InputError("is read as a number, not as a name", **source.where((block, key)),
+                raise InputError("is read as a number, not as a name", **source.where((block, str(key))),
                                  remedy=f"Quote it: '{key}'.")
     given = validated(source)
     if given.versions is not None:
@@ -177,7 +181,7 @@ def _check_names(versions: list[Version], file: Path | None) -> None:
                              remedy="Use letters, digits, -, _ and dots, the first a letter or digit; a file with "
                                     "`versions:` names them.")
         if name.lower() in seen:
-            raise InputError(f"is the name of two versions{', but for upper and lower case' * (name not in seen)}",
+            raise InputError(f"is the name of two versions{', but for upper and lower case' * (seen[name.lower()] != name)}",
                              file=file, key="versions", value=name,
                              remedy="Give each a name of its own, in a file with `versions:`.")
         seen[name.lower()] = name
