@@ -125,7 +125,7 @@ def test_what_a_product_says_wrongly_of_itself_is_noticed_and_made_anew(swept, t
     job = prepare(folder / "scene.yaml", ["water.jerlov.type=II,3C"], tmp_path / "out",
                   ["render.outputs=[D,T]"], device="cpu", frames=slice(0, 3))
     job.run()
-    first, second = job.units
+    _, second = job.units
     assert "T of 3C are not those of other versions" in capsys.readouterr().err
     produce(second.scene, tmp_path / "alone", device="cpu", frames=slice(0, 3), quiet=True)
     assert tree(second.root) == tree(tmp_path / "alone")
@@ -146,8 +146,7 @@ def test_a_is_that_of_a_run_alone_though_geometry_course_and_renderer_are_those_
         assert tree(unit.root) == tree(alone)
 
 
-def test_several_vehicles_have_a_dataset_each_in_every_version(swept, tmp_path):
-    _, folder, _ = swept
+def test_several_vehicles_have_a_dataset_each_in_every_version(tmp_path):
     own = {key: BASE[key] for key in ("vehicle", "trajectory")}
     fleet = {key: value for key, value in BASE.items() if key not in own}
     fleet["vehicles"] = [{"id": each, **own["vehicle"], "trajectory": own["trajectory"],

@@ -2,12 +2,16 @@
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 
 from varos_warp.dataset.sweep.draws import Distribution
 from varos_warp.dataset.sweep.versions import MOST, read_versions
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import load_scene
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -102,14 +106,17 @@ def test_whole_numbers_and_choices_are_all_drawn():
     ("versions:\n  IB: {seed: 1}\n  IB: {seed: 2}\n", ":3: versions.IB: is given twice"),
     ("versions:\n  IB: {seed: 1}\n  ib: {seed: 2}\n", "upper and lower case"),
     ("versions:\n  a/b: {seed: 1}\n", "no name of a folder"), ("versions:\n  ..: {seed: 1}\n", "no name of a folder"),
-    ("versions:\n  .hidden: {seed: 1}\n", "no name of a folder"), ("versions:\n  NUL: {seed: 1}\n", "no name of a fold"),
+    ("versions:\n  .hidden: {seed: 1}\n", "no name of a folder"),
+    ("versions:\n  NUL: {seed: 1}\n", "no name of a folder"),
     ("versions:\n  sweep.json: {seed: 1}\n", "no name of a folder"),
-    ("versions:\n  a.: {seed: 1}\n", "no name of a folder"), (f"versions:\n  {81 * 'a'}: {{}}\n", "no name of a folder"),
+    ("versions:\n  a.: {seed: 1}\n", "no name of a folder"),
+    (f"versions:\n  {81 * 'a'}: {{}}\n", "no name of a folder"),
     ("versions:\n  12: {seed: 1}\n", ":2: versions.12: is read as a number"),
     ("versions:\n  a: [1]\n", "versions.a"), ("versions: [a]\n", "versions"),
     ("versions:\n  a: {seed: 1, 'seed': 2}\n", "is given twice"),
     ("versions:\n  a: {water: {jerlov: {type: I}}, water.jerlov.type: II}\n", "versions.a.water.jerlov.type: is given"),
-    ("versions:\n  a: {seed: 1}\nover: {seed: [1]}\n", "either versions or over"), ("seed: 1\n", "either versions or over"),
+    ("versions:\n  a: {seed: 1}\nover: {seed: [1]}\n", "either versions or over"),
+    ("seed: 1\n", "either versions or over"),
     ("waters:\n  a: {seed: 1}\n", "waters: unknown key"),
     ("over: {seed: []}\n", "over.seed: is empty"), ("over: {seed: [1, 2, 1]}\n", "seed = 1: is given twice"),
     ("over: {seed: 1}\n", "over.seed"), ("over: {render.spp: {gaussian: [1, 2]}}\n", "over.render.spp"),
@@ -140,3 +147,10 @@ def test_a_file_that_does_not_say_what_a_sweep_is_is_refused(of, text, words):
 def test_options_that_do_not_say_what_a_sweep_is_are_refused(over, words):
     with pytest.raises(InputError, match=re.escape(words)):
         read_versions(over)
+
+
+@pytest.mark.parametrize("name", ["waters", "drawn"])
+def test_examples_are_versions_of_the_starter(name):
+    versions = read_versions([str(ROOT / f"examples/sweeps/{name}.yaml")])
+    scenes = [load_scene(ROOT / "varos_warp/data/starter.yaml", version.changes) for version in versions]
+    assert len({scene.model_dump_json() for scene in scenes}) == len(versions) == {"waters": 5, "drawn": 50}[name]

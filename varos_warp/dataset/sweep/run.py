@@ -107,7 +107,7 @@ class Sweep:
         return [*[other for other in others if unit.looks_only(other)][:1], *others[:1]]
 
 
-def prepare(path: Path, over: Sequence[str], out: Path, overrides: Iterable[str | tuple[str, str]] = (), *,
+def prepare(path: str | Path, over: Sequence[str], out: str | Path, overrides: Iterable[str | tuple[str, str]] = (), *,
             device: str = "auto", frames: slice = slice(None), only: str | None = None) -> Sweep:
     """What a sweep is to make, after everything is checked that can be before hours are spent. Changes nothing.
 
@@ -123,7 +123,7 @@ def prepare(path: Path, over: Sequence[str], out: Path, overrides: Iterable[str 
     Raises:
         InputError: If a version cannot be made, or the folder cannot be used.
     """
-    overrides = list(overrides)
+    out, overrides = Path(out), list(overrides)
     load_scene(path, overrides)  # what is wrong without any version is not told of one
     units = []
     for version in read_versions(over):

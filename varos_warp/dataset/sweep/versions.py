@@ -181,8 +181,8 @@ def _check_names(versions: list[Version], file: Path | None) -> None:
                              remedy="Use letters, digits, -, _ and dots, the first a letter or digit; a file with "
                                     "`versions:` names them.")
         if name.lower() in seen:
-            raise InputError(f"is the name of two versions{', but for upper and lower case' * (seen[name.lower()] != name)}",
-                             file=file, key="versions", value=name,
+            but_for_case = ", but for upper and lower case" * (seen[name.lower()] != name)
+            raise InputError(f"is the name of two versions{but_for_case}", file=file, key="versions", value=name,
                              remedy="Give each a name of its own, in a file with `versions:`.")
         seen[name.lower()] = name
         if twice := [change.key for i, change in enumerate(changes) if change.key in [c.key for c in changes[:i]]]:
