@@ -59,6 +59,11 @@ def stand_ins():
     """None here."""
 
 
+LIT = ["render.outputs=[A,B,C,D,S,F]", "render.integrator=path", "render.layers=[direct, single]",
+       "vehicle.lights.0.strobe=null", "vehicle.cameras.0.shutter=null", "particles=[]"]
+"""Of images whose kernels are soon compiled."""
+
+
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory, request):
     """A sweep of all of these versions, and what it says of them."""
@@ -133,17 +138,17 @@ def test_what_a_product_says_wrongly_of_itself_is_noticed_and_made_anew(swept, t
     assert told == {"II": {}, "3C": {"D": "II"}}
 
 
-def test_a_is_that_of_a_run_alone_though_geometry_course_and_renderer_are_those_of_another_water(swept, tmp_path):
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def test_a_is_that_of_a_run_alone_though_all_else_is_that_of_another_water(swept, tmp_path, device):
     _, folder, _ = swept
-    job = prepare(folder / "scene.yaml", ["water={jerlov: {type: 3C}},none"], tmp_path / "out",
-                  ["render.outputs=[A,D]", "render.integrator=path", "render.layers=[direct, single]",
-                   "vehicle.lights.0.strobe=null", "vehicle.cameras.0.shutter=null", "particles=[]"],
-                  device="cpu", frames=slice(0, 2))
+    job = prepare(folder / "scene.yaml", ["water={jerlov: {type: 3C}},none"], tmp_path / "out", LIT, device=device,
+                  frames=slice(0, 3))
     job.run(quiet=True)
     for unit in job.units:
         alone = tmp_path / f"alone_{unit.version.name}"
-        produce(unit.scene, alone, device="cpu", frames=slice(0, 2), quiet=True)
+        produce(unit.scene, alone, device=device, frames=slice(0, 3), quiet=True)
         assert tree(unit.root) == tree(alone)
+    assert job.manifest.content()["versions"][1]["datasets"][0]["shared"] == dict.fromkeys("BCDSF", "0")
 
 
 def test_several_vehicles_have_a_dataset_each_in_every_version(tmp_path):

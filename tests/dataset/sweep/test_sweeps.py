@@ -284,6 +284,10 @@ def test_a_version_that_the_scene_refuses_is_refused_before_anything_is_made(sce
     refused(scene_file, tmp_path / "out", over, words=words)
 
 
+def test_frames_that_are_not_there_leave_nothing(scene_file, tmp_path):
+    refused(scene_file, tmp_path / "out", WATERS, words="names no frame", frames=slice(1000, None))
+
+
 def test_messages_name_the_file_and_the_line(scene_file, tmp_path):
     waters = tmp_path / "waters.yaml"
     waters.write_text("versions:\n  IB: {water.jerlov.type: IB}\n  odd:\n    water.jerlov.type: 2X\n")
@@ -320,6 +324,9 @@ def test_a_folder_with_another_sweep_is_refused(whole, scene_file, tmp_path):
     waters = tmp_path / "waters.yaml"
     waters.write_text("versions: {IB: {water.jerlov.type: II}, II: {}, 1C: {}}")
     refused(scene_file, out, str(waters), words="versions.IB.water.jerlov.type: is 'IB' in the sweep in this folder")
+    for entry in ('{"name": "IB"}', "1", '{"name": "IB", "overrides": {"water.jerlov.type": "IB"}, "scene": 1}'):
+        (out / "sweep.json").write_text(f'{{"format": "varos_warp sweep", "versions": [{entry}]}}')
+        refused(scene_file, out, WATERS, words="sweep.json")
     (out / "sweep.json").write_text("{}")
     refused(scene_file, out, WATERS, words="sweep.json")
     (out / "sweep.json").write_text("{")

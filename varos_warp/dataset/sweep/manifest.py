@@ -66,9 +66,10 @@ class Manifest:
         for unit in self.units:
             open_folder(unit.scene, unit.layout)
         if self.path.exists():
-            there = files.read_json(self.path, "Give another folder with -o.")
-            self._check_versions(there)
-            self._take(there)
+            with files.reading(self.path, REMEDY):
+                there = files.read_json(self.path, REMEDY)
+                self._check_versions(there)
+                self._take(there)
 
     def _check_versions(self, there: dict) -> None:
         if there.get("format") != FORMAT or not isinstance(there.get("versions"), list):
@@ -95,12 +96,19 @@ class Manifest:
             lock = FileLock(self.out / LOCK)
             with lock:
                 if self.path.exists():
-                    self._take(files.read_json(self.path))
+                    self._take(files.read_json(self.path, REMEDY))
                 if made is not None:
                     self._complete[self.folder_of(made)] = self._described(made)
                 files.write_json(self.path, self.content())
             with contextlib.suppress(OSError):
                 Path(lock.lock_file).unlink()
+
+    def withdraw(self) -> None:
+        """Remove the file where it is all that there is, and then the folder."""
+        if not any(unit.root.exists() for unit in self.units):
+            with contextlib.suppress(OSError):
+                self.path.unlink()
+                self.out.rmdir()
 
     def _take(self, there: dict) -> None:
         """Believe what the file says of datasets that are complete, if they are what is asked for, and as they were."""

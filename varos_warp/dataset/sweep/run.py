@@ -16,7 +16,7 @@ from varos_warp.dataset.sweep.manifest import Manifest
 from varos_warp.dataset.sweep.units import Unit
 from varos_warp.dataset.sweep.versions import read_versions
 from varos_warp.device.devices import resolve_device
-from varos_warp.errors import RunFailed
+from varos_warp.errors import InputError, RunFailed
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.named_files import require_files
@@ -64,6 +64,7 @@ class Sweep:
             RunFailed: If images could not be made; all others are.
         """
         manifest, console, failures, done = self.manifest, Console(quiet), [], {}
+        is_new = not manifest.path.exists()
         if not all(map(manifest.is_complete, self.units)):
             manifest.write()
         for i, unit in enumerate(self.units):
@@ -76,6 +77,10 @@ class Sweep:
                 done[name] = self._make(unit, console, shard=shard, workers=workers, quiet=quiet)
             except RunFailed as error:
                 failures.append(f"{name}: {error}")
+            except InputError:
+                if is_new:
+                    manifest.withdraw()  # what fails before the first file leaves nothing
+                raise
             else:
                 manifest.write(unit if done[name].complete else None)
         if failures:
