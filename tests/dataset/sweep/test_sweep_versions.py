@@ -56,6 +56,14 @@ def test_blocks_and_lists_are_values_too_and_are_named_by_their_number():
         "2": {"water.coefficients.sigma_s": [0, 0, 0], "water.coefficients.sigma_a": [1, 2, 3]}}
 
 
+def test_values_may_be_longer_than_a_name_of_a_file():
+    value = f"name={'a' * 30},{'b' * 300}"
+    with pytest.raises(InputError, match="no name of a folder"):
+        read_versions([value])
+    lights = ", ".join(f"[{{kind: point, position: [{i}, 0, 0]}}]" for i in range(50))
+    assert len(read_versions([f"vehicle.lights={lights}"])) == 50
+
+
 def test_lists_in_a_file_are_as_options(of):
     found = of("over:\n  water.jerlov.type: [IB, II]\n  seed: [1, 2]\n")
     assert overrides(found) == overrides(read_versions(["water.jerlov.type=IB,II", "seed=1,2"]))

@@ -212,6 +212,15 @@ def test_versions_may_be_added_and_take_what_is_there(whole, scene_file, tmp_pat
     assert (done["3C"].kept, done["3C"].rendered) == (2 * 3 * 5, 2 * (6 + 3))
 
 
+def test_versions_of_which_nothing_was_made_may_change_and_go(whole, scene_file, tmp_path):
+    out = shutil.copytree(whole / "out", tmp_path / "out")
+    for name in ("II", "1C"):
+        shutil.rmtree(out / name)
+    _, done = sweep(scene_file, out, "water.jerlov.type=IB,III")
+    assert [*told(out)] == ["IB", "III"]
+    assert [name for name, summary in done.items() if summary] == ["III"]
+
+
 def test_a_version_that_is_gone_takes_what_others_have(whole, scene_file, tmp_path):
     out = shutil.copytree(whole / "out", tmp_path / "out")
     shutil.rmtree(out / "IB")
@@ -317,9 +326,9 @@ def test_a_folder_with_another_sweep_is_refused(whole, scene_file, tmp_path):
     out = shutil.copytree(whole / "out", tmp_path / "out")
     refused(scene_file, out, "water.jerlov.type=IB,II", words="versions.1C: is a version of the sweep in this folder")
     refused(scene_file, out, WATERS, "seed=8", words="IB/dataset.json: seed")
-    shutil.rmtree(out / "IB")
-    shutil.rmtree(out / "II")
-    shutil.rmtree(out / "1C")
+    for name in ("IB", "II", "1C"):
+        shutil.rmtree(out / name)
+        (out / name).mkdir()
     refused(scene_file, out, WATERS, "seed=8", words="versions.IB: the scene, a file that it names, an option")
     waters = tmp_path / "waters.yaml"
     waters.write_text("versions: {IB: {water.jerlov.type: II}, II: {}, 1C: {}}")

@@ -5,15 +5,13 @@ import functools
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
-
 import varos_warp
 from varos_warp.dataset import files
 from varos_warp.dataset.run.shared import fingerprint
 from varos_warp.dataset.sweep.units import Unit
 from varos_warp.dataset.write.checksums import NAME as CHECKSUMS
 from varos_warp.dataset.write.checksums import sha256
-from varos_warp.dataset.write.folder import FREE, open_folder
+from varos_warp.dataset.write.folder import FREE, drop, hold, open_folder
 from varos_warp.dataset.write.texts import sources
 from varos_warp.errors import InputError
 
@@ -74,8 +72,11 @@ class Manifest:
     def _check_versions(self, there: dict) -> None:
         if there.get("format") != FORMAT or not isinstance(there.get("versions"), list):
             raise InputError("is not the list of a sweep", file=self.path, remedy=REMEDY)
+        """Refuse versions of which something was made, and which are not asked for, or are other ones now."""
         asked = {unit.version.name: unit.version.overrides for unit in self.units}
         for old in there["versions"]:
+            if not any((self.out / entry["folder"]).exists() for entry in old["datasets"]):
+                continue  # nothing of it was made
             key = f"versions.{old['name']}"
             if old["name"] not in asked:
                 raise InputError("is a version of the sweep in this folder, and not of the one asked for",
@@ -93,15 +94,15 @@ class Manifest:
         """Write what is so by now, such as that a dataset was made; any number of processes may do so."""
         with files.writing(self.path):
             self.out.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.out / LOCK)
-            with lock:
+            lock = hold(self.out / LOCK)
+            try:
                 if self.path.exists():
                     self._take(files.read_json(self.path, REMEDY))
                 if made is not None:
                     self._complete[self.folder_of(made)] = self._described(made)
                 files.write_json(self.path, self.content())
-            with contextlib.suppress(OSError):
-                Path(lock.lock_file).unlink()
+            finally:
+                drop(lock, self.out / LOCK)
 
     def withdraw(self) -> None:
         """Remove the file where it is all that there is, and then the folder."""
@@ -141,7 +142,7 @@ class Manifest:
             same = (other for other in before if unit.has_same(letter, other) and unit.shares(letter, other))
             if (first := next(same, None)) is not None:
                 shared[letter] = self.folder_of(first)
-        course = next(other for other in (*before, unit) if unit.looks_only(other))
+        course = next(other for other in (*before, unit) if unit.course == other.course)
         return {"folder": self.folder_of(unit), "state": COMPLETE, "course": self.folder_of(course),
                 "shared": shared, "checksums": sha256(unit.root / CHECKSUMS)}
 

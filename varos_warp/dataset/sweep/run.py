@@ -30,16 +30,15 @@ class Sweep:
 
     manifest: Manifest
     device: str = "auto"
-    only: str | None = None
     kept: dict[str, Shared] = field(default_factory=dict)
     """What stays in memory from run to run, by vehicle."""
 
-    @property
-    def units(self) -> list[Unit]:
-        """Its datasets, those with the same geometry and course one after another."""
-        units = self.manifest.units
-        first = {unit: next(i for i, other in enumerate(units) if unit.looks_only(other)) for unit in units}
-        return sorted(units, key=first.__getitem__)
+    def __post_init__(self):
+        first: dict[str, int] = {}
+        for i, unit in enumerate(self.manifest.units):
+            first.setdefault(unit.course, i)
+        self.units = sorted(self.manifest.units, key=lambda unit: first[unit.course])
+        """Its datasets in the order of the work: those with the same geometry and course one after another."""
 
     def donors(self, unit: Unit) -> dict[str, Unit]:
         """By letter the dataset whose images a dataset is to have: one that is done, else the first that is made."""
@@ -109,7 +108,7 @@ class Sweep:
     def _related(self, unit: Unit) -> Iterable[Unit]:
         """Other whole datasets that may have the same files: the first of this course, and of all."""
         others = [other for other in self.units if other is not unit and self.manifest.is_complete(other)]
-        return [*[other for other in others if unit.looks_only(other)][:1], *others[:1]]
+        return [*[other for other in others if unit.course == other.course][:1], *others[:1]]
 
 
 def prepare(path: str | Path, over: Sequence[str], out: str | Path, overrides: Iterable[str | tuple[str, str]] = (), *,
@@ -139,7 +138,7 @@ def prepare(path: str | Path, over: Sequence[str], out: str | Path, overrides: I
     manifest.check()
     for unit in units:
         check(unit.scene, resolve_device(device))
-    return Sweep(manifest, device, only)
+    return Sweep(manifest, device)
 
 
 def check(scene: Scene, device: str) -> None:

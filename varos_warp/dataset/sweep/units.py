@@ -29,9 +29,10 @@ class Unit:
         beside = OUTPUTS[letter].beside
         return letter in other.scene.render.outputs and self._of[beside] == other._of[beside]
 
-    def looks_only(self, other: "Unit") -> bool:
-        """Whether the other's scene differs in its looks at most: geometry and course are the same."""
-        return self._of[LOOKS] == other._of[LOOKS]
+    @property
+    def course(self) -> str:
+        """The same of scenes that differ in their looks only, and so have the same geometry and course."""
+        return self._of[LOOKS]
 
     @property
     def listed(self) -> dict[str, str]:

@@ -13,6 +13,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from varos_warp.dataset.sweep.draws import Distribution
 from varos_warp.errors import InputError
+from varos_warp.files import is_file
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.block import Block
 from varos_warp.scene.file.load import Change, validated
@@ -82,7 +83,7 @@ def read_versions(over: Sequence[str]) -> list[Version]:
     Raises:
         InputError: If there are none, or one twice, or too many, or what asks for them is not of their form.
     """
-    files = [text for text in over if "=" not in text or Path(text).is_file()]
+    files = [text for text in over if "=" not in text or is_file(Path(text))]
     if not over or (files and len(over) > 1):
         problem = "is missing" if not over else "is a file, beside which nothing else can be given"
         raise InputError(problem, key="--over", value=next(iter(files), None), remedy=EXAMPLE)

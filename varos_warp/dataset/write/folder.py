@@ -52,20 +52,20 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
     own = root / f".run.{files.HOST}.{os.getpid()}-{next(_counter)}.{shard[0]}of{shard[1]}.lock"
     with files.writing(root):
         root.mkdir(parents=True, exist_ok=True)
-        lock = _hold(own)
+        lock = hold(own)
     try:
         for other, name in _runs(root):
             if other != own and _in_use(other):
                 _refuse_conflict(root, other, name, shard)
         yield
     finally:
-        _drop(lock, own)
+        drop(lock, own)
         with contextlib.suppress(OSError):
             if not any(root.glob(".run.*.lock")):
                 (root / PLAN_LOCK).unlink(missing_ok=True)
 
 
-def _hold(path: Path) -> FileLock:
+def hold(path: Path) -> FileLock:
     """A lock on a file that has its name still: another run may have taken it for a dead one's, and removed it."""
     while True:
         lock = FileLock(path)
@@ -75,7 +75,7 @@ def _hold(path: Path) -> FileLock:
         lock.release()
 
 
-def _drop(lock: FileLock, path: Path) -> None:
+def drop(lock: FileLock, path: Path) -> None:
     """Remove the file of a lock that is held, so that nobody waits for it, and let it go."""
     with contextlib.suppress(OSError):
         path.unlink()
@@ -129,7 +129,7 @@ def sweep(root: Path) -> None:
         for temp in list(root.rglob(".*.tmp")):
             if (owner := _TEMP.search(temp.name)) and owner.groups() == name.group(1, 2):
                 temp.unlink(missing_ok=True)
-        _drop(lock, path)
+        drop(lock, path)
 
 
 def _words(name: re.Match) -> str:
