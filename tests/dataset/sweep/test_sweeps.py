@@ -159,7 +159,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_what_was_complete(whole, scene_
     with pytest.raises(KeyboardInterrupt):
         sweep(scene_file, out)
     assert {name: entry["datasets"][0]["state"] for name, entry in told(out).items()} == {
-        "IB": "complete", "II": "missing", "1C": "missing"}
+        "IB": "complete", "II": "begun", "1C": "missing"}
     monkeypatch.setattr(FlatFloorRenderer, "render", render)
     before = stamps(out / "IB")
     _, done = sweep(scene_file, out)

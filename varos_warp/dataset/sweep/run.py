@@ -3,7 +3,8 @@
 Each dataset has the bytes that `run` makes of its version alone, and can be moved, completed and deleted alone.
 """
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,29 +63,38 @@ class Sweep:
             InputError: As `produce`.
             RunFailed: If images could not be made; all others are.
         """
-        manifest, console, failures, done = self.manifest, Console(quiet), [], {}
-        is_new = not manifest.path.exists()
-        if not all(map(manifest.is_complete, self.units)):
-            manifest.write()
-        for i, unit in enumerate(self.units):
-            name = manifest.folder_of(unit)
-            done[name] = None
-            if manifest.is_complete(unit):
-                continue
-            console.tell(f"{name}, {i + 1} of {len(self.units)} ...")
-            try:
-                done[name] = self._make(unit, console, shard=shard, workers=workers, quiet=quiet)
-            except RunFailed as error:
-                failures.append(f"{name}: {error}")
-            except InputError:
-                if is_new:
-                    manifest.withdraw()  # what fails before the first file leaves nothing
-                raise
-            else:
-                manifest.write(unit if done[name].complete else None)
+        manifest, console, failures = self.manifest, Console(quiet), []
+        done: dict[str, Summary | None] = dict.fromkeys(map(manifest.folder_of, self.units))
+        left = [unit for unit in self.units if not manifest.is_complete(unit)]
+        with self._listed(bool(left)):
+            for i, unit in enumerate(left):
+                name = manifest.folder_of(unit)
+                console.tell(f"{name}, {i + 1} of {len(left)} ...")
+                try:
+                    summary = done[name] = self._make(unit, console, shard=shard, workers=workers, quiet=quiet)
+                except RunFailed as error:
+                    failures.append(f"{name}: {error}")
+                else:
+                    manifest.write(unit if summary.complete else None)
         if failures:
             raise RunFailed("; ".join(failures))
         return done
+
+    @contextlib.contextmanager
+    def _listed(self, anything: bool) -> Iterator[None]:
+        """The list is there while anything is made, and tells where that stopped; none of what made no file at all."""
+        is_new = not self.manifest.path.exists()
+        if anything:
+            self.manifest.write()
+        try:
+            yield
+        except InputError:
+            if is_new:
+                self.manifest.withdraw()
+            raise
+        except KeyboardInterrupt:
+            self.manifest.write()
+            raise
 
     def _make(self, unit: Unit, console: Console, **how: Any) -> Summary:
         """Make one dataset; images that prove to be others than those that were linked are made anew."""
