@@ -301,6 +301,8 @@ def test_messages_name_the_file_and_the_line(scene_file, tmp_path):
     waters = tmp_path / "waters.yaml"
     waters.write_text("versions:\n  IB: {water.jerlov.type: IB}\n  odd:\n    water.jerlov.type: 2X\n")
     refused(scene_file, tmp_path / "out", str(waters), words=f"{waters}:4: water.jerlov.type = '2X'")
+    waters.write_text("seed: 1\ncount: 3\nover:\n  render.spp: {choice: [-7]}\n")
+    refused(scene_file, tmp_path / "out", str(waters), words=f"{waters}:4, version 0000: render.spp = -7")
 
 
 def test_a_file_of_a_version_that_is_missing_is_told_of_before_anything_is_made(scene_file, tmp_path):

@@ -94,22 +94,29 @@ def read_versions(over: Sequence[str]) -> list[Version]:
 
 def _of_file(path: Path) -> list[Version]:
     source = parse_file(path, "file of a sweep", EXAMPLE, SweepFile)
-    for block in ("versions", "over"):
-        for key in source.data.get(block) or () if isinstance(source.data.get(block), dict) else ():
-            if not isinstance(key, str):
-                raise InputError("is read as a number, not as a name", **source.where((block, str(key))),
-                                 remedy=f"Quote it: '{key}'.")
+    _check_words(source)
     given = validated(source)
+
+    def changes(above: tuple, block: dict[str, Any], of: str = "") -> list[Change]:
+        return [Change(key, value, _place(source, above, key) + of) for key, value in _leaves(block)]
+
     if given.versions is not None:
-        return [Version(name, [Change(key, value, _place(source, ("versions", name), key)) for key, value in
-                               _leaves(block or {})]) for name, block in given.versions.items()]
-    keys = list(given.over)
+        return [Version(name, changes(("versions", name), block or {})) for name, block in given.versions.items()]
     if given.seed is None:
-        return _combined({key: given.over[key] for key in keys},
-                         {key: _place(source, ("over",), key) for key in keys}, path)
-    return [Version(f"{i:04d}", [Change(inner, value, _place(source, ("over",), key)) for key in keys
-                                 for inner, value in _leaves({key: given.over[key].draw(given.seed, key, i)})])
-            for i in range(given.count)]
+        return _combined(given.over, {key: _place(source, ("over",), key) for key in given.over}, path)
+    return [Version(f"{i:04d}", changes(("over",), {
+        key: values.draw(given.seed, key, i) for key, values in given.over.items()}, f", version {i:04d}"))
+        for i in range(given.count)]
+
+
+def _check_words(source: Source) -> None:
+    """Refuse names and keys that YAML takes for numbers: what was written is not known any more."""
+    for name in ("versions", "over"):
+        block = source.data.get(name)
+        for key in block if isinstance(block, dict) else ():
+            if not isinstance(key, str):
+                raise InputError("is read as a number, not as a name", **source.where((name, str(key))),
+                                 remedy=f"Quote it: '{key}'.")
 
 
 def _place(source: Source, above: tuple, key: str) -> str:
