@@ -111,6 +111,9 @@ class FlatFloorRenderer:
     def compiling(self, outputs, integrator=None):
         return nullcontext()
 
+    def relit(self, scene):
+        return type(self)(scene)
+
     def render(self, T_w_v, camera, outputs, *, spp, frame, following=None, **_):
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt

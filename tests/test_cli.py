@@ -53,7 +53,7 @@ def refused(*arguments) -> str:
 
 def test_every_verb_of_the_contract_is_there():
     text = call("--help").output
-    for name in "demo run simulate render plan preprocess validate report info schema init".split():
+    for name in "demo run sweep simulate render plan preprocess validate report info schema init".split():
         assert name in text
         assert call(name, "--help").exit_code == 0
 

@@ -18,7 +18,7 @@ from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
-SHIPPED = [*sorted((ROOT / "examples").rglob("*.yaml")),
+SHIPPED = [*sorted(path for path in (ROOT / "examples").rglob("*.yaml") if path.parent.name != "sweeps"),
            *(ROOT / "varos_warp" / "data" / f"{name}.yaml" for name in ("demo", "starter")),
            *sorted((ROOT / "varos_warp" / "data" / "templates").glob("*.yaml"))]
 SMALL = {

@@ -6,19 +6,22 @@ from pathlib import Path
 from varos_warp.cli.app import resumable, verb
 from varos_warp.cli.options import (
     Choices,
+    DryRun,
     Json,
     Out,
+    Over,
     Quiet,
     SceneFile,
     Seed,
     Set,
     Shard,
+    SweepOut,
     Vehicle,
     Workers,
     parse_frames,
     parse_shard,
 )
-from varos_warp.cli.tables import print_json, print_plan
+from varos_warp.cli.tables import print_json, print_plan, print_sweep
 from varos_warp.errors import counted
 
 
@@ -75,6 +78,30 @@ def simulate(scene: SceneFile, out: Out, seed: Seed = None, vehicle: Vehicle = N
              json_: Json = False, quiet: Quiet = False):
     """Write the course and the readings of the sensors only, in seconds; no images."""
     make(scene, out, Choices(seed=seed, vehicle=vehicle, set_=set_), json_, quiet, images=False)
+
+
+@resumable
+def sweep(scene: SceneFile, out: SweepOut, over: Over, choices: Choices, shard: Shard = None, workers: Workers = None,
+          dry_run: DryRun = False, json_: Json = False, quiet: Quiet = False):
+    """Make a dataset of each of many versions of a scene, such as waters; what they have in common is made once."""
+    from varos_warp.dataset.sweep.costs import costs
+    from varos_warp.dataset.sweep.run import prepare
+
+    job = prepare(scene, over, out, choices.overrides(), device=choices.device, frames=parse_frames(choices.frames),
+                  only=choices.vehicle)
+    if dry_run:
+        told = costs(job, quiet)
+        print_json({"out": str(out), "datasets": told}) if json_ else print_sweep(told)
+        return
+    made = job.run(shard=parse_shard(shard), workers=workers, quiet=quiet)
+    if json_:
+        print_json({"out": str(out), "datasets": {name: summary and asdict(summary) for name, summary in made.items()}})
+        return
+    for name, summary in made.items():
+        if summary is None:
+            print(f"{out / name}: complete, left as it is")
+        else:
+            _print_summary(summary, with_images=True)
 
 
 @resumable

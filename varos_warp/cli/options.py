@@ -25,6 +25,12 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE"
                                                help="Change a key of the scene for this call; repeatable.")]
 Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame, from frame I on; I from 0.")]
 Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N processes of this host, one for each GPU.")]
+Over = Annotated[list[str], typer.Option(
+    "--over", metavar="FILE|KEY=VALUE,...",
+    help="What versions differ in: a file, or a key with a value for each; repeatable, for all combinations.")]
+SweepOut = Annotated[Path, typer.Option(
+    "-o", "--out", help="Folder of the sweep, with one for each version; completes what is there.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Only tell what would be made, and about what that takes.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
 

@@ -322,6 +322,19 @@ def print_preprocessed(out: Path, facts: dict) -> None:
     print(f"{out} is written, and its report {out.with_suffix('.json')}")
 
 
+def print_sweep(datasets: list[dict]) -> None:
+    """What a sweep would make of each dataset, and what it has from others."""
+    def rendered(each: dict) -> str:
+        letters = f": {', '.join(each['renders'])}" if each["renders"] else ""
+        return f"{counted(each['images'], 'image')}{letters}"
+
+    print_table(["dataset", "changes", "state", "renders", "has from", "roughly"], [
+        [each["folder"], ", ".join(f"{key}: {value}" for key, value in each["overrides"].items()) or "nothing",
+         each["state"], rendered(each),
+         ", ".join(f"{name}: {', '.join(letters)}" for name, letters in each["from"].items()) or "none",
+         _duration(each["seconds"])] for each in datasets])
+
+
 def print_cache(contents) -> None:
     """How full the cache of what is kept is, and with what."""
     print_table(["entry", "size [MB]"], [[name, f"{size / 1e6:.1f}"] for name, size in contents.entries])

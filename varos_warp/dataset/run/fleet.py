@@ -25,12 +25,22 @@ def produce_each(scene: Scene, out: Path, only: str | None = None, **options: An
     Raises:
         InputError: As `produce.produce`; before anything is made if a folder holds something else.
     """
+    found = datasets_of(scene, out, only)
+    for alone, root in found.values() if scene.vehicles else ():
+        open_folder(alone, Layout.of(alone, root))
+    return {each: produce.produce(alone, root, **options) for each, (alone, root) in found.items()}
+
+
+def datasets_of(scene: Scene, out: Path, only: str | None = None) -> dict[str, tuple[Scene, Path]]:
+    """The scene as each vehicle sees it, or ``only`` one, and the folder of its dataset, by the vehicles' ids.
+
+    Raises:
+        InputError: If the folder of several vehicles holds a dataset itself.
+    """
     if not scene.vehicles:
-        return {scene.vehicle.id: produce.produce(scene, out, **options)}
+        return {scene.vehicle.id: (scene, out)}
     if (out / "dataset.json").exists():
         raise InputError("holds a dataset, but each of the scene's vehicles gets one in a folder inside", file=out,
                          remedy="Give another folder with -o.")
-    seen = {vehicle.id: scene.observed_by(vehicle.id) for vehicle in scene.vehicles if only in (None, vehicle.id)}
-    for each, alone in seen.items():
-        open_folder(alone, Layout.of(alone, folder_of_vehicle(out, each)))
-    return {each: produce.produce(alone, folder_of_vehicle(out, each), **options) for each, alone in seen.items()}
+    return {vehicle.id: (scene.observed_by(vehicle.id), folder_of_vehicle(out, vehicle.id))
+            for vehicle in scene.vehicles if only in (None, vehicle.id)}

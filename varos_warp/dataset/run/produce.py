@@ -18,6 +18,7 @@ from varos_warp.dataset.layout import Layout, from_runs
 from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.pipeline import Pipeline, Rendered, give_back_large_arrays
+from varos_warp.dataset.run.shared import Shared, borrow
 from varos_warp.dataset.run.workers import device_of_worker, run_in_workers
 from varos_warp.dataset.timing import BESIDE, MAIN, Clock
 from varos_warp.dataset.write import folder
@@ -90,13 +91,21 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             is no such device.
         RunFailed: If images could not be made; all others are.
     """
+    return produce_sharing(scene, out, Shared(renderer=renderer, is_lit=renderer is not None), device=device,
+                           frames=frames, shard=shard, sensors=sensors, images=images, quiet=quiet, workers=workers)
+
+
+def produce_sharing(scene, out, shared: Shared, *, device: str, frames: slice, shard: tuple[int, int] = (0, 1),
+                    sensors: bool = True, images: bool = True, quiet: bool = False, workers: int | None = None
+                    ) -> Summary:
+    """The same, with what earlier runs have made already, and for later ones; ``shared`` must suit the scene."""
     start = time.monotonic()
     if workers is not None and (workers < 1 or shard[1] > 1):
         raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
                          value=workers, remedy="Leave one of them out." if workers > 0 else "Such as 2.")
     layout = Layout.of(scene, out)
     if images and workers is None:
-        device = resolve_device(device) if renderer is None else renderer.device
+        device = shared.renderer.device if shared.is_lit else resolve_device(device)
     new = not layout.root.exists()
     try:
         folder.open_folder(scene, layout)  # before anything is made or removed there
@@ -105,10 +114,11 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             previous = folder.open_folder(scene, layout)
             if images and previous is None:
                 require_files(scene)
-            run = _Run(scene, layout, shard, Console(quiet), device, renderer)
+            run = _Run(scene, layout, shard, Console(quiet), device, shared)
             with run.record.recording():
                 run.simulate(frames, previous)
                 run.clean_up()
+                run.borrow()
                 if workers and images:
                     run.hand_out(workers, (scene, out, device, frames), sensors)
                 run.go(sensors, images)
@@ -150,22 +160,23 @@ class _Run:
     """Whether a parent does what follows from the frames of all shards."""
     has_tables = False
     """Whether they are written already."""
-    parts: list | None = None
-    """Everything solid in the scene, where the sensors needed it."""
-
-    def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, renderer=None):
+    def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str,
+                 shared: Shared | None = None):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
-        self.device, self.renderer = device, renderer
+        self.device, self.shared = device, shared or Shared()
+        self.renderer = self.shared.renderer if self.shared.is_lit else None
         self.clock, self.made, self.record = Clock(), Rendered(), Record(layout.root)
         self.work: list[ImageJob] = []
 
     def simulate(self, frames: slice, previous: dict | None) -> None:
         """The course of the vehicle, and the frames of it that are asked for."""
-        if needs_solids(self.scene.vehicle):
+        if needs_solids(self.scene.vehicle) and self.parts is None:
             with self.clock("load"):
-                self.parts = self.build()
-        with self.clock("simulate"):
-            self.simulation = simulated(self.scene, self.console.quiet, self.parts)
+                self.build()
+        if self.shared.simulation is None:
+            with self.clock("simulate"):
+                self.shared.simulation = simulated(self.scene, self.console.quiet, self.parts)
+        self.simulation = self.shared.simulation
         self.count = len(self.simulation.frames)
         self.selected = select(frames, self.count)
         self.summary = Summary(str(self.layout.root), len(self.selected))
@@ -174,6 +185,11 @@ class _Run:
         if frames.stop is not None and frames.stop > self.count:
             self.say(f"frames up to {frames.stop - 1} are asked for, but the sequence ends with frame {self.count - 1}")
         self.take_over(previous)
+
+    @property
+    def parts(self) -> list | None:
+        """Everything solid in the scene, where something needed it."""
+        return self.shared.parts
 
     def take_over(self, previous: dict | None) -> None:
         """What earlier runs, or other shards, decided holds for this one, too."""
@@ -214,6 +230,24 @@ class _Run:
             names = ", ".join(damaged[:5]) + ", ..." * (len(damaged) > 5)
             self.say(f"{counted(len(damaged), 'damaged or missing file')}, to be made again: {names}")
         return damaged
+
+    @property
+    def mine(self) -> list[int]:
+        """Frames of this shard."""
+        return self.selected[self.shard[0]::self.shard[1]]
+
+    def borrow(self) -> None:
+        """Link the images that other datasets have, but for the first frame, which shows whether they are the same."""
+        if not self.shared.donors:
+            return
+        with folder.planning(self.layout.root):
+            self.take_over(folder.recorded(self.scene, self.layout))
+            if self.previous is None:  # whose folder this is stands there before anything else
+                self.choose_extent(images=False)
+                self.write_metadata()
+                self.take_over(folder.recorded(self.scene, self.layout))
+        with self.clock("checksums"):
+            borrow(self.shared.donors, self.layout, self.scene, self.mine[1:], self.record)
 
     def hand_out(self, workers: int, arguments: tuple, sensors: bool) -> None:
         """Have worker processes render what is missing; afterwards nothing is. From the first image on write tables."""
@@ -297,10 +331,9 @@ class _Run:
 
     def find_work(self) -> None:
         """Find what this shard has to render."""
-        mine = self.selected[self.shard[0]::self.shard[1]]
-        self.work = list(self.store.missing(mine))
+        self.work = list(self.store.missing(self.mine))
         self.summary.rendered += sum(len(job.letters) for job in self.work)
-        wanted = len(mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
+        wanted = len(self.mine) * len(self.layout.cameras) * len(self.scene.render.outputs)
         self.summary.kept = wanted - self.summary.rendered
 
     def compiling(self) -> contextlib.AbstractContextManager[None]:
@@ -333,10 +366,12 @@ class _Run:
             self.denoisers[letter] = method
 
     def build(self) -> list:
-        """Everything solid in the scene."""
+        """Everything solid in the scene, built once."""
         from varos_warp.scene.geometry.build import build_parts
 
-        return build_parts(self.scene)
+        if self.shared.parts is None:
+            self.shared.parts = build_parts(self.scene)
+        return self.shared.parts
 
     def load(self) -> None:
         """Load the scene onto the device, and warn of what looks wrong in it before hours are spent."""
@@ -346,11 +381,12 @@ class _Run:
             from varos_warp.scene.checks import check_scene
             from varos_warp.sim.trajectory import path_samples
 
-            parts = self.parts = self.build() if self.parts is None else self.parts
-            with beside(FrameRenderer, self.scene, self.device, parts) as renderer:
+            parts, before = self.build(), self.shared.renderer
+            making = (FrameRenderer, self.scene, self.device, parts) if before is None else (before.relit, self.scene)
+            with beside(*making) as renderer:
                 for warning in check_scene(self.scene, parts, path_samples(self.simulation)):
                     self.say(warning)
-                self.renderer = renderer.result()
+                self.renderer = self.shared.renderer = renderer.result()
         if self.renderer.device == "cpu":
             give_back_large_arrays()
         if SEGMENTS in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:

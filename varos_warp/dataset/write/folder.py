@@ -26,7 +26,7 @@ PLAN_LOCK = ".plan.lock"
 _TEMP = re.compile(r"\.(\w+)-(\d+)-\d+\.tmp$")
 """Ends of the names of files that are not complete: host and process."""
 _counter = itertools.count()
-_FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
+FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
 """Keys that may change between runs into one folder: what they ask for is added, or made from what is there."""
 
 
@@ -52,20 +52,20 @@ def claimed(root: Path, shard: tuple[int, int] = (0, 1)) -> Iterator[None]:
     own = root / f".run.{files.HOST}.{os.getpid()}-{next(_counter)}.{shard[0]}of{shard[1]}.lock"
     with files.writing(root):
         root.mkdir(parents=True, exist_ok=True)
-        lock = _hold(own)
+        lock = hold(own)
     try:
         for other, name in _runs(root):
             if other != own and _in_use(other):
                 _refuse_conflict(root, other, name, shard)
         yield
     finally:
-        _drop(lock, own)
+        drop(lock, own)
         with contextlib.suppress(OSError):
             if not any(root.glob(".run.*.lock")):
                 (root / PLAN_LOCK).unlink(missing_ok=True)
 
 
-def _hold(path: Path) -> FileLock:
+def hold(path: Path) -> FileLock:
     """A lock on a file that has its name still: another run may have taken it for a dead one's, and removed it."""
     while True:
         lock = FileLock(path)
@@ -75,7 +75,7 @@ def _hold(path: Path) -> FileLock:
         lock.release()
 
 
-def _drop(lock: FileLock, path: Path) -> None:
+def drop(lock: FileLock, path: Path) -> None:
     """Remove the file of a lock that is held, so that nobody waits for it, and let it go."""
     with contextlib.suppress(OSError):
         path.unlink()
@@ -129,7 +129,7 @@ def sweep(root: Path) -> None:
         for temp in list(root.rglob(".*.tmp")):
             if (owner := _TEMP.search(temp.name)) and owner.groups() == name.group(1, 2):
                 temp.unlink(missing_ok=True)
-        _drop(lock, path)
+        drop(lock, path)
 
 
 def _words(name: re.Match) -> str:
@@ -215,7 +215,7 @@ def check_same(scene, meta: dict, file: Path) -> None:
     """
     here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
     there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
-    if different := [d for d in files.differences(there, here) if not d[0].startswith(_FREE)]:
+    if different := [d for d in files.differences(there, here) if not d[0].startswith(FREE)]:
         key, old, new = different[0]
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
         also = f" (also different: {', '.join(rest)})" if rest else ""

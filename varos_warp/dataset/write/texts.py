@@ -244,10 +244,11 @@ def simd() -> str:
     return " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])) or "baseline"
 
 
-def sources(scene) -> dict[str, str | None]:
+def sources(scene, sum_of: Callable[[Path], str] = sha256) -> dict[str, str | None]:
     """SHA-256 of every mesh, image, course and table that the scene names, but not of images that mesh files name.
 
-    None stands for a file that cannot be read, of which its loader tells.
+    ``sum_of`` takes a path, such as a function that remembers. None stands for a file that cannot be read, of which its
+    loader tells.
     """
     terrain = getattr(scene.terrain, "file", None) or []
     named = [terrain] if isinstance(terrain, str) else list(terrain)
@@ -266,7 +267,7 @@ def sources(scene) -> dict[str, str | None]:
     found: dict[str, str | None] = dict.fromkeys(named)
     for name in found:
         with contextlib.suppress(InputError):
-            found[name] = sha256(scene.resolve(name))
+            found[name] = sum_of(scene.resolve(name))
     return found
 
 

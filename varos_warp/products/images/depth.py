@@ -9,6 +9,7 @@ import numpy as np
 from varos_warp.products.images.nan import refuse_nan
 from varos_warp.products.images.protocol import FirstHits, FrameFiles, ImageProduct
 from varos_warp.scene.description.image_types import DEPTH
+from varos_warp.scene.description.looks import LOOKS
 
 DEPTH_LEVELS = 65535
 """Highest value of D: at or beyond the end of the depth range, or nothing hit."""
@@ -56,6 +57,7 @@ class Depth(ImageProduct):
     letter, content, released = DEPTH, "Depth map with distance to each pixel", True
     method = "first hits of pixel centres"
     planes, channels, dtype, bytes_a_pixel = ("depth", "distance"), 1, np.uint16, 0.6
+    beside = LOOKS
     folders: Mapping[str, str] = {"_exr": "depth_exr", "": ""}
     averages = False  # across an edge nothing has the mean of two distances
     convention = (

@@ -8,6 +8,7 @@ import numpy as np
 
 from varos_warp.products.images.protocol import FrameFiles, ImageProduct, Source
 from varos_warp.scene.description.image_types import FLOW
+from varos_warp.scene.description.looks import LOOKS
 
 FLOW_STEPS, FLOW_ZERO = 64.0, 32768
 """Of F: steps a pixel, and the value of no motion (KITTI's)."""
@@ -66,6 +67,7 @@ class Flow(ImageProduct):
     letter, content = FLOW, "Optical flow to the next frame"
     method = "first hits of pixel centres, seen again from the next pose"
     source, planes = Source.NEXT_FRAME, ("distance",)
+    beside = LOOKS
     channels, dtype, bytes_a_pixel = 3, np.uint16, 12.0  # its EXR hardly compresses
     folders: Mapping[str, str] = {"_exr": "", "": ""}
     parts = ("occluded", "motion")

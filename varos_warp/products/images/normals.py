@@ -8,6 +8,7 @@ import numpy as np
 from varos_warp.products.images.nan import refuse_nan
 from varos_warp.products.images.protocol import FirstHits, ImageProduct
 from varos_warp.scene.description.image_types import NORMALS
+from varos_warp.scene.description.looks import LOOKS
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Normals(ImageProduct):
     letter, content, released = NORMALS, "World space normal image", True
     method = "first hits of pixel centres, smoothed normals"
     planes, channels, dtype, bytes_a_pixel = ("normal",), 3, np.uint8, 0.6
+    beside = LOOKS
     convention = ("world normal n in [-1, 1] as round((n + 1) * 127.5); pixels (0, 0, 0) have no normal, nothing is "
                   "hit there")
 

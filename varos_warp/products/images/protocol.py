@@ -112,6 +112,9 @@ class ImageProduct(Protocol):
 
     is_color: bool = False
     """Whether it is linear radiance, which is denoised, and exposed once all frames are known (`Radiance`)."""
+    beside: tuple[str, ...] = ()
+    """Keys of a scene that none of its files follows from, whatever they say (`scene/description/looks.py`): versions
+    of a scene that differ in these only share its files. Of all other keys, and of new ones, it is made anew."""
     like: str = ""
     """Letter of another type, with whose samples, denoiser and exposure it is made."""
     denoise_key: str = ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from varos_warp.products.images.protocol import FirstHits, FrameFiles, ImageProduct
 from varos_warp.scene.description.image_types import SEGMENTS
+from varos_warp.scene.description.looks import LOOKS
 
 RAYS = 32
 """Rays of a pixel, whose share U is; as in kernels/transport/purity.py."""
@@ -32,6 +33,7 @@ class Purity(ImageProduct):
     letter, content = "U", "Purity: share of the pixel that shows its object of S"
     method = f"first hits of {RAYS} rays over each pixel, its lens and its exposure"
     rays, planes, channels, dtype, bytes_a_pixel = RAYS, ("purity",), 1, np.uint8, 0.1
+    beside = tuple(key for key in LOOKS if not key.endswith("lights"))  # a strobe decides when a shutter sees
     convention = (
         f"round(255 p), 8 bit: p is the share of the pixel (of {RAYS} rays over its area, the aperture and the "
         "exposure, as A is made) whose first hit is the object that S names there; where S is 0, that hits nothing")

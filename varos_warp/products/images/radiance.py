@@ -15,6 +15,7 @@ from varos_warp.products.images.protocol import FrameFiles, ImageProduct, Source
 from varos_warp.products.images.snow import Snow
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
+from varos_warp.scene.description.looks import LOOKS_OF_WATER
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.images import srgb_to_linear
@@ -170,6 +171,7 @@ class Ambient(Radiance):
 
     letter, content, method, released = AMBIENT, "RGB image without water", "{ambient}", True
     source, denoise_key, bytes_a_pixel, parts = Source.AMBIENT, "denoise_b", 5.0, ("radiance",)
+    beside = LOOKS_OF_WATER
     folders: Mapping[str, str] = {"_exr": "", "": ""}
     constant_gain = 1.0
     """B is lit by ambient radiance 1: a reflectance of 0.5 becomes linear 0.5, which is 188 in the 8 bit image."""

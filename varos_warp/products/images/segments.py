@@ -9,6 +9,7 @@ import numpy as np
 from varos_warp.products.images.protocol import FirstHits, FrameFiles, ImageProduct
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import SEGMENTS
+from varos_warp.scene.description.looks import LOOKS
 
 SEGMENT_LEVELS = 65535
 """Most objects that S can number."""
@@ -35,6 +36,7 @@ class Segments(ImageProduct):
     letter, content = SEGMENTS, "Number of the object in each pixel"
     method = "first hits of pixel centres"
     planes, channels, dtype, bytes_a_pixel = ("instance",), 1, np.uint16, 0.05
+    beside = LOOKS
     averages = False  # numbers of objects have no mean
 
     def of_hits(self, hits: FirstHits) -> SegmentImage:

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from pydantic import ValidationError
@@ -13,6 +13,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.block import keys_without_effect
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.water import Water
 from varos_warp.scene.file.camera_noise import with_camera_noise
 from varos_warp.scene.file.imu_files import with_noise_files
 from varos_warp.scene.file.problems import input_error
@@ -23,13 +24,25 @@ DATA = resources.files("varos_warp") / "data"
 """Files that come with the package."""
 
 
-def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str]] = ()) -> Scene:
+class Change(NamedTuple):
+    """A key of a scene that another file sets."""
+
+    key: str
+    """Its path, with dots."""
+    value: Any
+    """As YAML has it."""
+    where: str
+    """What messages name, such as that file and the line."""
+
+
+def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str] | Change] = ()) -> Scene:
     """Read a scene file.
 
     Args:
         path: YAML file; the files that it names are relative to its folder.
         overrides: ``key.path=value``, the value in YAML, list items by number: ``objects.0.scale=2``; or a pair of that
-            and what messages are to name instead, such as an option of the command line.
+            and what messages are to name instead, such as an option of the command line; or a `Change`, by which a key
+            of one form of the water also takes the place of its other forms.
 
     Raises:
         InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
@@ -41,6 +54,10 @@ def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str]] = ()
         raise InputError("describes a dataset, it is no scene file", file=path,
                          remedy="Give the scene file that it was made of, or a file of what its key scene has.")
     for override in overrides:
+        if isinstance(override, Change):
+            _choose_form(source.data, override.key)
+            _set(source, *override)
+            continue
         change, given = (override, f"--set {override}") if isinstance(override, str) else override
         _apply_override(source, change, given)
     scene = _validate(source, path.parent)
@@ -68,10 +85,9 @@ def demo_scene_path() -> Path:
 
 
 def _apply_override(source: Source, override: str, where: str) -> None:
-    """Set one key of the data, making the blocks on the way to it; ``where``: what messages name."""
+    """Set the key that an option says; ``where``: what messages name."""
     key, equals, text = override.partition("=")
-    path = tuple(int(part) if part.isdigit() else part for part in key.strip().split("."))
-    if not equals or "" in path:
+    if not equals or "" in path_of(key):
         raise InputError("is not of the form key.path=value", file=where, remedy="For example render.spp=64.")
     try:
         value = plain_yaml.parse(text)
@@ -80,7 +96,25 @@ def _apply_override(source: Source, override: str, where: str) -> None:
         remedy = plain_yaml.escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3]."
         raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
                          remedy=remedy) from None
-    block = source.data
+    _set(source, key, value, where)
+
+
+def path_of(key: str) -> tuple[str | int, ...]:
+    """The parts of a key with dots; items of lists are numbers."""
+    return tuple(int(part) if part.isdecimal() else part for part in key.strip().split("."))
+
+
+def _choose_form(data: dict[str, Any], key: str) -> None:
+    """Where a key of one form of the water is to be set, leave out its other forms: only one may be given."""
+    block, *inner = path_of(key)
+    if block == "water" and inner and inner[0] in Water.model_fields:
+        there = data.get("water")
+        data["water"] = {inner[0]: there[inner[0]]} if isinstance(there, dict) and inner[0] in there else {}
+
+
+def _set(source: Source, key: str, value: Any, where: str) -> None:
+    """Set one key of the data, making the blocks on the way to it."""
+    path, block = path_of(key), source.data
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
             source.overridden[path[:depth + 1]] = where

@@ -1,0 +1,36 @@
+"""Keys of a scene from which only looks follow: how bright and in what colours things are seen, not what is where.
+
+They are named one by one: a key that is not named here, such as one that is new, may decide anything. What is made
+without regard to some of them states which (`varos_warp.products.images.protocol.ImageProduct.beside`);
+tests/dataset/sweep renders every one of them both ways.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+LOOKS_OF_WATER = (
+    "name", "water", "particles", "vehicle.lights", "vehicles.*.lights", "render.tolerance",
+    "render.max_seconds_per_frame", "render.spp", "render.max_scatterings", "render.max_bounces", "render.layers",
+    "render.integrator", "render.denoise", "render.exposure.A", "render.noise", "render.linear_exr")
+"""The name, from which nothing follows, and what only light in water follows from; ``*`` stands for any item."""
+LOOKS = (*LOOKS_OF_WATER, "render.spp_b", "render.denoise_b", "render.exposure.B", "render.dither")
+"""And those of light without water."""
+
+
+def without(described: dict[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    """A scene as plain data, such as ``scene_to_dict`` gives, without some keys."""
+    found = described
+    for key in keys:
+        found = _without(found, key.split("."))
+    return found
+
+
+def _without(block: Any, path: list[str]) -> Any:
+    """A copy of a block, or list of blocks, without the key at a path; itself if there is none."""
+    first, *rest = path
+    if first == "*" and isinstance(block, list):
+        return [_without(item, rest) for item in block]
+    if not isinstance(block, dict) or first not in block:
+        return block
+    return {key: _without(value, rest) if key == first else value for key, value in block.items()
+            if rest or key != first}
