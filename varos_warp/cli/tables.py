@@ -96,6 +96,9 @@ def _print_water(water: dict) -> None:
                 [[str(i), f"{100 * kind['share']:.3g} %", f"{100 * kind['largest_share']:.3g} %",
                   " to ".join(f"{1e3 * r:g}" for r in kind["radius_m"]), f"{kind['per_litre']:.3g}",
                   f"{kind['per_litre_over_0.5_mm']:.3g}"] for i, kind in enumerate(water.get("particles", []))])
+    if water.get("particles"):
+        print("over 0.5 mm the sea has about 1 to 10 a litre at coasts, 0.1 to 1 far from them (after Alldredge and "
+              "Silver 1988)")
 
 
 def _print_cameras(facts: dict) -> None:
