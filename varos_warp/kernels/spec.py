@@ -24,6 +24,8 @@ class SceneSpec:
     """Some material is more than one constant reflectance."""
     masks: bool = False
     """Masks of mesh files cut holes."""
+    bands: bool = False
+    """Channels are bands of the spectrum, to which reflectances R G B are brought by matrices."""
     optics: OpticsSpec = STRAIGHT
     """The camera's lens and port."""
     varies: bool = False

@@ -131,10 +131,14 @@ class DeviceScene:
         if parts:
             self._upload_geometry(parts)
 
-    def relit(self, scene: Scene) -> "DeviceScene":
+    def relit(self, scene: Scene, to_bands: np.ndarray | None = None) -> "DeviceScene":
         """The same terrain, objects and materials in the water and with the lights and cameras of another scene.
 
         Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
+
+        Args:
+            scene: The other scene.
+            to_bands: Where its channels are bands of the spectrum: matrix [3, 3] from reflectances R G B to theirs.
         """
         other = copy.copy(self)
         other.scene, other.water = scene, optical_properties(scene)
@@ -143,6 +147,10 @@ class DeviceScene:
         other.data = SceneData()
         other.data.assign(self.data)
         other.data.medium = medium_record(other.water, self.device)
+        if to_bands is not None:
+            other.spec = replace(other.spec, bands=True)
+            parts = len(self.data.materials) if self.spec.surfaces else 0
+            other.data.to_bands = self._array(np.repeat(to_bands[None].astype(np.float32), parts, axis=0), wp.mat33)
         return other
 
     def moved(self, poses: Poses, offset_ns: np.ndarray) -> "DeviceScene":

@@ -25,7 +25,7 @@ class Ambient:
     open: wp.vec3
 
 
-@specialised("instances", "textures", "masks")
+@specialised("instances", "textures", "masks", "bands")
 def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
     first_hit = make_rays(spec).first_hit
@@ -69,7 +69,7 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     return ambient_radiance
 
 
-@specialised("instances", "textures", "masks", "optics", "varies")
+@specialised("instances", "textures", "masks", "bands", "optics", "varies")
 def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
     """Image B, for scenes with or without instances and textures, through a lens, a port and moments."""
     ambient_radiance = make_ambient_radiance(spec)

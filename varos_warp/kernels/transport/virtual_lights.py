@@ -85,7 +85,7 @@ def instant_of_group(moments: Moments, group: int, groups: int, u: float):
     return first_instant(moments) + first + int(u * float(after - first))
 
 
-@specialised("instances", "textures", "masks", "varies", "disks")
+@specialised("instances", "textures", "masks", "bands", "varies", "disks")
 def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit = make_rays(spec).first_hit

@@ -82,6 +82,8 @@ class SceneData:
     """Page of the mesh file's textures of each face, -1 for colours; empty if all have page 0, or colours."""
     lobe_albedo: wp.array2d(dtype=float)
     """Table of a white metal's albedo (bsdf.lobe_albedo); empty without metals."""
+    to_bands: wp.array(dtype=wp.mat33)
+    """From R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
     medium: Medium
     lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)

@@ -79,7 +79,7 @@ def make_textured(spec: SceneSpec) -> wp.Function:
     return textured
 
 
-@specialised("textures", "instances")
+@specialised("textures", "instances", "bands")
 def make_surface_at(spec: SceneSpec) -> wp.Function:
     """The function ``surface_at(scene, hit, d, angle) -> SurfacePoint``, of a ray along ``d`` for a cone of ``angle``.
 
@@ -99,6 +99,9 @@ def make_surface_at(spec: SceneSpec) -> wp.Function:
             point.bsdf = textured(scene, hit, point.n, footprint_width(angle, hit.t, d, hit.n))
         else:
             point.bsdf.reflectance = scene.materials[hit.part].base
+        if wp.static(spec.bands):
+            point.bsdf.reflectance = scene.to_bands[hit.part] * point.bsdf.reflectance
+            point.bsdf.specular = scene.to_bands[hit.part] * point.bsdf.specular
         return point
 
     return surface_at
