@@ -54,16 +54,21 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yam
 
 
 @verb
-def info(scene: SceneFile, set_: Set = None, json_: Json = False, quiet: Quiet = False):
+def info(scene: SceneFile, plot: Annotated[Path | None, typer.Option(
+        "--plot", metavar="FILE", help="Also draw the water's spectra into a PNG, SVG or PDF file.")] = None,
+        set_: Set = None, json_: Json = False, quiet: Quiet = False):
     """Tell what a run of a scene would make and how long it takes, and warn of what looks wrong."""
     from varos_warp.scene.file.load import load_scene
     from varos_warp.scene.file.named_files import require_files
     from varos_warp.scene.file.source import located
+    from varos_warp.scene.spectra.plot import draw_water
 
     loaded = load_scene(scene, set_ or ())
     seen = [loaded.observed_by(vehicle.id) for vehicle in loaded.vehicles or ()] or [loaded]
     with located(loaded):
         require_files(loaded)
+        if plot is not None:
+            draw_water(loaded, plot)
     facts = [_facts(alone, quiet) for alone in seen]
     if json_:
         print_json(dict(zip([alone.vehicle.id for alone in seen], facts, strict=True)) if loaded.vehicles else facts[0])

@@ -86,7 +86,10 @@ def _print_course(facts: dict) -> None:
 
 
 def _print_water(water: dict) -> None:
-    """Coefficients by channel, and the phase function."""
+    """Coefficients by channel or wavelength, and the phase function."""
+    if "wavelength_nm" in water:
+        _print_spectra(water)
+        return
     rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
             "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
     print_table([f"water (g = {water['g']:.4g})", "red", "green", "blue"],
@@ -101,6 +104,20 @@ def _print_water(water: dict) -> None:
               "Silver 1988)")
 
 
+def _print_spectra(water: dict) -> None:
+    """Coefficients by wavelength, and the bands that stand for them."""
+    columns = ("a", "b", "c", "b_b", "visibility_m")
+    print_table([f"{water['source']} [nm]", "a [1/m]", "b [1/m]", "c [1/m]", "b_b [1/m]", "visibility 4.8 / c [m]"],
+                [[f"{nm:g}", *(_number(water[name][i]) for name in columns)]
+                 for i, nm in enumerate(water["wavelength_nm"])])
+    low, high = water["paths_m"]
+    print_table(["bands of", "wavelengths [nm]", f"rms error R, G, B, paths of {low:g} to {high:g} m", "worst"],
+                [[bands["camera"], ", ".join(f"{nm:g}" for nm in bands["wavelength_nm"]),
+                  *(", ".join(f"{100 * e:.2g} %" for e in bands[name]) for name in ("rms", "worst"))]
+                 for bands in water["bands"]])
+    _print_phase(water["phase"])
+
+
 def _print_cameras(facts: dict) -> None:
     """Intrinsics, mounts and shutters."""
     print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
@@ -113,11 +130,19 @@ def _print_cameras(facts: dict) -> None:
                    f"{s['skew_px']:.3g}"] for s in facts["shutters"]])
 
 
+def _brightness(light: dict) -> str:
+    """Intensity by channel, or a spectrum and how much of it."""
+    if "spectrum" not in light:
+        return str(light["intensity"])
+    amount = f"{light['power_W']:g} W" if "power_W" in light else f"{light['lumen']:g} lm"
+    return f"{light['spectrum']}, {amount}"
+
+
 def _print_lights(lights: list[dict]) -> None:
     """Where lights are and how bright, and what files say of them."""
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
-                   str(light["intensity"])] for i, light in enumerate(lights)])
+                   _brightness(light)] for i, light in enumerate(lights)])
     _print_profiles(lights)
 
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from varos_warp.products.sensors.imu import ImuNoise
 from varos_warp.scene.description import Scene
 from varos_warp.scene.lights.profiles import read_profile
-from varos_warp.scene.water import optical_properties
+from varos_warp.scene.water import phase_function
 from varos_warp.scene.water.phase.mixture import Mixture
 from varos_warp.scene.water.phase.tabulated import Tabulated
 
@@ -55,7 +55,7 @@ def _check_tables(scene: Scene) -> list[str]:
         if light.kind == "profile" and (path := scene.resolve(light.file)).suffix.lower() != ".ies":
             profile = read_profile(path, f"{scene.key_of_light(light)}.file")
             ends[f"vehicle.lights.{i}.file"] = float(np.degrees(profile.polar[-1]))
-    phase = optical_properties(scene).phase
+    phase = phase_function(scene)
     for part in [each for _, each in phase.parts] if isinstance(phase, Mixture) else [phase]:
         if isinstance(part, Tabulated):
             ends[f"water: {part.name}"] = part.last_deg

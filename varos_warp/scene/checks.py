@@ -111,6 +111,8 @@ def looks_like_transmission(coefficients) -> bool:
 
 
 def _check_water(scene):
+    if scene.is_spectral:
+        return []
     water = optical_properties(scene)
     if not water.sigma_t.any():
         return []

@@ -13,9 +13,14 @@ from varos_warp.scene.geometry.placed import object_part
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.camera import camera_model
-from varos_warp.scene.water import optical_properties
+from varos_warp.scene.spectra.bands import scene_bands
+from varos_warp.scene.spectra.spectrum import GRID, VISIBLE
+from varos_warp.scene.spectra.water import water_spectra
+from varos_warp.scene.water import optical_properties, phase_function
 from varos_warp.scene.water.particles import particle_laws
 
+PATHS_M = (1.0, 20.0)
+"""Of light from lamp to surface to camera, for which bands are told [m]: what a lamp at the camera shows up to 10 m."""
 LENS_KEYS = ("resolution", "sensor_mm", "focal_mm")
 
 
@@ -107,6 +112,8 @@ def water_info(scene: Scene) -> dict:
     ``phase`` is what there is to know of the phase function. At the 10 % range, ln(10) / c, a tenth of the light is
     left. Infinite lengths are None. ``particles`` says of each block of bodies how many there are.
     """
+    if scene.is_spectral:
+        return spectral_info(scene)
     water = optical_properties(scene)
     bodies = [law.describe() for law in particle_laws(scene)]
     c = water.sigma_t
@@ -118,6 +125,22 @@ def water_info(scene: Scene) -> dict:
             "phase": water.phase.describe(), "albedo": water.albedo.tolist(),
             "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0)),
             **({"particles": bodies} if bodies else {})}
+
+
+def spectral_info(scene: Scene) -> dict:
+    """Water by wavelength: a, b, c, b_b [1/m] and the range of a black disk, 4.8 / c [m]; the bands of each camera.
+
+    ``bands`` has wavelengths, and the root mean square and the worst of the relative errors of what red, green and blue
+    see directly of a colour chart, over paths from lamp to surface to camera between ``paths_m``.
+    """
+    water = water_spectra(scene)
+    at = np.isin(GRID, np.arange(*VISIBLE, 25.0)) | (GRID == VISIBLE[1])
+    chosen = {camera.id: scene_bands(scene, camera, PATHS_M) for camera in scene.vehicle.cameras}
+    return {"source": water.source, "wavelength_nm": GRID[at].tolist(),
+            **{name: getattr(water, name)[at].tolist() for name in ("a", "b", "c", "b_b", "visibility_m")},
+            "phase": phase_function(scene).describe(), "paths_m": list(PATHS_M),
+            "bands": [{"camera": camera, "wavelength_nm": bands.wavelength_nm.tolist(), "rms": bands.rms.tolist(),
+                       "worst": bands.worst.tolist()} for camera, bands in chosen.items()]}
 
 
 def camera_info(camera) -> dict:

@@ -55,7 +55,7 @@ class Scene(Block):
     materials: dict[str, Material] = {}
     """Materials by name; terrain and objects choose one by ``material: NAME``."""
     water: Water | Literal["none"] = "none"
-    """The water, in exactly one of three forms; or ``none``: no water."""
+    """The water, in exactly one of four forms; or ``none``: no water."""
     particles: list[Particles] = []
     """Blocks of bodies in the water that are drawn one by one, such as marine snow (docs/snow.md)."""
     surface_depth_m: Coordinate = 0.0
@@ -190,6 +190,27 @@ class Scene(Block):
         return self
 
     @model_validator(mode="after")
+    def _light_is_spectral_everywhere(self):
+        """Water, lights and cameras are all by wavelength, or none is."""
+        spectral = self.is_spectral
+        for place, vehicle in self._places.items():
+            for i, light in enumerate(vehicle.lights):
+                if (light.spectrum is not None) != spectral:
+                    raise ValueError(f"{place}.lights.{i}.spectrum: " + (
+                        "water by wavelength needs it of every light; give one, such as led_b4, and power_W or lumen"
+                        if spectral else "means nothing unless the water is by wavelength; give water.spectral, or "
+                        "the light an intensity"))
+            for i, camera in enumerate(vehicle.cameras):
+                if (camera.response is not None) != spectral:
+                    raise ValueError(f"{place}.cameras.{i}.response: " + (
+                        "water by wavelength needs it of every camera; give one, such as nikon_5100" if spectral else
+                        "means nothing unless the water is by wavelength; give water.spectral, or leave it out"))
+        if self.render.bands is not None and not spectral:
+            raise ValueError("render.bands: means nothing unless the water is by wavelength; give water.spectral, or "
+                             "leave it out")
+        return self
+
+    @model_validator(mode="after")
     def _sensor_fits_shutters(self):
         """As `noise_pass` asks of a dataset: a time of exposure is that of the camera's shutter, in every frame."""
         noise, exposure = self.render.noise, self.render.exposure.A
@@ -213,6 +234,11 @@ class Scene(Block):
             if problem := vehicle.cannot_be_followed(course.of):
                 raise ValueError(f"{place}.of: {problem}")
         return self
+
+    @property
+    def is_spectral(self) -> bool:
+        """Whether the water, and so all light, is by wavelength."""
+        return self.water != "none" and self.water.spectral is not None
 
     def observed_by(self, vehicle_id: str) -> "Scene":
         """The scene as one of `vehicles` sees it: `vehicle` and `trajectory` are its own."""

@@ -1,9 +1,9 @@
 """The lights of a vehicle, and when they flash."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from varos_warp.scene.block import (
     Block,
@@ -12,7 +12,7 @@ from varos_warp.scene.block import (
     Vec3,
     kind_by_default,
     outside,
-    unwritten_if_absent,
+    written_otherwise,
 )
 from varos_warp.scene.description.optics import SHORTEST_S, Index
 
@@ -51,7 +51,37 @@ class LampPort(Block):
     """Refractive index of the water, relative to air."""
 
 
-class SpotLight(Block):
+class Shining(Block):
+    """A light whose brightness is ``intensity``, or by wavelength ``spectrum`` and ``power_W`` or ``lumen``."""
+
+    spectrum: str | None = Field(default=None, examples=["led_b4"])
+    """The light by wavelength, in water by wavelength (docs/spectra.md): a name that comes with the package, or a CSV
+    file with the columns wavelength_nm and power, of any scale. Absent: ``intensity`` tells each channel."""
+    power_W: Annotated[float, Field(gt=0.0, le=1e6)] | None = Field(default=None, examples=[30])
+    """Power of the light between 400 and 700 nm, in all directions together [W]; with ``spectrum``."""
+    lumen: Annotated[float, Field(gt=0.0, le=1e8)] | None = Field(default=None, examples=[5000])
+    """Luminous flux in all directions together [lm], instead of ``power_W``; with ``spectrum``."""
+
+    @model_validator(mode="after")
+    def _one_brightness(self):
+        amounts = [self.power_W, self.lumen].count(None)
+        if self.spectrum is None and amounts < 2:
+            raise ValueError("power_W and lumen are of a light with spectrum; give one, such as led_b4, or intensity")
+        if self.spectrum is not None and amounts != 1:
+            raise ValueError("give a light with spectrum either power_W or lumen")
+        if self.spectrum is not None and "intensity" in self.model_fields_set:
+            raise ValueError("give intensity, or spectrum and its power_W or lumen, not both")
+        return self
+
+
+def _unwritten_of_light(*keys: str) -> Any:
+    """Serializer of a light: not what is absent, nor the intensity where a spectrum stands instead."""
+    keys = (*keys, "spectrum", "power_W", "lumen")
+    return written_otherwise(lambda light: [*(key for key in keys if getattr(light, key) is None),
+                                            *(["intensity"] if light.spectrum else [])])
+
+
+class SpotLight(Shining):
     """A spot light on the vehicle: ``intensity`` [W/sr] inside the cone, Blender's soft edge of width ``blend``."""
 
     kind: Literal["spot"] = "spot"
@@ -77,7 +107,7 @@ class SpotLight(Block):
     """Flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
-    _written = unwritten_if_absent("port", "radius_m", "strobe")
+    _written = _unwritten_of_light("port", "radius_m", "strobe")
 
 
 def _is_across(value, info: ValidationInfo) -> bool:
@@ -87,7 +117,7 @@ def _is_across(value, info: ValidationInfo) -> bool:
     return np.linalg.norm(np.cross(value, direction)) > 1e-3 * size
 
 
-class ProfileLight(Block):
+class ProfileLight(Shining):
     """A lamp whose intensity by direction a file tells: IES LM-63, or CSV."""
 
     kind: Literal["profile"]
@@ -124,10 +154,10 @@ class ProfileLight(Block):
             raise ValueError("up of a lamp must have a length, and not lie along its direction")
         return value
 
-    _written = unwritten_if_absent("up", "radius_m", "strobe")
+    _written = _unwritten_of_light("up", "radius_m", "strobe")
 
 
-class PointLight(Block):
+class PointLight(Shining):
     """A light that shines equally in every direction, ``intensity`` [W/sr]."""
 
     kind: Literal["point"]
@@ -138,10 +168,10 @@ class PointLight(Block):
     strobe: Strobe | None = None
     """Flashes with every frame. Absent: it shines all the time."""
 
-    _written = unwritten_if_absent("strobe")
+    _written = _unwritten_of_light("strobe")
 
 
-class SheetLight(Block):
+class SheetLight(Shining):
     """A sheet of light, as of a line laser: ``intensity`` [W/sr] between two pairs of planes through the light, else 0.
 
     The angles between the planes are ``fan_deg``, in the sheet, and ``thickness_deg``, across it.
@@ -172,7 +202,7 @@ class SheetLight(Block):
             raise ValueError("the normal of a sheet must have a length, and not lie along its direction")
         return value
 
-    _written = unwritten_if_absent("strobe")
+    _written = _unwritten_of_light("strobe")
 
 
 Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"),

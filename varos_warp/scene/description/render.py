@@ -9,6 +9,8 @@ from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unw
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 from varos_warp.scene.description.noise_profile import CameraNoise
 
+MOST_BANDS = 30
+"""Bands beyond make no image better: cameras' curves are known in steps of 5 to 10 nm."""
 MOST_SPP = 1 << 24
 """Most samples per pixel: their numbers have 32 bits, and more would take days."""
 
@@ -122,11 +124,14 @@ class Render(Block):
     one factor, which is told. Absent: 3 million."""
     segments: Literal["host", "fine"] = "host"
     """What S calls a copy of `growth`: the number of what it grows on, or one of its own (fine)."""
+    bands: Literal["auto"] | Annotated[int, Field(ge=3, le=MOST_BANDS)] | None = Field(default=None, examples=["auto"])
+    """How many wavelengths stand for the spectrum in water by wavelength; ``auto``, as if absent: the fewest that keep
+    ``tolerance`` (docs/spectra.md)."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
 
     _written = written_otherwise(lambda render: [
-        *(key for key in ("max_triangles", "dither", "noise") if getattr(render, key) is None),
+        *(key for key in ("max_triangles", "dither", "noise", "bands") if getattr(render, key) is None),
         *(["segments"] if render.segments == "host" else [])])
 
     @property

@@ -88,6 +88,9 @@ class Camera(Block):
     fisheye) or ``double_sphere``. Where the lens ends within the image, pixels are black. Absent: none."""
     vignetting: Vignetting | None = None
     """Fall of A's light towards the corners; B, C, D, S and T have none. Absent: none."""
+    response: str | None = Field(default=None, examples=["nikon_5100"])
+    """Spectral response, in water by wavelength (docs/spectra.md): a name that comes with the package, or a CSV file
+    with the columns wavelength_nm, r, g and b, of any scale."""
     shutter: Shutter | None = None
     """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
 

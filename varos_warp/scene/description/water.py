@@ -4,7 +4,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from varos_warp.scene.block import Block, Coefficient, CoefficientRgb, NonNegative, UnitRgb, kind_by_default
+from varos_warp.scene.block import (
+    Block,
+    Coefficient,
+    CoefficientRgb,
+    NonNegative,
+    UnitRgb,
+    kind_by_default,
+    unwritten_if_absent,
+)
 
 MeanCosine = Annotated[float, Field(ge=-0.99, le=0.999)]
 """Of a phase function; beyond, single precision does not hold the angles of its peak (docs/stability.md)."""
@@ -140,18 +148,57 @@ class Coefficients(Block):
     """Phase function: where scattered light goes (docs/phase_functions.md)."""
 
 
+JerlovType = Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C", "IC"]
+
+
 class Jerlov(Block):
     """A Jerlov water type."""
 
-    type: Literal["I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C", "IC"]
+    type: JerlovType
     """I to III: oceans, from clear to turbid; 1C to 9C: coasts. IC is an old name of 1C."""
     phase: Phase = FournierForand(kind="fournier_forand", backscatter_fraction=0.0183)
     """Phase function (docs/phase_functions.md). Absent: Fournier and Forand's, with the backscatter fraction of
     Petzold's average particles."""
 
 
+class Constituents(Block):
+    """What is in the sea water: chlorophyll, dissolved matter, minerals (docs/spectra.md)."""
+
+    chlorophyll_mg_m3: Annotated[float, Field(ge=0.0, le=30.0)] = 0.0
+    """Chlorophyll a [mg/m^3]: 0.05 in the clearest oceans, 0.5 usual, 10 in a bloom. With it come the particles and
+    their scattering."""
+    cdom_440_per_m: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
+    """Absorption of coloured dissolved organic matter at 440 nm [1/m]."""
+    minerals_g_m3: Annotated[float, Field(ge=0.0, le=500.0)] = 0.0
+    """Suspended minerals, dry mass [g/m^3]."""
+    temperature_C: Annotated[float, Field(ge=-2.0, le=35.0)] = 10.0
+    """Temperature [degrees Celsius]; the scattering of pure sea water changes a little with it."""
+    salinity: Annotated[float, Field(ge=0.0, le=45.0)] = 35.0
+    """Salinity [g/kg]; 0 is fresh water."""
+
+
+class SpectralWater(Block):
+    """Water by wavelength: one of a Jerlov type, constituents, and a file (docs/spectra.md)."""
+
+    jerlov: JerlovType | None = Field(default=None, examples=["1C"])
+    """A Jerlov type by wavelength. IC is an old name of 1C."""
+    iop: Constituents | None = None
+    """What is in the water."""
+    file: Annotated[str, Field(min_length=1)] | None = Field(default=None, examples=["iop.csv"])
+    """CSV file with the columns wavelength_nm, a and b [1/m], from 400 to 700 nm at least."""
+    phase: Phase = FournierForand(kind="fournier_forand", backscatter_fraction=0.0183)
+    """Phase function of the particles; the water itself scatters by Rayleigh's. Absent: Fournier and Forand's, with the
+    backscatter fraction of Petzold's average particles."""
+
+    @model_validator(mode="after")
+    def _one_form(self):
+        if sum(form is not None for form in (self.jerlov, self.iop, self.file)) != 1:
+            raise ValueError("give exactly one of jerlov, iop, file")
+        return self
+
+
 class Water(Block):
-    """Exactly one of the three forms."""
+    """Exactly one of the four forms."""
 
     principled: Principled | None = None
     """Blender's Principled Volume, as in the VAROS paper."""
@@ -159,9 +206,13 @@ class Water(Block):
     """Scattering and absorption coefficients."""
     jerlov: Jerlov | None = None
     """A Jerlov type, which stands for measured coefficients."""
+    spectral: SpectralWater | None = None
+    """Water by wavelength (docs/spectra.md)."""
+
+    _written = unwritten_if_absent("spectral")
 
     @model_validator(mode="after")
     def _one_form(self):
-        if sum(form is not None for form in (self.principled, self.coefficients, self.jerlov)) != 1:
-            raise ValueError("give exactly one of principled, coefficients, jerlov (or `water: none`)")
+        if sum(form is not None for form in (self.principled, self.coefficients, self.jerlov, self.spectral)) != 1:
+            raise ValueError("give exactly one of principled, coefficients, jerlov, spectral (or `water: none`)")
         return self

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from varos_warp.errors import InputError
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.water import Principled
@@ -50,9 +51,13 @@ def optical_properties(scene: Scene) -> OpticalProperties:
     """Water of a scene; ``water: none`` has neither scattering nor absorption.
 
     Raises:
-        InputError: A file of the phase function cannot be used.
+        InputError: A file of the phase function cannot be used, or the water is by wavelength.
     """
     water = scene.water
+    if scene.is_spectral:  # the one place to lift, once bands are rendered: whatever makes light asks here
+        raise InputError("light by wavelength is not rendered yet, and three channels would not be it",
+                         key="water.spectral", remedy="`varos-warp info` shows its spectra and bands; to render, give "
+                         "water.jerlov or water.coefficients, and lights with intensity.")
     if water == "none":
         return OpticalProperties(np.zeros(3), np.zeros(3), HenyeyGreenstein(0.0), "none")
     if water.principled is not None:
@@ -76,7 +81,9 @@ def _from_principled(water: Principled) -> OpticalProperties:
 
 
 def phase_function(scene: Scene) -> PhaseFunction:
-    """Phase function of the water of a scene."""
+    """Phase function of the water of a scene; of water by wavelength, that of its particles."""
+    if scene.is_spectral:
+        return make_phase(scene.water.spectral.phase, scene.resolve, "water.spectral.phase")
     return optical_properties(scene).phase
 
 

@@ -1,0 +1,107 @@
+"""Spectra: values by wavelength [nm], linear between, and the files that hold them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from varos_warp.errors import InputError, did_you_mean
+from varos_warp.files import require_file
+from varos_warp.scene.angle_table import CsvFile, read_csv
+
+DATA = Path(__file__).parents[2] / "data" / "spectra"
+"""Spectra that come with the package; the head of each file names its source."""
+ALSO = {"lamps": ("halogen_3200K",)}
+"""Spectra of the package that are formulas, by kind."""
+VISIBLE = (400.0, 700.0)
+"""What every spectrum covers [nm]; light is integrated over this range."""
+GRID = np.arange(VISIBLE[0], VISIBLE[1] + 0.5)
+"""Wavelengths at which integrals are taken [nm], each nanometre."""
+STEPS = np.concatenate([[0.5], np.ones(len(GRID) - 2), [0.5]])
+"""Weights of the trapezoidal rule over `GRID` [nm]."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """A value by wavelength [nm], linear between; beyond its ends the values there."""
+
+    wavelength_nm: np.ndarray
+    values: np.ndarray
+
+    def at(self, wavelength_nm=GRID) -> np.ndarray:
+        """Values at wavelengths [nm]."""
+        return np.interp(wavelength_nm, self.wavelength_nm, self.values)
+
+    def integral(self) -> float:
+        """Integral over `VISIBLE`, by the trapezoidal rule of one nanometre."""
+        return float(STEPS @ self.at())
+
+
+def read_spectra(path: Path, key: str, what: str, columns: tuple[str, ...]) -> dict[str, Spectrum]:
+    """Spectra of a CSV file with ``wavelength_nm`` and other columns.
+
+    Args:
+        path: The file.
+        key: The key that names it, for messages.
+        what: What it is, for messages.
+        columns: Names of the columns that are read; others are left.
+
+    Raises:
+        InputError: The file is missing or no such table, has a negative value, or does not cover 400 to 700 nm.
+    """
+    file = read_csv(path, key, what)
+    rows, lines = file.rows(("wavelength_nm", *columns))
+    _check_wavelengths(file, rows[:, 0], lines)
+    for i, column in enumerate(columns, start=1):
+        if (rows[:, i] < 0.0).any():
+            at = int(np.argmax(rows[:, i] < 0.0))
+            raise InputError(f"{column} is negative", file=path, line=lines[at], key=key, value=float(rows[at, i]),
+                             remedy="Light has no negative amounts: 0 where noise takes it below.")
+        if not rows[:, i].any():
+            raise InputError(f"{column} is 0 everywhere", file=path, key=key, remedy=f"Give a {what}.")
+    return {column: Spectrum(rows[:, 0], rows[:, i]) for i, column in enumerate(columns, start=1)}
+
+
+def _check_wavelengths(file: CsvFile, wavelength_nm: np.ndarray, lines: list[int]) -> None:
+    """Wavelengths ascend, are nanometres, and cover the visible."""
+    first, last = float(wavelength_nm.min()), float(wavelength_nm.max())
+    for unit, factor in (("micrometres", 1e3), ("metres", 1e9), ("Angstrom", 0.1)):
+        if 200.0 <= first * factor <= 3000.0 and not 200.0 <= first <= 3000.0:
+            raise InputError(f"wavelength_nm goes from {first:g} to {last:g}, which look like {unit}", file=file.path,
+                             key=file.key, remedy=f"Give nanometres: multiply by {factor:g}.")
+    falls = np.concatenate([[False], np.diff(wavelength_nm) <= 0.0])
+    if falls.any():
+        at = int(np.argmax(falls))
+        raise InputError("wavelength_nm does not increase", file=file.path, line=lines[at], key=file.key,
+                         value=float(wavelength_nm[at]), remedy="Sort the rows by wavelength, each wavelength once.")
+    if first > VISIBLE[0] or last < VISIBLE[1]:
+        raise InputError(f"goes from {first:g} to {last:g} nm", file=file.path, key=file.key,
+                         remedy="A spectrum must cover 400 to 700 nm; give 0 where there is no light.")
+
+
+@cache
+def bundled(name: str, *columns: str) -> dict[str, Spectrum]:
+    """Spectra of a file of the package, by its path in `DATA` without the suffix."""
+    return read_spectra(DATA / f"{name}.csv", "spectra", "spectrum", columns)
+
+
+def named_files(kind: str) -> dict[str, Path]:
+    """The files of one kind that come with the package, by name: ``lamps``, ``cameras``."""
+    return {path.stem: path for path in sorted((DATA / kind).glob("*.csv"))}
+
+
+def named_or_file(name: str, kind: str, what: str, resolve: Callable[[str], Path], key: str) -> Path:
+    """The file of the package that has a name, or that of the user which ``resolve`` leads to.
+
+    Raises:
+        InputError: There is neither; names the spectra of the package.
+    """
+    own = named_files(kind)
+    if name in own:
+        return own[name]
+    path = resolve(name)
+    require_file(path, what, did_you_mean(name, [*own, *ALSO.get(kind, ())]) or "Give the path of a file, or one that "
+                 f"comes with the package: {', '.join([*own, *ALSO.get(kind, ())])}.", key)
+    return path
