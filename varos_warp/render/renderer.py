@@ -4,6 +4,7 @@ import copy
 import functools
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from varos_warp.render.moments import Motion, NextFrame, checked_motion, moments
 from varos_warp.render.options import INTEGRATORS, LAYERS, RenderOptions, check_names, options_of, resolve_integrator
 from varos_warp.render.particles.snow import SnowRenderer
 from varos_warp.render.radiance import RadianceRenderer, Shot
+from varos_warp.render.spectral import SpectralRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import FLOW, WATER
 from varos_warp.scene.description.vehicle import Camera
@@ -40,6 +42,7 @@ from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
+from varos_warp.scene.spectra.passes import passes
 from varos_warp.sim.companions import companions
 from varos_warp.sim.poses import poses_of_moving
 
@@ -112,15 +115,22 @@ class FrameRenderer:
         self.device = resolve_device(device)
         self.device_name = wp.get_device(self.device).name
         self.parts = build_parts(scene) if parts is None else parts
-        self.world = DeviceScene(scene, self.parts, self.device)
+        # of water by wavelength, what kernels know is three of its bands
+        shown = passes(scene, scene.vehicle.cameras[0])[0].scene if scene.is_spectral else scene
+        self.world = DeviceScene(shown, self.parts, self.device)
         self.companions = companions(scene)
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
         self._material_ids = np.array([0, *(row["material_id"] for row in self.segments)], np.int32)
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
-        self.radiance = RadianceRenderer(scene, self.world, self.films)
-        self.snow = SnowRenderer(scene, self.launcher, self.radiance.open_water)
+        self._see(shown)
+
+    def _see(self, shown: Scene) -> None:
+        """Make ready what renders the water of a scene; ``shown``: as kernels know it."""
+        self.radiance = (SpectralRenderer(shown, self.world, self.films, self.scene) if self.scene.is_spectral
+                         else RadianceRenderer(shown, self.world, self.films))
+        self.snow = SnowRenderer(shown, self.launcher, self.radiance.open_water)
 
     def relit(self, scene: Scene) -> "FrameRenderer":
         """A renderer of a scene that differs in water, lights, cameras or course only: nothing is built anew for it.
@@ -128,9 +138,9 @@ class FrameRenderer:
         Not for use at the same time as this one: both render into the same films.
         """
         other = copy.copy(self)
-        other.scene, other.world, other.companions = scene, self.world.relit(scene), companions(scene)
-        other.radiance = RadianceRenderer(scene, other.world, self.films)
-        other.snow = SnowRenderer(scene, self.launcher, other.radiance.open_water)
+        shown = passes(scene, scene.vehicle.cameras[0])[0].scene if scene.is_spectral else scene
+        other.scene, other.world, other.companions = scene, self.world.relit(shown), companions(scene)
+        other._see(shown)
         return other
 
     @property
@@ -153,7 +163,8 @@ class FrameRenderer:
             outputs: Letters of the images.
             integrator: Of A and P; absent: the scene's.
         """
-        kernels = kernels_needed(self.scene, self.world.spec, outputs, integrator)
+        kernels = kernels_needed(self.radiance.scene, replace(self.world.spec, bands=self.scene.is_spectral), outputs,
+                                 integrator)
         return compiling(kernels, self.device)
 
     def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,

@@ -63,7 +63,8 @@ def foretold_spec(scene: Scene, device: str) -> SceneSpec:
     textured = [may_have_colours(block) if block.material is None
                 else not isinstance(scene.materials[block.material], Diffuse) for block in blocks]
     copies = bool(scene.scatter or scene.growth) and MOST_JOINED_FACES[kind_of(device)] == 0
-    return SceneSpec(medium=bool(optical_properties(scene).sigma_s.any()), surfaces=bool(blocks),
+    scatters = scene.is_spectral or bool(optical_properties(scene).sigma_s.any())
+    return SceneSpec(medium=scatters, surfaces=bool(blocks), bands=scene.is_spectral,
                      instances=copies or bool(scene.moving), textures=any(textured) or bool(scene.growth))
 
 

@@ -13,14 +13,12 @@ from varos_warp.scene.geometry.placed import object_part
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.camera import camera_model
-from varos_warp.scene.spectra.bands import scene_bands
+from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID, VISIBLE
 from varos_warp.scene.spectra.water import water_spectra
 from varos_warp.scene.water import optical_properties, phase_function
 from varos_warp.scene.water.particles import particle_laws
 
-PATHS_M = (1.0, 20.0)
-"""Of light from lamp to surface to camera, for which bands are told [m]: what a lamp at the camera shows up to 10 m."""
 LENS_KEYS = ("resolution", "sensor_mm", "focal_mm")
 
 

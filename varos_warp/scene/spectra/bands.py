@@ -33,6 +33,10 @@ FITTED_DISTANCES = 8
 PASS = 3
 """Bands that a pass of the renderer carries, one in each of its channels; ``auto`` fills its passes."""
 
+PATHS_M = (1.0, 20.0)
+"""Of light from lamp to surface to camera, for which bands are chosen [m]: what a lamp at the camera shows up to 10 m.
+"""
+
 
 @dataclass(frozen=True)
 class Bands:

@@ -1,0 +1,106 @@
+"""Bands as passes of three: scenes whose three channels are bands of the spectrum, and how they become an image.
+
+Light of one wavelength is not changed into another, so that a frame in N bands is N frames of one colour. The kernels
+carry three of them at a time, in the place of red, green and blue.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.lights import Light
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.description.water import Coefficients, Water
+from varos_warp.scene.lights.distribution import axial_intensity
+from varos_warp.scene.spectra.bands import PASS, PATHS_M, Bands, scene_bands
+from varos_warp.scene.spectra.lamps import lamp_spectrum, watts_of_lumen
+from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
+
+
+class BandPass(NamedTuple):
+    """Three bands of a camera's image."""
+
+    scene: Scene
+    """With the water, and the lights' intensities [W/sr/nm], of the bands in the place of red, green and blue."""
+    to_bands: np.ndarray
+    """From reflectances R G B to those in the bands, float64 [3 bands, 3]."""
+    weights: np.ndarray
+    """Of the bands' radiances [W/sr/m^2/nm] in the camera's channels, float64 [3 channels, 3 bands] [nm]."""
+    of_ambient: np.ndarray
+    """Of the bands in uniform light of the first lamp's colour, float64 [3 channels, 3 bands]; rows add up to 1 over
+    all passes."""
+
+
+def balanced(bands: Bands) -> np.ndarray:
+    """Weights float64 [3, N] [nm] of a camera that is balanced for its lamps.
+
+    A white surface close to the first lamp is white, and as bright as the same power in a scene of three channels.
+    """
+    first = bands.lamps[0]
+    return bands.weights / (bands.weights @ first)[:, None]
+
+
+def passes(scene: Scene, camera: Camera) -> list[BandPass]:
+    """The passes of a camera's image in a scene by wavelength; the last may have bands of weight 0.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
+    bands = scene_bands(scene, camera, PATHS_M)
+    weights = balanced(bands)
+    axial = np.array([intensity_of(light, scene) for light in scene.lights])
+    made = []
+    for chosen, used in _in_threes(len(bands.wavelength_nm)):
+        w = weights[:, chosen] * used
+        made.append(BandPass(_of_bands(scene, bands, chosen, axial), reflectance_of_rgb(
+            np.eye(3), bands.wavelength_nm[chosen]).T, w, w * bands.lamps[0, chosen]))
+    return made
+
+
+def _in_threes(count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Numbers of the bands of each pass, the last band again where there are too few, and which of them count."""
+    for first in range(0, count, PASS):
+        number = first + np.arange(PASS)
+        yield np.minimum(number, count - 1), number < count
+
+
+def intensity_of(light: Light, scene: Scene) -> float:
+    """Intensity of a light on its axis between 400 and 700 nm [W/sr].
+
+    Raises:
+        InputError: A file of its spectrum or its profile cannot be used.
+    """
+    power = light.power_W
+    if power is None:
+        spectrum = lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
+        power = watts_of_lumen(spectrum, light.lumen)
+    return axial_intensity(light, scene, power)
+
+
+def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, axial: np.ndarray) -> Scene:
+    """The scene with three bands in the place of its channels."""
+    b = bands.b_water[chosen] + bands.b_particles[chosen]
+    phase = _phase(scene.water.spectral.phase.model_dump(), float(bands.b_water[chosen].sum() / max(b.sum(), 1e-300)))
+    water = Water(coefficients=Coefficients(sigma_s=tuple(b), sigma_a=tuple(bands.a[chosen]), phase=phase))
+    lit = {id(light): light.model_copy(update={"intensity": tuple(power * bands.lamps[i, chosen])})
+           for i, (light, power) in enumerate(zip(scene.lights, axial, strict=True))}
+
+    def relit(vehicle):
+        return vehicle.model_copy(update={"lights": [lit.get(id(light), light) for light in vehicle.lights]})
+
+    changed: dict[str, Any] = {"water": water, "vehicle": relit(scene.vehicle)}
+    if scene.vehicles:
+        changed["vehicles"] = [relit(vehicle) for vehicle in scene.vehicles]
+    return scene.model_copy(update=changed)
+
+
+def _phase(of_particles: dict, share: float) -> dict:
+    """The phase function of particles and, a share of the scattering, of the water itself."""
+    if share < 1e-6:
+        return of_particles
+    kinds = of_particles["of"] if of_particles["kind"] == "mixture" else [of_particles | {"weight": 1.0}]
+    whole = sum(kind["weight"] for kind in kinds)
+    mixed = [kind | {"weight": (1.0 - share) * kind["weight"] / whole} for kind in kinds]
+    return {"kind": "mixture", "of": [*mixed, {"kind": "rayleigh", "weight": share}]}
