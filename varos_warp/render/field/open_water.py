@@ -70,6 +70,8 @@ def _no_lights(scene: Scene) -> str | None:
 
 def _no_water(scene: Scene) -> str | None:
     """Why there is no field for the water of a scene; None: there may be one."""
+    if scene.is_spectral:
+        return "the water is by wavelength"
     water = optical_properties(scene)
     if not water.sigma_s.any():
         return "the water does not scatter"

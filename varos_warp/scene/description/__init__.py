@@ -24,7 +24,7 @@ from varos_warp.scene.description.particles import Particles
 from varos_warp.scene.description.render import Render
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import AnyTerrain
-from varos_warp.scene.description.vehicle import Current, Pose, Trajectory, Vehicle
+from varos_warp.scene.description.vehicle import Camera, Current, Pose, Trajectory, Vehicle
 from varos_warp.scene.description.water import Water
 from varos_warp.scene.description.world import Material, Object, Scatter
 
@@ -314,6 +314,11 @@ class Scene(Block):
         """Where the scene file has one of `lights`, this one and not what equals it."""
         return next(f"{place}.lights.{i}" for place, vehicle in self._places.items()
                     for i, own in enumerate(vehicle.lights) if own is light)
+
+    def key_of_camera(self, camera: Camera) -> str:
+        """Where the scene file has one of the cameras."""
+        return next(f"{place}.cameras.{i}" for place, vehicle in self._places.items()
+                    for i, own in enumerate(vehicle.cameras) if own is camera)
 
     def key_in_file(self, words: str) -> str:
         """A key, or a sentence that begins with one: what stands under ``vehicle`` and ``trajectory``, where it is."""

@@ -57,7 +57,7 @@ class Shining(Block):
     spectrum: str | None = Field(default=None, examples=["led_b4"])
     """The light by wavelength, in water by wavelength (docs/spectra.md): a name that comes with the package, or a CSV
     file with the columns wavelength_nm and power, of any scale. Absent: ``intensity`` tells each channel."""
-    power_W: Annotated[float, Field(gt=0.0, le=1e6)] | None = Field(default=None, examples=[30])
+    power_W: Annotated[float, Field(gt=0.0, le=1e6)] | None = Field(default=None, examples=[30])  # noqa: N815
     """Power of the light between 400 and 700 nm, in all directions together [W]; with ``spectrum``."""
     lumen: Annotated[float, Field(gt=0.0, le=1e8)] | None = Field(default=None, examples=[5000])
     """Luminous flux in all directions together [lm], instead of ``power_W``; with ``spectrum``."""

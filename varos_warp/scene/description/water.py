@@ -171,10 +171,10 @@ class Constituents(Block):
     """Absorption of coloured dissolved organic matter at 440 nm [1/m]."""
     minerals_g_m3: Annotated[float, Field(ge=0.0, le=500.0)] = 0.0
     """Suspended minerals, dry mass [g/m^3]."""
-    temperature_C: Annotated[float, Field(ge=-2.0, le=35.0)] = 10.0
+    temperature_C: Annotated[float, Field(ge=-2.0, le=35.0)] = 10.0  # noqa: N815
     """Temperature [degrees Celsius]; the scattering of pure sea water changes a little with it."""
     salinity: Annotated[float, Field(ge=0.0, le=45.0)] = 35.0
-    """Salinity [g/kg]; 0 is fresh water."""
+    """Salinity [per mille]; 0 is fresh water."""
 
 
 class SpectralWater(Block):

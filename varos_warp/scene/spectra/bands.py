@@ -131,7 +131,7 @@ def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float]) ->
     """
     lamps = [lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
              for light in scene.lights]
-    response = camera_response(camera.response, scene.resolve, f"camera {camera.id}: response")
+    response = camera_response(camera.response, scene.resolve, scene.key_of_camera(camera) + ".response")
     return choose_bands(water_spectra(scene), lamps or [black_body(HALOGEN_K)], response, distances,
                         scene.render.bands or "auto", scene.render.tolerance)
 

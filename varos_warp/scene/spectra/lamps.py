@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.scene.spectra.spectrum import GRID, STEPS, Spectrum, bundled, named_or_file, read_spectra
+from varos_warp.scene.spectra.spectrum import STEPS, Spectrum, bundled, named_or_file, read_spectra
 
 HALOGEN_K = 3200.0
 """Temperature of a halogen lamp's filament [K], which shines as a black body."""
