@@ -17,6 +17,7 @@ from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
+from varos_warp.products.images.protocol import LetsThrough
 from varos_warp.products.images.radiance import RadianceImage
 from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater, unavailable
@@ -89,6 +90,10 @@ class RadianceRenderer:
         self._shares: dict[Camera, wp.array | None] = {}
         self._told = False
         self.open_water = OpenWater(scene, self.launcher, world.lights)
+
+    def lets_through(self, view: Camera) -> LetsThrough:
+        """The water as a camera sees it."""
+        return self.world.water
 
     def water(self, shot: Shot) -> RadianceImage:
         """Render A, with the bodies in the water in front."""

@@ -330,7 +330,7 @@ class FrameRenderer:
         found = dict(zip(wanted, on_host, strict=True))
         if "instance" in found and len(self.world.segment_of) > len(self._material_ids):  # else all have their own
             found["instance"] = self.world.segment_of[found["instance"]]
-        return FirstHits(found, self.world.water, self._material_ids)
+        return FirstHits(found, self.radiance.lets_through(view), self._material_ids)
 
     def _trace_purity(self, here: Exposed, key: int) -> wp.array:
         """Share float32 [H, W] of each pixel, as A is made, that shows what its centre shows."""

@@ -15,7 +15,7 @@ from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene
-from varos_warp.scene.spectra.passes import BandPass, passes
+from varos_warp.scene.spectra.passes import BandPass, BandWater, passes
 
 
 class SpectralRenderer(RadianceRenderer):
@@ -31,14 +31,18 @@ class SpectralRenderer(RadianceRenderer):
     def __init__(self, scene: Scene, world: DeviceScene, films: Films, whole: Scene):
         super().__init__(scene, world, films)
         self._whole = whole
-        self._passes: dict[Camera, list[tuple[BandPass, RadianceRenderer]]] = {}
+        self._passes: dict[str | None, list[tuple[BandPass, RadianceRenderer]]] = {}
 
     def passes(self, view: Camera) -> list[tuple[BandPass, RadianceRenderer]]:
-        """The passes of a camera, each with its renderer."""
-        if view not in self._passes:
-            self._passes[view] = [(one, RadianceRenderer(one.scene, self._lit(self.world, one), self.films))
+        """The passes of a camera, each with its renderer; the same for all of one response."""
+        if view.response not in self._passes:
+            self._passes[view.response] = [(one, RadianceRenderer(one.scene, self._lit(self.world, one), self.films))
                                   for one in passes(self._whole, view)]
-        return self._passes[view]
+        return self._passes[view.response]
+
+    def lets_through(self, view: Camera) -> BandWater:
+        """The water as a camera sees it, by white light of the first lamp."""
+        return BandWater.of_camera(self._whole, view)
 
     def water(self, shot: Shot) -> RadianceImage:
         """Render A."""
@@ -102,8 +106,10 @@ def weighed(images: Sequence[RadianceImage], weights: Sequence[np.ndarray]) -> R
 
 
 def _in_channels(values: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray:
-    """Values [H, W, 3 bands] of all passes in the camera's channels, float32 [H, W, 3]; a band without weight that is
-    infinite adds nothing."""
+    """Values [H, W, 3 bands] of all passes in the camera's channels, float32 [H, W, 3].
+
+    A band without weight adds nothing, though it is infinite.
+    """
     out = np.zeros(values[0].shape)
     for value, w in zip(values, weights, strict=True):
         for channel, band in zip(*np.nonzero(w), strict=True):

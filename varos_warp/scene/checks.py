@@ -112,7 +112,7 @@ def looks_like_transmission(coefficients) -> bool:
 
 def _check_water(scene):
     if scene.is_spectral:
-        return ["water.spectral: light by wavelength is not rendered yet: a run refuses this scene"]
+        return []
     water = optical_properties(scene)
     if not water.sigma_t.any():
         return []

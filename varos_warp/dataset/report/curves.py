@@ -14,6 +14,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.registry import SENSORS
+from varos_warp.scene.spectra.passes import BandWater
 
 ROUNDING = 1e-12
 """Below it, a quantity in SI units is what rounding left of 0."""
@@ -127,8 +128,10 @@ def _seconds(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
 
 def attenuation(data: Dataset) -> dict[str, Any]:
     """What the water leaves of light along a straight way: exp(-sigma_t d) per channel."""
-    water = data.meta["water"]
-    sigma_t = np.add(water["sigma_a"], water["sigma_s"])
-    distance = np.linspace(0.0, data.meta["depth"]["range_m"][1], 101)
-    return curve("Light left after a distance in the water", "%", distance, 100 * np.exp(-distance[:, None] * sigma_t),
+    water, distance = data.meta["water"], np.linspace(0.0, data.meta["depth"]["range_m"][1], 101)
+    if "bands" in water:
+        left = BandWater.of(water, data.cameras[0]).left(distance)
+    else:
+        left = np.exp(-distance[:, None] * np.add(water["sigma_a"], water["sigma_s"]))
+    return curve("Light left after a distance in the water", "%", distance, 100 * left,
                  ["red", "green", "blue"], distance=True, zero=True)

@@ -80,8 +80,10 @@ def headline(data: Dataset) -> list[tuple[str, str]]:
 
 
 def water(data: Dataset) -> Raw:
-    """Optical properties by channel."""
+    """Optical properties by channel, or by band."""
     w = data.meta["water"]
+    if "bands" in w:
+        return _bands(w)
     sigma_t = np.add(w["sigma_a"], w["sigma_s"])
     with np.errstate(divide="ignore"):
         rows = [("absorption a [1/m]", w["sigma_a"]), ("scattering b [1/m]", w["sigma_s"]),
@@ -90,6 +92,14 @@ def water(data: Dataset) -> Raw:
     text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
     phase = {"henyey_greenstein": "Henyey-Greenstein", "fournier_forand": "Fournier-Forand"}.get(w["phase"], w["phase"])
     return Raw(text + note(f"Given as {w['source']}; {phase} phase function, g = {w['g']:g}."))
+
+
+def _bands(w: dict) -> Raw:
+    """Water by wavelength, in the bands of each camera."""
+    rows = [(bands["camera"], f"{nm:g}", number(a), number(b), number(a + b)) for bands in w["bands"]
+            for nm, a, b in zip(bands["wavelength_nm"], bands["a"], bands["b"], strict=True)]
+    text = table(rows, ("camera", "band [nm]", "a [1/m]", "b [1/m]", "c [1/m]"), "numbers")
+    return Raw(text + note(f"By wavelength: {w['water']}; {w['phase']} phase function of particles, g = {w['g']:g}."))
 
 
 def cameras(data: Dataset) -> Raw:

@@ -18,9 +18,10 @@ from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import SEGMENTS
-from varos_warp.scene.description.water import HenyeyGreenstein
+from varos_warp.scene.description.water import HenyeyGreenstein, SpectralWater, Water
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
+from varos_warp.scene.spectra.spectrum import is_file_name
 
 RELATIVE = 1e-9
 """Numbers that differ by less are the same."""
@@ -43,6 +44,8 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         made["scene"] = scene_to_dict(scene)
         for key in ("phase", "g", "phase_function"):
             made["water"].pop(key, None)
+        if scene.is_spectral:  # its tables, of which all follows, are not in the dataset
+            del made["water"]
     profile = (meta.get("noise") or {}).get("profile", {})
     for sensor in SENSORS:
         if profile.get(sensor.key):
@@ -57,13 +60,36 @@ def check_metadata(data: Dataset, result: Validation) -> None:
 
 
 def _without_table(scene: Scene) -> Scene:
-    """The scene with another phase function if that is a table, whose file is not in the dataset."""
+    """The scene with another phase function or spectra if those are tables, whose files are not in the dataset."""
+    if scene.is_spectral:
+        return _without_spectra(scene)
     for name in ("coefficients", "jerlov"):
         form = getattr(scene.water, name, None)
-        if form is not None and '"tabulated"' in form.phase.model_dump_json():
+        if form is not None and _is_table(form.phase):
             water = scene.water.model_copy(update={name: form.model_copy(update={"phase": HenyeyGreenstein()})})
             return scene.model_copy(update={"water": water})
     return scene
+
+
+def _is_table(phase) -> bool:
+    return '"tabulated"' in phase.model_dump_json()
+
+
+def _without_spectra(scene: Scene) -> Scene:
+    """The scene itself if all of its spectra come with the package."""
+    water = scene.water.spectral
+    own = {name for name in (light.spectrum for light in scene.lights) if is_file_name(name, "lamps")}
+    own |= {name for name in (camera.response for camera in scene.vehicle.cameras) if is_file_name(name, "cameras")}
+    if not own and water.file is None and not _is_table(water.phase):
+        return scene
+
+    def plain(vehicle):
+        return vehicle.model_copy(update={
+            "lights": [light.model_copy(update={"spectrum": "led_b4"}) for light in vehicle.lights],
+            "cameras": [camera.model_copy(update={"response": "nikon_5100"}) for camera in vehicle.cameras]})
+
+    changed = {"water": Water(spectral=SpectralWater(jerlov="IB")), "vehicle": plain(scene.vehicle)}
+    return scene.model_copy(update=changed)
 
 
 def check_segments(data: Dataset, result: Validation) -> None:

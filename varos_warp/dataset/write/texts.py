@@ -43,7 +43,10 @@ from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
-from varos_warp.scene.water import optical_properties
+from varos_warp.scene.spectra.passes import described
+from varos_warp.scene.spectra.spectrum import GRID, is_file_name
+from varos_warp.scene.spectra.water import water_spectra
+from varos_warp.scene.water import optical_properties, phase_function
 from varos_warp.scene.water.particles import particle_laws
 
 # ----------------------------------------------------------------------------------------------------- poses, sensors
@@ -207,13 +210,22 @@ def has_row_poses(camera) -> bool:
 
 
 def describe_water(scene) -> dict:
-    """Optical properties per channel R, G, B."""
+    """Optical properties per channel R, G, B; of water by wavelength, by that and by the bands of each camera."""
+    if scene.is_spectral:
+        return _describe_spectra(scene)
     water, bodies = optical_properties(scene), [law.describe() for law in particle_laws(scene)]
     return {"source": water.source, "sigma_a": water.sigma_a.tolist(), "sigma_s": water.sigma_s.tolist(),
             "sigma_t": water.sigma_t.tolist(), "albedo": water.albedo.tolist(), "unit": "1/m",
             "phase": water.phase.kind, "g": water.g,
             **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()}),
             **({"particles": bodies} if bodies else {})}
+
+
+def _describe_spectra(scene) -> dict:
+    water, phase = water_spectra(scene), phase_function(scene)
+    return {"source": "spectral", "water": water.source, "unit": "1/m", "wavelength_nm": GRID.tolist(),
+            **{name: getattr(water, name).tolist() for name in ("a", "b_water", "b_particles")},
+            "phase": phase.kind, "g": phase.mean_cosine, "phase_function": phase.describe(), "bands": described(scene)}
 
 
 def describe_sensors(vehicle) -> dict[str, dict]:
@@ -260,9 +272,13 @@ def sources(scene, sum_of: Callable[[Path], str] = sha256) -> dict[str, str | No
     named += [name for name in textures if name not in GROUND_TEXTURES]
     named += [light.file for light in scene.lights if getattr(light, "file", None)]
     named += [course.file for course in scene.trajectories.values() if course.file]
-    water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov
+    water = None if scene.water == "none" else scene.water.coefficients or scene.water.jerlov or scene.water.spectral
     phase = getattr(water, "phase", None)
     named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
+    named += [water.file] if getattr(water, "file", None) else []
+    for kind, names in (("lamps", [light.spectrum for light in scene.lights]),
+                        ("cameras", [camera.response for camera in scene.vehicle.cameras])):
+        named += [name for name in names if name and is_file_name(name, kind)]
     named += scene.calibrations
     found: dict[str, str | None] = dict.fromkeys(named)
     for name in found:

@@ -13,7 +13,6 @@ import numpy as np
 
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.water import OpticalProperties
 
 
 class Source(Enum):
@@ -26,6 +25,13 @@ class Source(Enum):
     PARTICLES = "bodies in the water, drawn one by one"
 
 
+class LetsThrough(Protocol):
+    """Water, as far as image T asks."""
+
+    def left(self, distance: np.ndarray) -> np.ndarray:
+        """Share of light that is neither absorbed nor scattered over distances [...] [m], float64 [..., 3]."""
+
+
 class FirstHits(NamedTuple):
     """What the rays through the pixels' centres hit first, on the host."""
 
@@ -34,8 +40,8 @@ class FirstHits(NamedTuple):
     ``depth`` and ``distance`` float32 [H, W] [m], along the camera's axis from the lens and along the ray from where it
     enters the water; ``instance`` int32 [H, W], from 1. Where nothing is hit: 0, inf, inf, 0. ``purity`` float32
     [H, W]: of rays spread over the pixel as samples of A, the share that hits the instance of its centre."""
-    water: OpticalProperties
-    """Of the scene."""
+    water: "LetsThrough"
+    """Of the scene, as the camera sees it."""
     material_ids: np.ndarray
     """Number of the material of each instance, and of nothing (0), int32 [N + 1]."""
 

@@ -10,6 +10,7 @@ from varos_warp.products.images.nan import refuse_nan
 from varos_warp.products.images.protocol import FirstHits, FrameFiles, ImageProduct
 from varos_warp.products.images.radiance import encode_color
 from varos_warp.scene.description.image_types import DEPTH
+from varos_warp.scene.spectra.passes import BandWater
 
 HALF_STEP = 0.51
 """Of D: its rounding, and a little for that of its float32."""
@@ -25,7 +26,8 @@ class TransmittanceImage:
 
     transmittance: np.ndarray
     """exp(-sigma_t r) in channels R, G, B, float32 [H, W, 3], with the distance r that image D has by the kind
-    ``range``: from where the ray of the pixel's centre enters the water; 0 where nothing is hit."""
+    ``range``: from where the ray of the pixel's centre enters the water; 0 where nothing is hit. In water by
+    wavelength, the mean over what the channel sees of white light of the first lamp."""
 
 
 class Transmittance(ImageProduct):
@@ -41,14 +43,16 @@ class Transmittance(ImageProduct):
     readme = """IMAGES T (vehicle{VEHICLE}/cam0/T, float32 EXR with channels R, G, B)
   exp(-sigma_t r) per channel: the share of light from what the pixel's centre sees that reaches the camera, neither
   absorbed nor scattered; r is the distance along the ray in the water, from the port if there is one (channel range of
-  D_exr), also beyond the range of D. 0: nothing hit. sigma_t stands in dataset.json under water.
+  D_exr), also beyond the range of D. 0: nothing hit. sigma_t stands in dataset.json under water. In water by
+  wavelength it is the mean of exp(-c r) over what the channel sees of white light of the first lamp: the sum over the
+  camera's bands of white times exp(-(a + b) r) (dataset.json, water.bands). -ln(T) / r then falls with r.
 """
 
     def of_hits(self, hits: FirstHits) -> TransmittanceImage:
         """By the law of Beer and Lambert: the water is the same everywhere."""
-        distance = hits.planes["distance"][..., None]
+        distance = hits.planes["distance"]
         hit = np.isfinite(distance)
-        found = np.where(hit, np.exp(-hits.water.sigma_t * np.where(hit, distance, 0.0)), 0.0)
+        found = np.where(hit[..., None], hits.water.left(np.where(hit, distance, 0.0)), 0.0)
         return TransmittanceImage(found.astype(np.float32))
 
     def pixels(self, image: TransmittanceImage, render: Any) -> np.ndarray:
@@ -67,6 +71,9 @@ class Transmittance(ImageProduct):
             yield name, "has values that are not between 0 and 1"
             return
         water = files.data.meta["water"]
+        if "bands" in water:
+            yield from self._against_bands(files, found)
+            return
         sigma_t = np.add(water["sigma_a"], water["sigma_s"])
         strongest = int(np.argmax(sigma_t))
         known = found[..., strongest] > LEAST
@@ -83,6 +90,22 @@ class Transmittance(ImageProduct):
         if DEPTH in files.data.outputs:
             yield from self._against_depth(files, distance, known, ROUNDING / sigma_t[strongest])
             yield from self._against_surfaces(files, known, sigma_t[strongest])
+
+    def _against_bands(self, files: FrameFiles, found: np.ndarray) -> Iterator[tuple[str, str]]:
+        """What is not what the bands of the camera let through over the distances of D, if there is D."""
+        if DEPTH not in files.data.outputs:
+            return
+        water = BandWater.of(files.data.meta["water"], files.camera)
+        nowhere = np.zeros(files.shape)
+        at_port = files.along_axis(nowhere)
+        along = files.along_axis(nowhere + 1.0) - at_port
+        known = np.isfinite(files.planar) & (files.planar > at_port)
+        distance = np.where(known, (files.planar - at_port) / along, 0.0)
+        slack = (HALF_STEP * files.data.meta["depth"]["scale_m"] + 1e-5 * distance) / along
+        made = water.left(distance)
+        limit = (water.sigma_t.max() * slack[..., None] + ROUNDING) * made + LEAST
+        if count := np.count_nonzero(known & (np.abs(found - made) > limit).any(-1)):
+            yield files.file(self.letter).name, f"has another distance than D in {count} pixels"
 
     def _against_depth(self, files: FrameFiles, distance: np.ndarray, known: np.ndarray, slack_m: float
                        ) -> Iterator[tuple[str, str]]:

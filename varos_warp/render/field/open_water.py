@@ -24,6 +24,7 @@ from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.lights.records import Lights, light_position, radius_of
+from varos_warp.scene.spectra.passes import passes
 from varos_warp.scene.water import medium_record, optical_properties
 
 CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
@@ -70,8 +71,9 @@ def _no_lights(scene: Scene) -> str | None:
 
 def _no_water(scene: Scene) -> str | None:
     """Why there is no field for the water of a scene; None: there may be one."""
-    if scene.is_spectral:
-        return "the water is by wavelength"
+    if scene.is_spectral:  # in every band
+        return next(filter(None, (_no_water(one.scene) for camera in scene.vehicle.cameras
+                                  for one in passes(scene, camera))), None)
     water = optical_properties(scene)
     if not water.sigma_s.any():
         return "the water does not scatter"

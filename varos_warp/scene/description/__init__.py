@@ -316,9 +316,9 @@ class Scene(Block):
                     for i, own in enumerate(vehicle.lights) if own is light)
 
     def key_of_camera(self, camera: Camera) -> str:
-        """Where the scene file has one of the cameras."""
-        return next(f"{place}.cameras.{i}" for place, vehicle in self._places.items()
-                    for i, own in enumerate(vehicle.cameras) if own is camera)
+        """Where the scene file has one of the cameras; of another, its id."""
+        return next((f"{place}.cameras.{i}" for place, vehicle in self._places.items()
+                     for i, own in enumerate(vehicle.cameras) if own is camera), f"camera {camera.id}")
 
     def key_in_file(self, words: str) -> str:
         """A key, or a sentence that begins with one: what stands under ``vehicle`` and ``trajectory``, where it is."""

@@ -5,6 +5,7 @@ carry three of them at a time, in the place of red, green and blue.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,45 @@ class BandPass(NamedTuple):
     of_ambient: np.ndarray
     """Of the bands in uniform light of the first lamp's colour, float64 [3 channels, 3 bands]; rows add up to 1 over
     all passes."""
+
+
+@dataclass(frozen=True)
+class BandWater:
+    """Water as a camera sees it in N bands, by white light of the first lamp."""
+
+    sigma_t: np.ndarray
+    """Extinction in the bands [1/m], float64 [N]."""
+    white: np.ndarray
+    """Share of each band in the channels, float64 [3, N]; rows add up to 1."""
+
+    def left(self, distance: np.ndarray) -> np.ndarray:
+        """Share of light that is neither absorbed nor scattered over distances [...] [m], float64 [..., 3]."""
+        return np.exp(-np.asarray(distance)[..., None] * self.sigma_t) @ self.white.T
+
+    @classmethod
+    def of_camera(cls, scene: Scene, camera: Camera) -> "BandWater":
+        """As one of a scene's cameras sees it."""
+        bands = scene_bands(scene, camera, PATHS_M)
+        return cls(bands.a + bands.b_water + bands.b_particles, balanced(bands) * bands.lamps[0])
+
+    @classmethod
+    def of(cls, water: dict, camera: str) -> "BandWater":
+        """As dataset.json describes it for a camera."""
+        bands = next(bands for bands in water["bands"] if bands["camera"] == camera)
+        return cls(np.add(bands["a"], bands["b"]), np.array(bands["white"]))
+
+
+def described(scene: Scene) -> list[dict]:
+    """The bands of each camera in plain JSON types, to make anew from them what the camera sees."""
+    found = []
+    for camera in scene.vehicle.cameras:
+        bands = scene_bands(scene, camera, PATHS_M)
+        found.append({
+            "camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "a": bands.a.tolist(),
+            "b": (bands.b_water + bands.b_particles).tolist(), "weights": balanced(bands).tolist(),
+            "white": (balanced(bands) * bands.lamps[0]).tolist(), "rms": bands.rms.tolist(),
+            "worst": bands.worst.tolist()})
+    return found
 
 
 def balanced(bands: Bands) -> np.ndarray:

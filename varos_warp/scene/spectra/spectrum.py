@@ -92,6 +92,11 @@ def named_files(kind: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted((DATA / kind).glob("*.csv"))}
 
 
+def is_file_name(name: str, kind: str) -> bool:
+    """Whether a name is that of a user's file, and of no spectrum of one kind that comes with the package."""
+    return name not in named_files(kind) and name not in ALSO.get(kind, ())
+
+
 def named_or_file(name: str, kind: str, what: str, resolve: Callable[[str], Path], key: str) -> Path:
     """The file of the package that has a name, or that of the user which ``resolve`` leads to.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from varos_warp.errors import InputError
 from varos_warp.kernels.world.medium import Medium
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.water import Principled
@@ -41,6 +40,10 @@ class OpticalProperties:
         """Extinction [1/m], float64 [3]."""
         return self.sigma_s + self.sigma_a
 
+    def left(self, distance: np.ndarray) -> np.ndarray:
+        """Share of light that is neither absorbed nor scattered over distances [...] [m], float64 [..., 3]."""
+        return np.exp(-self.sigma_t * np.asarray(distance)[..., None])
+
     @property
     def albedo(self) -> np.ndarray:
         """sigma_s / sigma_t, 0 where there is no extinction, float64 [3]."""
@@ -51,13 +54,12 @@ def optical_properties(scene: Scene) -> OpticalProperties:
     """Water of a scene; ``water: none`` has neither scattering nor absorption.
 
     Raises:
-        InputError: A file of the phase function cannot be used, or the water is by wavelength.
+        InputError: A file of the phase function cannot be used.
+        ValueError: The water is by wavelength.
     """
     water = scene.water
-    if scene.is_spectral:  # the one place to lift, once bands are rendered: whatever makes light asks here
-        raise InputError("light by wavelength is not rendered yet, and three channels would not be it",
-                         key="water.spectral", remedy="`varos-warp info` shows its spectra and bands; to render, give "
-                         "water.jerlov or water.coefficients, and lights with intensity.")
+    if scene.is_spectral:
+        raise ValueError("water by wavelength has no three channels: scene/spectra/passes.py gives scenes of its bands")
     if water == "none":
         return OpticalProperties(np.zeros(3), np.zeros(3), HenyeyGreenstein(0.0), "none")
     if water.principled is not None:
