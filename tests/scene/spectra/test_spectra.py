@@ -31,6 +31,7 @@ def test_a_spectrum_is_linear_between_its_wavelengths():
     spectrum = Spectrum(np.array([400.0, 500.0, 700.0]), np.array([0.0, 1.0, 0.0]))
     np.testing.assert_allclose(spectrum.at([450.0, 600.0, 390.0]), [0.5, 0.5, 0.0])
     assert spectrum.integral() == pytest.approx(150.0)
+    assert Spectrum(np.array([400.0, 700.0]), np.array([2.0, 2.0])).integral() == pytest.approx(600.0)
 
 
 NM = np.arange(400.0, 701.0, 10.0)

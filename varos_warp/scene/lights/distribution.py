@@ -117,19 +117,27 @@ def distribution(light: Light, scene: Scene) -> Distribution:
     Raises:
         InputError: The file of a profile is missing, or is none, or a port lets no light through.
     """
-    if light.kind in ("point", "sheet"):
-        return Distribution()
-    if light.kind == "profile":
-        own = _of_file(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
-    else:
-        half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
-        own = Distribution(half, light.blend)
-    if light.port is None:
+    own = own_distribution(light, scene)
+    if light.kind in ("point", "sheet") or light.port is None:
         return own
     try:
         return behind_port(own, light.port)
     except InputError as error:
         raise error.at(f"{scene.key_of_light(light)}.port") from None
+
+
+def own_distribution(light: Light, scene: Scene) -> Distribution:
+    """How the intensity of a light of a scene is distributed before its port; everywhere for a sheet.
+
+    Raises:
+        InputError: The file of a profile is missing, or is none.
+    """
+    if light.kind in ("point", "sheet"):
+        return Distribution()
+    if light.kind == "profile":
+        return _of_file(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
+    half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
+    return Distribution(half, light.blend)
 
 
 def _of_file(path: Path, key: str) -> Distribution:
