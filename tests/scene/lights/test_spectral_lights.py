@@ -9,11 +9,13 @@ from varos_warp.scene.lights.spectral import solid_angle, spectral_intensity
 from varos_warp.scene.spectra.spectrum import STEPS
 
 SHAPES = [{"kind": "spot", "cone_deg": 65}, {"kind": "spot", "cone_deg": 100, "blend": 0.4}, {"kind": "point"},
-          {"kind": "spot", "cone_deg": 40, "blend": 0.2, "port": {}}, {"kind": "profile", "file": "led_flood", "port": {}}]
+          {"kind": "spot", "cone_deg": 40, "blend": 0.2, "port": {}},
+          {"kind": "profile", "file": "led_flood", "port": {}}]
 
 
 def scene_with(light):
-    return scene_from_dict({"water": {"spectral": {"jerlov": "II"}}, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+    return scene_from_dict({"water": {"spectral": {"jerlov": "II"}},
+                            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
                             "vehicle": {"lights": [light], "cameras": [{"response": "nikon_5100"}]}})
 
 
