@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.description import Scene
@@ -48,10 +47,6 @@ SMALL = {
 would be compiled anew, and what says how many pixels there are: other tests render through them."""
 
 
-REFUSED = {"constituents", "files", "jerlov"}
-"""Light by wavelength: `info` tells its spectra and bands, and nothing renders it yet."""
-
-
 def name_of(path: Path) -> str:
     return path.parent.name if path.stem == "scene" else path.stem
 
@@ -69,10 +64,6 @@ def test_every_shipped_camera_sees_through_its_lens_and_port():
 def test_every_shipped_scene_renders(path):
     """First frame through every camera, all outputs: finite numbers, and none of the images is black."""
     shipped = load_scene(path)
-    if name_of(path) in REFUSED:
-        with pytest.raises(InputError, match="not rendered yet"):
-            FrameRenderer(shipped, "cpu")
-        return
     own, course = ("vehicles.0", "vehicles.0.trajectory") if shipped.vehicles else ("vehicle", "trajectory")
     small = [f"{own}.cameras.{i}.resolution=[16, 9]" for i in range(len(shipped.vehicle.cameras))]
     length = [f"{course}.duration_s=0.5"] * (name_of(path) not in TEMPLATES or not shipped.trajectory.duration_s)

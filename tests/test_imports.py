@@ -20,7 +20,7 @@ ORDER = {
          "products.images", "render", "dataset", "cli"],
     "products": ["sensors", "images"],
     "kernels": ["world", "mesh", "film", "field", "transport", "particles"], "kernels.world": ["lights"],
-    "scene": ["optics", "calibration", "description", "file", "courses", "water", "lights", "spectra", "geometry",
+    "scene": ["optics", "calibration", "description", "file", "courses", "water", "spectra", "lights", "geometry",
               "materials"],
     "scene.geometry": ["survey", "files", "terrain", "assets", "relief", "growth"],
     "scene.geometry.relief": ["recipes"], "scene.geometry.assets": ["structures"], "scene.geometry.files": ["gltf"],

@@ -42,7 +42,7 @@ from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
-from varos_warp.scene.spectra.passes import passes
+from varos_warp.scene.passes import passes
 from varos_warp.sim.companions import companions
 from varos_warp.sim.poses import poses_of_moving
 

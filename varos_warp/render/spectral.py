@@ -15,7 +15,7 @@ from varos_warp.render.radiance import RadianceRenderer, Shot
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene
-from varos_warp.scene.spectra.passes import BandPass, BandWater, passes
+from varos_warp.scene.passes import BandPass, BandWater, passes
 
 
 class SpectralRenderer(RadianceRenderer):

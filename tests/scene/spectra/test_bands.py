@@ -63,7 +63,7 @@ def test_bands_keep_their_stated_error(name):
 def test_more_bands_are_no_worse_and_auto_keeps_the_tolerance():
     water, lamps, response, distances, _ = CASES["Jerlov 1C"]
     few, more = (choose_bands(water, lamps, response, distances, n) for n in (3, 9))
-    assert more.rms.max() < 0.2 * few.rms.max()
+    assert more.rms.max() < 0.5 * few.rms.max()
     auto = choose_bands(water, lamps, response, distances, "auto", 0.03)
     assert auto.rms.max() <= 0.03
     assert len(auto.wavelength_nm) % 3 == 0

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from varos_warp.errors import InputError
-from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.info import water_info
 from varos_warp.scene.spectra.bands import scene_bands
@@ -31,6 +30,7 @@ def test_a_spectrum_is_linear_between_its_wavelengths():
     spectrum = Spectrum(np.array([400.0, 500.0, 700.0]), np.array([0.0, 1.0, 0.0]))
     np.testing.assert_allclose(spectrum.at([450.0, 600.0, 390.0]), [0.5, 0.5, 0.0])
     assert spectrum.integral() == pytest.approx(150.0)
+    assert Spectrum(np.array([400.0, 700.0]), np.array([2.0, 2.0])).integral() == pytest.approx(600.0)
 
 
 NM = np.arange(400.0, 701.0, 10.0)
@@ -113,10 +113,9 @@ def test_a_scene_by_wavelength_comes_back_from_its_data(tmp_path):
     assert scene_from_dict(data, tmp_path) == scene
 
 
-def test_light_by_wavelength_is_refused_rather_than_rendered_in_three_channels(tmp_path):
-    with pytest.raises(InputError, match="not rendered yet") as refused:
-        FrameRenderer(spectral(tmp_path), "cpu")
-    assert refused.value.key == "water.spectral"
+def test_bodies_in_water_by_wavelength_are_refused(tmp_path):
+    with pytest.raises(InputError, match="particles: are not drawn in water by wavelength"):
+        spectral(tmp_path, particles=[{"share": 1e-4}])
 
 
 def test_info_tells_spectra_range_and_bands(tmp_path):

@@ -137,6 +137,11 @@ def _metadata() -> type[BaseModel]:
     key = Annotated[str, Field(pattern=r"^(objects\.\d+|vehicles\.[0-9a-zA-Z])$")]
     lights = list[_block(of_light, T_v_light=matrix)]  # type: ignore[misc, valid-type]
     moving = _block({"lights": lights}, key=key, id=Count, box_m=corner) | _block(key=key, lights=lights)
+    rows = list[list[float]]
+    bands = _block(camera=str, wavelength_nm=list[float], a=list[float], b=list[float], weights=rows, white=rows)
+    by_wavelength = _block(source=str, water=str, phase=str, g=float, wavelength_nm=list[float], a=list[float],
+                           b_water=list[float], b_particles=list[float], bands=list[bands])  # type: ignore[valid-type]
+    by_channel = _block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float)
     return _block(
         {"moving": list[moving]},  # type: ignore[valid-type]
         name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
@@ -146,7 +151,7 @@ def _metadata() -> type[BaseModel]:
         samples=_block(plan=plan | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,
         sensors=sensors, lights=list[light],  # type: ignore[valid-type]
-        water=_block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float),
+        water=by_channel | by_wavelength,
         gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
 
 

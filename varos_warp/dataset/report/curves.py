@@ -14,7 +14,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.registry import SENSORS
-from varos_warp.scene.spectra.passes import BandWater
+from varos_warp.scene.passes import BandWater
 
 ROUNDING = 1e-12
 """Below it, a quantity in SI units is what rounding left of 0."""

@@ -43,7 +43,7 @@ from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
-from varos_warp.scene.spectra.passes import described
+from varos_warp.scene.passes import described
 from varos_warp.scene.spectra.spectrum import GRID, is_file_name
 from varos_warp.scene.spectra.water import water_spectra
 from varos_warp.scene.water import optical_properties, phase_function

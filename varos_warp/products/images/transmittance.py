@@ -10,7 +10,7 @@ from varos_warp.products.images.nan import refuse_nan
 from varos_warp.products.images.protocol import FirstHits, FrameFiles, ImageProduct
 from varos_warp.products.images.radiance import encode_color
 from varos_warp.scene.description.image_types import DEPTH
-from varos_warp.scene.spectra.passes import BandWater
+from varos_warp.scene.passes import BandWater
 
 HALF_STEP = 0.51
 """Of D: its rounding, and a little for that of its float32."""

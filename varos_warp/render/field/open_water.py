@@ -24,7 +24,7 @@ from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.lights.records import Lights, light_position, radius_of
-from varos_warp.scene.spectra.passes import passes
+from varos_warp.scene.passes import passes
 from varos_warp.scene.water import medium_record, optical_properties
 
 CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",

@@ -205,6 +205,9 @@ class Scene(Block):
                     raise ValueError(f"{place}.cameras.{i}.response: " + (
                         "water by wavelength needs it of every camera; give one, such as nikon_5100" if spectral else
                         "means nothing unless the water is by wavelength; give water.spectral, or leave it out"))
+        if self.particles and spectral:
+            raise ValueError("particles: are not drawn in water by wavelength; leave them out, or give the water "
+                             "three channels")
         if self.render.bands is not None and not spectral:
             raise ValueError("render.bands: means nothing unless the water is by wavelength; give water.spectral, or "
                              "leave it out")

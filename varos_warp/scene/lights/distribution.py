@@ -21,9 +21,6 @@ RESOLVED = 0.98
 """Least share of a file's peak that its profile must have somewhere: goniometers err by as much. Half a step beside
 its peak a beam loses more if it falls to nothing within 25 steps, which are 4 degrees of a lamp that ends at 90."""
 
-SOLID_STEPS = 20_000
-"""Of solid angle, over which a distribution is integrated."""
-
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
@@ -90,14 +87,6 @@ class Distribution:
         """The profile's values, float64 [planes, NODES + 1]."""
         return np.reshape(self.profile, (self.planes, -1))
 
-    @property
-    def solid_angle(self) -> float:
-        """Power over the intensity on the axis, without the gain [sr]."""
-        y = (np.arange(SOLID_STEPS) + 0.5) / SOLID_STEPS  # (1 - cos) / (1 - cos_half), even in solid angle
-        angle = 2.0 * np.arcsin(np.sqrt(y) * np.sin(0.5 * self.half_angle))
-        around = 2.0 * np.pi * np.arange(self.planes)[:, None] / self.planes
-        return float(2.0 * np.pi * (1.0 - np.cos(self.half_angle)) * np.mean(self.at(angle, around)))
-
     def at(self, angle: ArrayLike, azimuth: ArrayLike = 0.0) -> np.ndarray:
         """Relative intensity, without the gain, at angles to the axis and around it (as C of type C) [rad]."""
         angle = np.asarray(angle, float)
@@ -128,8 +117,8 @@ def distribution(light: Light, scene: Scene) -> Distribution:
     Raises:
         InputError: The file of a profile is missing, or is none, or a port lets no light through.
     """
-    own = _in_air(light, scene)
-    if getattr(light, "port", None) is None:
+    own = own_distribution(light, scene)
+    if light.kind in ("point", "sheet") or light.port is None:
         return own
     try:
         return behind_port(own, light.port)
@@ -137,25 +126,18 @@ def distribution(light: Light, scene: Scene) -> Distribution:
         raise error.at(f"{scene.key_of_light(light)}.port") from None
 
 
-def _in_air(light: Light, scene: Scene) -> Distribution:
-    """The distribution of a light without its port."""
-    if light.kind in ("point", "sheet"):
-        return Distribution()
-    if light.kind == "profile":
-        return _of_file(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
-    return Distribution(np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2), light.blend)
-
-
-def axial_intensity(light: Light, scene: Scene, power: float) -> float:
-    """Intensity on the axis, before a port [W/sr], of a light that shines with a power in all directions [W].
+def own_distribution(light: Light, scene: Scene) -> Distribution:
+    """How the intensity of a light of a scene is distributed before its port; everywhere for a sheet.
 
     Raises:
         InputError: The file of a profile is missing, or is none.
     """
-    if light.kind == "sheet":  # a pyramid of four planes
-        half = np.sin(np.radians([light.fan_deg, light.thickness_deg]) / 2.0)
-        return power / float(4.0 * np.arcsin(half.prod()))
-    return power / _in_air(light, scene).solid_angle
+    if light.kind in ("point", "sheet"):
+        return Distribution()
+    if light.kind == "profile":
+        return _of_file(scene.resolve(light.file), f"{scene.key_of_light(light)}.file")
+    half = np.pi if light.cone_deg >= 360.0 else float(np.radians(light.cone_deg) / 2)
+    return Distribution(half, light.blend)
 
 
 def _of_file(path: Path, key: str) -> Distribution:

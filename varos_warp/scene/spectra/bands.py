@@ -21,13 +21,16 @@ from varos_warp.scene.description.render import MOST_BANDS
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.spectra.lamps import HALOGEN_K, black_body, camera_response, lamp_spectrum, per_watt
 from varos_warp.scene.spectra.spectrum import GRID, STEPS, Spectrum
-from varos_warp.scene.spectra.surfaces import chart_reflectances
+from varos_warp.scene.spectra.surfaces import chart_reflectances, reflectance_of_rgb
 from varos_warp.scene.spectra.water import WaterSpectra, water_spectra
 
 CANDIDATES = np.arange(0, len(GRID), 5)
 """Numbers of the wavelengths on `GRID` that may become bands."""
 FITTED = ("white", "foliage", "blue", "red", "yellow", "cyan")
 """Patches of the colour chart whose light the weights are fitted to; the error is stated for all 24."""
+PAINTS = ((0.5, 0.1, 0.05), (0.05, 0.3, 0.1), (0.05, 0.1, 0.5))
+"""Colours of materials, linear R G B, whose light the weights are fitted to as well, and for which the error is stated:
+spectra made of colours are unlike measured ones."""
 FITTED_DISTANCES = 8
 """Distances that the weights are fitted to; the error is stated for four times as many."""
 PASS = 3
@@ -54,12 +57,14 @@ class Bands:
     """Scattering by particles [1/m]."""
     lamps: np.ndarray
     """Power of each lamp at them for one watt within 400 to 700 nm, float64 [lamps, N] [1/nm]."""
+    white: np.ndarray
+    """What each channel sees of white in the light of one watt of the first lamp, by the nanometre, float64 [3]."""
     rms: np.ndarray
     """Root mean square of the relative errors of each channel, over the same cases as `worst`, float64 [3]."""
     worst: np.ndarray
     """Worst relative error of each channel's direct signal against integration by 1 nm, float64 [3].
 
-    Over the lamps, the distances asked for, and the 24 patches of the colour chart."""
+    Over the lamps, the distances asked for, the 24 patches of the colour chart, and `PAINTS`."""
 
 
 class _Problem:
@@ -107,9 +112,10 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
     """
     power = np.array([per_watt(lamp) for lamp in lamps])
     patches = chart_reflectances()
-    fitted = np.array([*(patches[name].at() for name in FITTED), water.b / max(water.b.max(), 1e-300)])
+    paints = reflectance_of_rgb(PAINTS)
+    fitted = np.array([*(patches[name].at() for name in FITTED), *paints, water.b / max(water.b.max(), 1e-300)])
     problem = _Problem(water, power, response, fitted, np.linspace(*distances, FITTED_DISTANCES))
-    judge = _Problem(water, power, response, np.array([patch.at() for patch in patches.values()]),
+    judge = _Problem(water, power, response, np.array([*(patch.at() for patch in patches.values()), *paints]),
                      np.linspace(*distances, 4 * FITTED_DISTANCES))
     chosen: list[int] = []
     counts = range(PASS, MOST_BANDS + 1, PASS) if bands == "auto" else [int(bands)]
@@ -120,7 +126,7 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
         if rms.max() <= tolerance:
             break
     return Bands(GRID[chosen], weights, water.a[chosen], water.b_water[chosen], water.b_particles[chosen],
-                 power[:, chosen], rms, worst)
+                 power[:, chosen], (response * STEPS) @ power[0], rms, worst)
 
 
 def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float]) -> Bands:

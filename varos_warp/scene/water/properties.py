@@ -59,7 +59,7 @@ def optical_properties(scene: Scene) -> OpticalProperties:
     """
     water = scene.water
     if scene.is_spectral:
-        raise ValueError("water by wavelength has no three channels: scene/spectra/passes.py gives scenes of its bands")
+        raise ValueError("water by wavelength has no three channels: scene/passes.py gives scenes of its bands")
     if water == "none":
         return OpticalProperties(np.zeros(3), np.zeros(3), HenyeyGreenstein(0.0), "none")
     if water.principled is not None:

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.water import Coefficients, Water
-from varos_warp.scene.lights.distribution import axial_intensity
+from varos_warp.scene.lights.spectral import spectral_intensity
 from varos_warp.scene.spectra.bands import PASS, PATHS_M, Bands, scene_bands
-from varos_warp.scene.spectra.lamps import lamp_spectrum, watts_of_lumen
+from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
 
 
@@ -51,7 +50,7 @@ class BandWater:
     def of_camera(cls, scene: Scene, camera: Camera) -> "BandWater":
         """As one of a scene's cameras sees it."""
         bands = scene_bands(scene, camera, PATHS_M)
-        return cls(bands.a + bands.b_water + bands.b_particles, balanced(bands) * bands.lamps[0])
+        return cls(bands.a + bands.b_water + bands.b_particles, shares(bands))
 
     @classmethod
     def of(cls, water: dict, camera: str) -> "BandWater":
@@ -68,7 +67,7 @@ def described(scene: Scene) -> list[dict]:
         found.append({
             "camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "a": bands.a.tolist(),
             "b": (bands.b_water + bands.b_particles).tolist(), "weights": balanced(bands).tolist(),
-            "white": (balanced(bands) * bands.lamps[0]).tolist(), "rms": bands.rms.tolist(),
+            "white": shares(bands).tolist(), "rms": bands.rms.tolist(),
             "worst": bands.worst.tolist()})
     return found
 
@@ -78,8 +77,13 @@ def balanced(bands: Bands) -> np.ndarray:
 
     A white surface close to the first lamp is white, and as bright as the same power in a scene of three channels.
     """
-    first = bands.lamps[0]
-    return bands.weights / (bands.weights @ first)[:, None]
+    return bands.weights / bands.white[:, None]
+
+
+def shares(bands: Bands) -> np.ndarray:
+    """Share of each band in what the channels see of white in the light of the first lamp, float64 [3, N]."""
+    seen = bands.weights * bands.lamps[0]
+    return seen / seen.sum(axis=1, keepdims=True)
 
 
 def passes(scene: Scene, camera: Camera) -> list[BandPass]:
@@ -89,13 +93,13 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
         InputError: A file of the water, a light or the camera cannot be used.
     """
     bands = scene_bands(scene, camera, PATHS_M)
-    weights = balanced(bands)
-    axial = np.array([intensity_of(light, scene) for light in scene.lights])
+    weights, white = balanced(bands), shares(bands)
+    shining = np.array([np.interp(bands.wavelength_nm, GRID, spectral_intensity(light, scene))
+                        for light in scene.lights]).reshape(len(scene.lights), -1)
     made = []
     for chosen, used in _in_threes(len(bands.wavelength_nm)):
-        w = weights[:, chosen] * used
-        made.append(BandPass(_of_bands(scene, bands, chosen, axial), reflectance_of_rgb(
-            np.eye(3), bands.wavelength_nm[chosen]).T, w, w * bands.lamps[0, chosen]))
+        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen]), reflectance_of_rgb(
+            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used))
     return made
 
 
@@ -106,26 +110,13 @@ def _in_threes(count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         yield np.minimum(number, count - 1), number < count
 
 
-def intensity_of(light: Light, scene: Scene) -> float:
-    """Intensity of a light on its axis between 400 and 700 nm [W/sr].
-
-    Raises:
-        InputError: A file of its spectrum or its profile cannot be used.
-    """
-    power = light.power_W
-    if power is None:
-        spectrum = lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
-        power = watts_of_lumen(spectrum, light.lumen)
-    return axial_intensity(light, scene, power)
-
-
-def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, axial: np.ndarray) -> Scene:
-    """The scene with three bands in the place of its channels."""
+def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, shining: np.ndarray) -> Scene:
+    """The scene with three bands in the place of its channels; ``shining``: of each light in them [W/sr/nm]."""
     b = bands.b_water[chosen] + bands.b_particles[chosen]
     phase = _phase(scene.water.spectral.phase.model_dump(), float(bands.b_water[chosen].sum() / max(b.sum(), 1e-300)))
     water = Water(coefficients=Coefficients(sigma_s=tuple(b), sigma_a=tuple(bands.a[chosen]), phase=phase))
-    lit = {id(light): light.model_copy(update={"intensity": tuple(power * bands.lamps[i, chosen])})
-           for i, (light, power) in enumerate(zip(scene.lights, axial, strict=True))}
+    lit = {id(light): light.model_copy(update={"intensity": tuple(own)})
+           for light, own in zip(scene.lights, shining, strict=True)}
 
     def relit(vehicle):
         return vehicle.model_copy(update={"lights": [lit.get(id(light), light) for light in vehicle.lights]})

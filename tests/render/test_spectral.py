@@ -1,0 +1,118 @@
+"""Images in water by wavelength, against images of three channels and against integrals by the nanometre."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from varos_warp.products.images.radiance import RadianceImage
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.render.spectral import weighed
+from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.scene.lights.spectral import spectral_intensity
+from varos_warp.scene.passes import BandWater, passes
+from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
+from varos_warp.scene.spectra.lamps import camera_response
+from varos_warp.scene.spectra.spectrum import STEPS
+from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
+from varos_warp.scene.spectra.water import water_spectra
+
+T_W_V = np.eye(4)
+SHOT = {"spp": 4, "integrator": "path", "denoise": "none", "denoise_b": "none"}
+LAMP = {"kind": "spot", "position": [0.3, 0, 0], "cone_deg": 120, "blend": 0.5}
+WALL_M = 1.8
+"""From the camera, which looks along y."""
+
+
+def scene_of(water, lamp, folder, reflectance=(0.5, 0.5, 0.5), response="nikon_5100", **render):
+    trimesh.creation.box([4.0, 0.4, 4.0]).export(folder / "wall.ply")
+    wall = {"file": "wall.ply", "position": [0, WALL_M + 0.2, 0], "material": "paint"}
+    camera = {"id": "M0", "resolution": [24, 16], "focal_mm": 4.0} | ({"response": response} if response else {})
+    return scene_from_dict({
+        "water": water, "objects": [wall], "materials": {"paint": {"kind": "diffuse", "reflectance": reflectance}},
+        "vehicle": {"lights": [LAMP | lamp], "cameras": [camera]}, "render": render,
+        "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, folder)
+
+
+@pytest.fixture
+def even(tmp_path):
+    """Spectra that are the same at all wavelengths: of a lamp, and of water with a = 0.9 and b = 0.3 1/m."""
+    (tmp_path / "lamp.csv").write_text("wavelength_nm,power\n400,1\n700,1\n")
+    rows = "".join(f"{nm},0.9,0.3\n" for nm in range(400, 701))  # between rows, tables follow pure water
+    (tmp_path / "water.csv").write_text("wavelength_nm,a,b\n" + rows)
+    return tmp_path
+
+
+def rendered(scene, outputs="AB"):
+    return FrameRenderer(scene, "cpu").render(T_W_V, "M0", outputs, **SHOT)
+
+
+def test_even_spectra_give_the_image_of_three_channels(even):
+    """Of each pass, with its own phase function; power over the cone's solid angle is the intensity."""
+    scene = scene_of({"spectral": {"file": "water.csv", "phase": {"kind": "rayleigh"}}},
+                     {"spectrum": "lamp.csv", "power_W": 50.0}, even)
+    intensity = float(spectral_intensity(scene.lights[0], scene).sum() * 300.0 / 301.0)
+    a = water_spectra(scene).a
+    assert np.ptp(a) < 1e-12
+    plain = scene_of({"coefficients": {"sigma_a": [0.9] * 3, "sigma_s": [0.3] * 3, "phase": {"kind": "rayleigh"}}},
+                     {"intensity": [intensity] * 3}, even, response=None)
+    ours, theirs = rendered(scene), rendered(plain)
+    np.testing.assert_allclose(ours.A.radiance, theirs.A.radiance, rtol=2e-4)
+    np.testing.assert_allclose(ours.B.radiance, theirs.B.radiance, rtol=1e-5)
+    for layer, light in theirs.A.layers.items():
+        np.testing.assert_allclose(ours.A.layers[layer], light, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(ours.A.stderr, theirs.A.stderr, rtol=1e-3)
+
+
+@pytest.mark.parametrize("reflectance", [(0.5, 0.5, 0.5), (0.5, 0.1, 0.05), (0.1, 0.2, 0.5)])
+@pytest.mark.parametrize("kind", ["IB", "3C"])
+def test_direct_light_is_that_of_an_integral_by_the_nanometre(tmp_path, kind, reflectance):
+    """Radiance of the wall's middle: I r cos / (pi d^2) over lamp, water, paint and camera, within the stated error."""
+    scene = scene_of({"spectral": {"jerlov": kind}}, {"spectrum": "led_b4", "lumen": 5000.0, "position": [0.0, 0.0, 0.0]},
+                     tmp_path, reflectance, tolerance=0.02)
+    camera, distance = scene.vehicle.cameras[0], WALL_M
+    A = FrameRenderer(scene, "cpu").render(T_W_V, "M0", "A", layers=("direct",), **SHOT).A
+    bands = scene_bands(scene, camera, PATHS_M)
+    response = camera_response("nikon_5100", scene.resolve, "response")
+    light = spectral_intensity(scene.lights[0], scene)
+    white = (response * STEPS * light).sum(1)
+    beam = reflectance_of_rgb(reflectance) * np.exp(-2.0 * distance * water_spectra(scene).c) / np.pi / distance**2
+    # balanced for the lamp: white close by has the lamp's whole intensity in every channel
+    exact = (response * STEPS * light * beam).sum(1) / white * (STEPS @ light)
+    middle = A.radiance[7:9, 11:13].mean(axis=(0, 1))
+    pixels = 0.02  # across the pixels in the middle, and of the balance by bands
+    assert (np.abs(middle / exact - 1.0) < bands.worst + pixels).all()
+
+
+def test_what_the_water_lets_through_falls_less_with_distance(tmp_path):
+    """Image T: by Beer and Lambert in each band; the effective attenuation of red falls, as red goes first."""
+    scene = scene_of({"spectral": {"jerlov": "IB"}}, {"spectrum": "led_b4", "power_W": 50.0}, tmp_path)
+    frame = FrameRenderer(scene, "cpu").render(T_W_V, "M0", "DT")
+    water = BandWater.of_camera(scene, scene.vehicle.cameras[0])
+    np.testing.assert_allclose(water.white.sum(1), 1.0, rtol=1e-12)
+    hit = np.isfinite(frame.D.range)
+    assert hit.any()
+    np.testing.assert_allclose(frame.T.transmittance[hit], water.left(frame.D.range[hit]), rtol=1e-6)
+    d = np.array([1.0, 5.0, 10.0, 20.0])
+    attenuation = -np.log(water.left(d)) / d[:, None]
+    assert (np.diff(attenuation[:, 0]) < 0.0).all()
+
+
+def test_passes_have_all_bands_once(tmp_path):
+    scene = scene_of({"spectral": {"jerlov": "1C"}}, {"spectrum": "led_b4", "power_W": 50.0}, tmp_path, bands=7)
+    made = passes(scene, scene.vehicle.cameras[0])
+    assert len(made) == 3
+    np.testing.assert_array_equal(made[2].weights[:, 1:], 0.0)
+    np.testing.assert_allclose(sum(one.of_ambient for one in made).sum(1), 1.0, rtol=1e-12)
+    for one in made:
+        assert (one.to_bands >= 0.0).all()
+        np.testing.assert_allclose(one.to_bands.sum(1), 1.0, rtol=1e-12)
+
+
+def test_errors_of_bands_add_up_and_one_without_weight_counts_for_nothing():
+    def image(stderr):
+        return RadianceImage(np.ones((1, 1, 3), np.float32), np.array(stderr, np.float32).reshape(1, 1, 3))
+
+    w = [np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, -2.0]]), np.array([[1.0, 0.0, 0.0]] * 3)]
+    made = weighed([image([0.1, 0.2, 0.3]), image([0.4, np.inf, np.inf])], w)
+    np.testing.assert_allclose(made.stderr[0, 0], [0.5, 0.55, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(made.radiance[0, 0], [2.0, 2.0, -1.0], rtol=1e-6)
