@@ -67,8 +67,8 @@ def test_even_spectra_give_the_image_of_three_channels(even):
 @pytest.mark.parametrize("kind", ["IB", "3C"])
 def test_direct_light_is_that_of_an_integral_by_the_nanometre(tmp_path, kind, reflectance):
     """Radiance of the wall's middle: I r cos / (pi d^2) over lamp, water, paint and camera, within the stated error."""
-    scene = scene_of({"spectral": {"jerlov": kind}}, {"spectrum": "led_b4", "lumen": 5000.0, "position": [0.0, 0.0, 0.0]},
-                     tmp_path, reflectance, tolerance=0.02)
+    lamp = {"spectrum": "led_b4", "lumen": 5000.0, "position": [0.0, 0.0, 0.0]}
+    scene = scene_of({"spectral": {"jerlov": kind}}, lamp, tmp_path, reflectance, tolerance=0.02)
     camera, distance = scene.vehicle.cameras[0], WALL_M
     A = FrameRenderer(scene, "cpu").render(T_W_V, "M0", "A", layers=("direct",), **SHOT).A
     bands = scene_bands(scene, camera, PATHS_M)
