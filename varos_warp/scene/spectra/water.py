@@ -105,8 +105,8 @@ def _split(a: np.ndarray, b: np.ndarray, fraction: float, source: str) -> WaterS
 def _constituents(iop: Constituents, fraction: float) -> WaterSpectra:
     """Case 1 water of Morel and Maritorena (2001) with Bricaud et al.'s (1998) absorption, and minerals."""
     chl = iop.chlorophyll_mg_m3
-    table = bundled("water/phytoplankton", "A", "E")
-    phytoplankton = table["A"].at() * chl ** table["E"].at() if chl else np.zeros(len(GRID))
+    table = bundled("water/phytoplankton", "factor", "exponent")
+    phytoplankton = table["factor"].at() * chl ** table["exponent"].at() if chl else np.zeros(len(GRID))
     cdom = iop.cdom_440_per_m * np.exp(-CDOM_SLOPE * (GRID - 440.0))
     minerals = iop.minerals_g_m3 * MINERAL_ABSORPTION * np.exp(-MINERAL_SLOPE * (GRID - 443.0))
     slope = min(0.5 * (np.log10(max(chl, 0.02)) - 0.3), 0.0)
