@@ -1,5 +1,7 @@
 """Datasets of a sweep have the bytes of runs of their own, whichever key differs; rendered, without stand-ins."""
 
+import json
+
 import pytest
 import yaml
 from standins import tree
@@ -181,3 +183,21 @@ def test_workers_make_the_bytes_of_one_process(swept, tmp_path):
         job.run(quiet=True, workers=workers)
         made[name] = tree(tmp_path / name)
     assert made["alone"] == made["workers"]
+
+
+SPECTRAL = {
+    "water": {"spectral": {"jerlov": "IB"}}, "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17},
+    "vehicle": {"lights": [{"spectrum": "led_b4", "power_W": 50}],
+                "cameras": [{"id": "M0", "resolution": [32, 18], "response": "nikon_5100"}]},
+    "trajectory": {"poses": [{"position": [0, 0, 2]}]}, "render": {"outputs": ["A", "B", "D"], "spp": 1, "spp_b": 1}}
+
+
+def test_waters_by_wavelength_have_a_b_of_their_own_as_it_is_of_their_bands(tmp_path, capsys):
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SPECTRAL))
+    job = prepare(tmp_path / "scene.yaml", ["water.spectral.jerlov=IB,1C"], tmp_path / "out", device="cpu")
+    made = job.run()
+    assert [summary.rendered for summary in made.values()] == [3, 3]
+    assert "made anew" not in capsys.readouterr().out
+    produce(load_scene(tmp_path / "scene.yaml", ["water.spectral.jerlov=1C"]), tmp_path / "alone", device="cpu")
+    assert tree(tmp_path / "out/1C") == tree(tmp_path / "alone")
+    assert "".join(json.loads((tmp_path / "out/sweep.json").read_text())["versions"][1]["datasets"][0]["shared"]) == "D"

@@ -100,9 +100,13 @@ class Sweep:
         """Make one dataset; images that prove to be others than those that were linked are made anew."""
         shared = self.kept.setdefault(unit.vehicle, Shared())
         scene, donors = shared.suited(unit.scene), self.donors(unit)
+        before: Summary | None = None
         while True:
             shared.donors = {letter: donor.root for letter, donor in donors.items()}
             summary = produce_sharing(scene, unit.root, shared, device=self.device, frames=self.manifest.frames, **how)
+            if before is not None:
+                summary.rendered, summary.seconds = summary.rendered + before.rendered, summary.seconds + before.seconds
+                summary.kept = before.kept
             mine = select(self.manifest.frames, len(shared.simulation.frames))[how["shard"][0]::how["shard"][1]]
             wrong = unlike(shared.donors, unit.layout, scene, mine[:1])
             if not wrong:
@@ -110,6 +114,7 @@ class Sweep:
             console.tell(f"note: {', '.join(wrong)} of {unit.version.name} are not those of other versions, as they "
                          "should be, and are made anew")
             give_up(wrong, unit.layout, scene, mine[1:])
+            before = summary
             donors = {letter: donor for letter, donor in donors.items() if letter not in wrong}
         if summary.complete:
             link_equal(unit.root, [other.root for other in self._related(unit)])

@@ -26,6 +26,8 @@ class Unit:
 
     def has_same(self, letter: str, other: "Unit") -> bool:
         """Whether another dataset is to have the same images of a type that this one has."""
+        if self is not other and self.scene.is_spectral and OUTPUTS[letter].is_color:  # the water decides on its bands
+            return False
         beside = OUTPUTS[letter].beside
         return letter in other.scene.render.outputs and self._of[beside] == other._of[beside]
 
