@@ -1,4 +1,4 @@
-"""examples/publish makes a data set that other programs read, with numbers of the datasets, and the same bytes again."""
+"""examples/publish makes a data set that others read, with the numbers of the datasets, and the same bytes again."""
 
 import hashlib
 import importlib
