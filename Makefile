@@ -9,7 +9,7 @@ BIN = $(VENV)/bin
 demo: $(VENV)/.installed
 	$(BIN)/varos-warp demo -o demo
 
-# a small data set as it is published: docs/publishing.md
+# a small data set as it is published: docs/howto/publishing.md
 sample: $(VENV)/.installed
 	$(BIN)/python examples/publish/publish.py sample -o build/sample
 

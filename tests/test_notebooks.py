@@ -1,4 +1,4 @@
-"""The notebooks of examples/notebooks run from an empty folder at a tiny size, are short, and are stored without outputs."""
+"""The notebooks of examples/notebooks run from an empty folder, tiny; they are short, and stored without outputs."""
 
 import json
 import re

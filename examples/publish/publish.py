@@ -46,7 +46,7 @@ KINDS = {
         "set": [*sizes(192, 128), f"render.outputs={PAIR}", "render.frame_rate_hz=5", "trajectory.duration_s=1.6",
                 "render.max_triangles=200000"]},
 }
-"""What is made: the waters, versions of examples/sweeps/waters.yaml; what is changed in the template; the most bytes."""
+"""What is made: the waters, versions of examples/sweeps/waters.yaml; what changes in the template; the most bytes."""
 OURS = {"made_by.json", "scene.yaml", "varos-warp.schema.json", "waters.yaml", "datasets", "upload", ".upload"}
 """All that lies in the folder of a publication."""
 UPLOADED = re.compile(
