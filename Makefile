@@ -4,10 +4,14 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test lint docs validation clean
+.PHONY: demo sample test lint docs validation clean
 
 demo: $(VENV)/.installed
 	$(BIN)/varos-warp demo -o demo
+
+# a small data set as it is published: docs/howto/publishing.md
+sample: $(VENV)/.installed
+	$(BIN)/python examples/publish/publish.py sample -o build/sample
 
 test: $(VENV)/.installed-test lint
 	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal --validation=build/validation
