@@ -17,6 +17,8 @@ from varos_warp.dataset.readiness.tracking import (
 
 START_ANGLE = np.radians(2.0)
 """Median parallax with which the first two views begin, and that of a new point."""
+START_LIMIT = 0.5
+"""Of the first two views, over the limit of others: all that follows rests on them."""
 WIDER = 1.25
 """By how much the parallax of a point must grow to triangulate it again."""
 
@@ -105,7 +107,8 @@ class MonoOdometry:
         """From the first view to this one [4, 4], a step of length 1."""
         cv2, order = opencv(), self.rng.permutation(len(seen))
         a, b = self.first[order], seen[order]
-        E, mask = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.RANSAC, prob=0.999, threshold=self.limit)
+        E, mask = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.USAC_ACCURATE, prob=0.999,
+                                       threshold=START_LIMIT * self.limit)
         if E is None or E.shape != (3, 3):
             return None
         count, R, t, _ = cv2.recoverPose(E, a, b, np.eye(3), mask=mask)
