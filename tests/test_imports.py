@@ -28,7 +28,7 @@ ORDER = {
     "dataset.export": ["shared"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "particles", "planner"],
-    "dataset": ["reader", "write", "export", "validate", "report", "run", "sweep"],
+    "dataset": ["reader", "write", "export", "validate", "report", "readiness", "run", "sweep"],
 }
 """Rooms inside each room: each may import itself and what stands before it. Files beside them (scene/device.py) are
 held only to there being no circle. A name with a dot is a file or room whose place is not that of what it lies in."""

@@ -73,6 +73,45 @@ def _check_page(out: Path) -> None:
 
 
 @verb
+def readiness(datasets: Annotated[list[Path], typer.Argument(
+                  metavar="DATASET...", help="Folders of datasets, or of sweeps, which are compared by optical depth.")],
+              out: Annotated[Path | None, typer.Option(
+                  "-o", "--out", help="HTML file; of one dataset or one sweep readiness.html in it by default, of several "
+                                      "none.")] = None,
+              camera: Annotated[str | None, typer.Option(metavar="ID", help="Which camera; the first by default.")] = None,
+              seeds: Annotated[int, typer.Option(help="Runs of the odometry, whose spread is stated.")] = 3,
+              json_: Json = False, quiet: Quiet = False):
+    """Tell what a SLAM system will meet: features, contrast, IMU excitation, and a small visual odometry's error."""
+    from varos_warp.dataset.readiness import page
+    from varos_warp.dataset.readiness.job import readiness as measure_all
+
+    if out is not None:
+        _check_page(out)
+    found = measure_all(datasets, camera, seeds, quiet)
+    target = out or (datasets[0] / "readiness.html" if len(datasets) == 1 else None)
+    written = page.write(found, target) if target else None
+    if json_:
+        print_json({"report": written and str(written), "datasets": [each.plain() for each in found]})
+    elif not quiet:
+        _print_readiness(found)
+        if written:
+            print(written)
+
+
+def _print_readiness(found) -> None:
+    from varos_warp.dataset.readiness import page
+
+    if len(found) > 1:
+        print_table(*page.comparison(found))
+    for each in found:
+        if len(found) == 1:
+            print_table(list(page.MEASURES), page.measures(each))
+            print_table(list(page.ODOMETRY), [page.odometry_row(kind, run) for kind, run in each.odometry.items()])
+        for words in page.sentences(each):
+            print(words if len(found) == 1 else f"{each.root}: {words}")
+
+
+@verb
 def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
         metavar="FILE.rrd", help="Write the recording to a file instead of opening the viewer.")] = None,
         frames: Frames = None, quiet: Quiet = False):

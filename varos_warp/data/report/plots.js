@@ -76,7 +76,7 @@ function buildPlot(plot, place) {
     pen.textBaseline = "alphabetic";
     pen.textAlign = "center";
     const spread = ticks(x0, x1, Math.max(2, w / 90));
-    spread.forEach((x, i) => pen.fillText(label(x) + (i === spread.length - 1 ? (plot.distance ? " m" : " s") : ""), Math.min(X(x), w - 14), h - 4));
+    spread.forEach((x, i) => pen.fillText(label(x) + (i === spread.length - 1 ? (plot.distance ? plot.x_unit ?? " m" : " s") : ""), Math.min(X(x), w - 14), h - 4));
     plot.y.forEach((ys, k) => {
       pen.strokeStyle = color(`--c${plot.names.length === 1 ? 2 : k % 4}`);
       pen.lineWidth = 1.3;

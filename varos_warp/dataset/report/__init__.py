@@ -8,6 +8,7 @@ import hashlib
 import html
 import json
 import re
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstr
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import DEPTH
 
-__all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_report"]
+__all__ = ["contact_sheet", "preview", "spread", "whole_frames", "write_page", "write_report"]
 
 SCRIPTS = ("app.js", "plots.js", "start.js")
 
@@ -36,17 +37,36 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
     Raises:
         InputError: If something in the dataset cannot be read.
     """
-    strip, scene, script = filmstrip(data, quiet), scene_parts(data), "\n".join(map(_text, SCRIPTS))
+    strip, scene = filmstrip(data, quiet), scene_parts(data)
+    return write_page(
+        path, title=data.meta["name"], root=data.root.absolute().name, tiles=facts.headline(data),
+        notes=_warnings(facts.warnings(data, scene.warnings)), content=_content(data, strip),
+        sections=_sections(data, strip, _course(course_pictures(data, scene), scene.missing)))
+
+
+def write_page(path: Path, *, title: str, root: str, tiles: Iterable[tuple[str, str]], notes: str,
+               content: dict[str, Any], sections: list[tuple[str, str, str]]) -> Path:
+    """Write a page of the report's form.
+
+    Args:
+        path: The file.
+        title: Its heading.
+        root: Of what it tells.
+        tiles: (value, name) of what stands first.
+        notes: HTML after them.
+        content: What its scripts draw: ``frames``, ``times``, ``cameras``, ``images``, ``outputs``, ``plots``,
+            ``attenuation``, as data/report/start.js has it.
+        sections: (id, heading, HTML) in order.
+    """
+    script = "\n".join(map(_text, SCRIPTS))
     words = {
-        "title": html.escape(data.meta["name"]), "version": html.escape(varos_warp.__version__),
-        "root": html.escape(data.root.absolute().name), "style": _text("page.css"),
-        "script": script, "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        "title": html.escape(title), "version": html.escape(varos_warp.__version__), "root": html.escape(root),
+        "style": _text("page.css"), "script": script,
+        "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
-                         for value, name in facts.headline(data)),
-        "warnings": _warnings(facts.warnings(data, scene.warnings)),
-        "data": _json(_content(data, strip)),
+                         for value, name in tiles),
+        "warnings": notes, "data": _json(content),
     }
-    sections = _sections(data, strip, _course(course_pictures(data, scene), scene.missing))
     words["nav"] = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections)
     words["sections"] = "".join(f'<section id="{key}"><h2>{name}</h2>{body}</section>' for key, name, body in sections)
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: words[match[1]], _text("page.html"))

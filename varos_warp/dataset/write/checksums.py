@@ -18,7 +18,7 @@ from varos_warp.errors import InputError
 from varos_warp.files import is_file
 
 NAME = "checksums"
-LEFT_OUT = (NAME, "report.html", "log")
+LEFT_OUT = (NAME, "report.html", "readiness.html", "log")
 """Files and folders beside dataset.json that may change or come later."""
 NOTES = "written_*.sha256"
 """In ``log``, one of each process: the sums of the files that it wrote."""

@@ -1,0 +1,70 @@
+"""A stand-in over a flat floor with a texture of many scales, so that features are found, and water of any turbidity."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import standins
+
+from varos_warp.dataset.run.produce import produce
+from varos_warp.scene.frames import camera_pose, intrinsics
+
+_RNG = np.random.default_rng(5)
+_ANGLE, _PHASE = _RNG.uniform(0, 2 * np.pi, (2, 60))
+_LENGTH = np.geomspace(0.06, 1.5, 60)
+"""Of the waves that make the texture [m]; over 3 m and 300 pixels of focal length, 6 pixels and more."""
+
+
+def texture(x, y):
+    """Albedo in 0 to 1."""
+    wave = 2 * np.pi / _LENGTH
+    total = sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p)
+                for k, a, p in zip(wave, _ANGLE, _PHASE, strict=True))
+    return (0.5 + 0.08 * total).clip(0.02, 0.98)
+
+
+class TexturedRenderer(standins.FlatFloorRenderer):
+    """A is exp(-2 c d) times the texture, and a veil of 1 - exp(-2 c d), with a little noise of the pixels."""
+
+    c, noise = 0.0, 0.002
+
+    def render(self, T_w_v, camera, outputs, **how):
+        made = super().render(T_w_v, camera, outputs, **how)
+        view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
+        width, height = view.resolution
+        col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+        ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(intrinsics(view)).T
+        T = camera_pose(view, T_w_v)
+        world = ray @ T[:3, :3].T
+        with np.errstate(divide="ignore"):
+            t = np.where(world[..., 2] < 0, (standins.FLOOR_Z - T[2, 3]) / world[..., 2], np.inf)
+        hit = np.isfinite(t)
+        point = world * np.where(hit, t, 0.0)[..., None] + T[:3, 3]
+        left = np.where(hit, np.exp(-2 * self.c * np.where(hit, t, 0.0)), 0.0)
+        direct = left * texture(point[..., 0], point[..., 1])
+        rng = np.random.default_rng([how["frame"], *camera.encode()])
+        veil = 1.0 - left + rng.normal(0.0, self.noise, left.shape)
+        layers = {name: np.repeat(layer[..., None], 3, -1).astype(np.float32)
+                  for name, layer in (("direct", direct), ("single", veil))}
+        if "A" in outputs:
+            made.A = SimpleNamespace(**made.A.__dict__ | {
+                "radiance": layers["direct"] + layers["single"], "stderr": 0 * layers["direct"], "layers": layers})
+        return made
+
+
+def textured_scene(outputs="ADF", frames=10, **render):
+    """A stereo pair that looks at the floor, obliquely; frames of one second."""
+    vehicle = standins.scene_dict()["vehicle"]
+    vehicle["cameras"] = [{"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0],
+                           "resolution": [320, 240]} for name, x in (("L0", -0.15), ("R0", 0.15))]
+    return standins.make_scene(vehicle=vehicle, render={
+        "denoise": "none", "outputs": list(outputs), "frame_rate_hz": 10, "exposure": {"A": 0.9}, **render})
+
+
+def write(out, c=0.0, noise=0.002, **scene_keys):
+    """A dataset of the floor through water with an attenuation c [1/m]."""
+    scene = textured_scene(**scene_keys)
+    scene = scene.model_copy()
+    renderer = TexturedRenderer(scene)
+    renderer.c, renderer.noise = c, noise
+    produce(scene, out, quiet=True, renderer=renderer)
+    return out

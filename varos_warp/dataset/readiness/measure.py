@@ -1,0 +1,145 @@
+"""Everything that readiness tells of one dataset."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.readiness.excitation import excitation
+from varos_warp.dataset.readiness.features import Keypoints, detect, matches, repeatability
+from varos_warp.dataset.readiness.light import attenuation, layers_of, median_range, rms_contrast, veil_over_signal
+from varos_warp.dataset.readiness.loops import loop_closures
+from varos_warp.dataset.readiness.odometry import Odometry, odometries
+from varos_warp.dataset.readiness.opencv import opencv
+from varos_warp.dataset.readiness.tracking import View
+from varos_warp.dataset.readiness.truth import moves, source_of_moves
+from varos_warp.errors import InputError
+from varos_warp.scene.description.image_types import DEPTH, WATER
+
+KINDS = ("orb", "sift")
+
+
+@dataclass(frozen=True)
+class Readiness:
+    """Of one camera of a dataset. A frame's value is None where there is nothing to measure."""
+
+    root: Path
+    camera: str
+    frames: list[int]
+    time_s: list[float]
+    by_frame: dict[str, list[float | None]]
+    """Measures by name; those between frames stand with the first of the two."""
+    excitation: dict[str, Any] | None
+    loop_closures: list[tuple[int, int]] | None
+    """(frame, earlier frame)."""
+    odometry: dict[str, Odometry]
+    left_out: list[str]
+    """What was not measured, and why."""
+
+    def medians(self) -> dict[str, float | None]:
+        """Of each measure over the frames that have it."""
+        known = {name: [v for v in values if v is not None] for name, values in self.by_frame.items()}
+        return {name: float(np.median(values)) if values else None for name, values in known.items()}
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"dataset": str(self.root), "camera": self.camera, "frames": self.frames, "time_s": self.time_s,
+                "by_frame": self.by_frame, "median": self.medians(), "excitation": self.excitation,
+                "loop_closures": self.loop_closures, "left_out": self.left_out,
+                "odometry": {name: found.plain() for name, found in self.odometry.items()}}
+
+
+def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
+    """Read a dataset and measure.
+
+    Args:
+        root: Folder of the dataset.
+        camera: Id of the camera; absent: the first.
+        seeds: Runs of the odometry.
+
+    Raises:
+        InputError: If it has no A, fewer than two frames or no poses, if a file is missing or damaged, there is no such
+            camera, or OpenCV is not installed.
+    """
+    data = Dataset(root)
+    opencv()
+    camera = data.camera(camera)["id"]
+    check(data, camera)
+    frames, source = _by_frame(data, camera), source_of_moves(data)
+    odometry, left_out = odometries(data, camera, seeds)
+    if source is None:
+        left_out.append("repeatability and inlier shares: they need F" + (
+            ", since objects move" if DEPTH in data.outputs else ", or D"))
+    if "direct_contrast" not in frames:
+        left_out.append("contrast of the direct layer and veil over signal: `run` with --linear-exr keeps the layers")
+    if DEPTH not in data.outputs:
+        left_out.append("optical depth and loop closures: they need D")
+    excited = excitation(data)
+    if excited is None:
+        left_out.append("excitation of the IMU: there is none on record over three frames")
+    loops = loop_closures(data, camera) if DEPTH in data.outputs else None
+    return Readiness(root, camera, data.frames, (data.views(camera)[0] * 1e-9).tolist(), frames, excited, loops, odometry,
+                     left_out)
+
+
+def check(data: Dataset, camera: str) -> None:
+    """Refuse a dataset that cannot be measured, before anything is.
+
+    Raises:
+        InputError: It has no A, fewer than two frames, or no poses of the camera; or an image is missing.
+    """
+    if WATER not in data.outputs:
+        raise InputError("the dataset has no A, which is what features are found in", file=data.root, key="outputs",
+                         value="".join(data.outputs), remedy="`run` again with A among --outputs.")
+    if len(data) < 2:
+        raise InputError("readiness compares each frame with the next", file=data.root, key="frames", value=len(data),
+                         remedy="Give a dataset of two frames or more.")
+    data.views(camera)
+    data.require_images([WATER, *({DEPTH} & set(data.outputs))], [camera])
+
+
+def _by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
+    rows, before = [], None
+    for index in range(len(data)):
+        now = {kind: detect(kind, View(data, camera).gray(index)) for kind in KINDS}
+        row = _of_image(data, index, camera, now)
+        if before is not None and source_of_moves(data):
+            rows[-1] |= _between(before, now, data, index - 1, camera)
+        rows.append(row)
+        before = now
+    return {name: [row.get(name) for row in rows] for name in _names(rows)}
+
+
+def _names(rows: Iterable[dict[str, float | None]]) -> list[str]:
+    """Of all measures of which any frame has a value."""
+    return list(dict.fromkeys(name for row in rows for name, value in row.items() if value is not None))
+
+
+def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints]) -> dict[str, float | None]:
+    frame, about = data.frames[index], data.camera(camera)
+    mpx = about["width"] * about["height"] / 1e6
+    row: dict[str, float | None] = {}
+    for kind, keypoints in found.items():
+        row |= {f"{kind}_count": len(keypoints.points), f"{kind}_per_mpx": len(keypoints.points) / mpx}
+    layers, distance = layers_of(data, frame, camera), median_range(data, frame, camera)
+    row["contrast"] = rms_contrast(data.image(WATER, frame, camera))
+    row["direct_contrast"] = rms_contrast(layers["direct"]) if "direct" in layers else None
+    row["veil_over_signal"] = veil_over_signal(layers)
+    row["median_range_m"] = distance
+    row["optical_depth"] = None if distance is None else float(attenuation(data)[1] * distance)
+    return row
+
+
+def _between(here: dict[str, Keypoints], there: dict[str, Keypoints], data: Dataset, index: int, camera: str
+             ) -> dict[str, float | None]:
+    """From the frame at a place to the one after it."""
+    moved, row = moves(data, index, camera), {}
+    for kind in KINDS:
+        repeated, chance = repeatability(here[kind], there[kind], moved)
+        count, right = matches(here[kind], there[kind], moved)
+        row |= {f"{kind}_repeatability": repeated, f"{kind}_chance": chance, f"{kind}_matches": count,
+                f"{kind}_inlier_share": right}
+    return row
