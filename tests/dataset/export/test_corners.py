@@ -23,7 +23,7 @@ SCENE = {
     "name": "boards",
     "objects": [
         {"kind": "calibration_board", "square_m": 0.1, "rows": 4, "columns": 7, "position": [0, 2, 0], "scale": 1.1},
-        {"kind": "pipe", "radius": 0.15, "length": 1.0, "position": [0.1, 1.5, -0.1], "chord_error_m": 0.02},  # before it
+        {"kind": "pipe", "radius": 0.15, "length": 1.0, "position": [0.1, 1.5, -0.1], "chord_error_m": 0.02},
         {"kind": "calibration_board", "pattern": "aprilgrid", "rows": 3, "columns": 2, "tag_m": 0.2, "path": AWAY},
         {"kind": "calibration_board", "square_m": 0.05, "position": [-0.7, 2, 0.5], "rotation_euler_deg": [0, 0, 170]},
         {"kind": "calibration_board", "square_m": 0.05, "position": [0, -2, 0]}],  # behind the cameras

@@ -70,8 +70,8 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
     chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
-    job = Job(data, Path(out), images if module.IMAGES else "", chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED),
-              Path(scene_dir))
+    job = Job(data, Path(out), images if module.IMAGES else "", chosen, quiet, raw,
+              getattr(module, "SENSORS", EXPORTED), Path(scene_dir))
     if hasattr(module, "cameras"):
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:

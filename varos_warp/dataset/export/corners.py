@@ -1,7 +1,7 @@
-"""Corners of calibration boards: where each is, and where every camera sees it, to the last digit of the camera's model.
+"""Corners of calibration boards: where each is, and where every camera sees it by the whole model of the camera.
 
-``cam<ID>.csv`` has a row for each frame, board and corner, ``targets`` the boards as Kalibr has them. No image is needed:
-a dataset of `varos-warp simulate` will do.
+``cam<ID>.csv`` has a row for each frame, board and corner, ``targets`` the boards as Kalibr has them. No image is
+needed: a dataset of `varos-warp simulate` will do.
 """
 
 import warnings
@@ -180,7 +180,8 @@ def _columns(job: Job, camera: str, boards: list[Board], seen: list[list[Sightin
             for board, sighting in zip(boards, sightings, strict=True)]
     many = [len(board.corners) for _, _, board, _ in rows]
     first = [np.repeat([row[k] for row in rows], many) for k in (0, 1)]
-    return [*first, np.repeat([board.key for _, _, board, _ in rows], many), np.concatenate([np.arange(n) for n in many]),
+    keys, numbers = np.repeat([board.key for _, _, board, _ in rows], many), np.concatenate(list(map(np.arange, many)))
+    return [*first, keys, numbers,
             np.concatenate([s.uv for *_, s in rows]) - 0.5, np.concatenate([s.state for *_, s in rows]),
             np.concatenate([board.corners for _, _, board, _ in rows]), np.concatenate([s.world for *_, s in rows])]
 

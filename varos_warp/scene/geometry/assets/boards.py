@@ -32,8 +32,8 @@ def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
 def corners(block: CalibrationBoard) -> np.ndarray:
     """Corners [N, 3] [m] that detectors look for, in the board's own axes before its scale; their place is their id.
 
-    Rows go up from the lower left, as those of Kalibr's targets do: of a checkerboard the inner corners, of an AprilGrid
-    the four of every tag, so that tag (i // 2) * columns + j // 2 has a corner in row i and column j of corners.
+    Rows go up from the lower left, as those of Kalibr's targets do: of a checkerboard the inner corners, of an
+    AprilGrid the four of every tag, so that tag (i // 2) * columns + j // 2 has a corner in row i and column j of corners.
     """
     if block.pattern == "checkerboard":
         (x, z, _), chosen = checkerboard(block), [np.arange(n) + 2 for n in (block.columns, block.rows)]
