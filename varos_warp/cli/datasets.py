@@ -126,16 +126,16 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 @verb
 def export(dataset: Folder,
            to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="euroc, tum, kitti, colmap, nerfstudio, "
-                                                                          "mcap, stream, coco, yolo or bop: see "
-                                                                          "docs/exports.md.")],
+                                                                          "mcap, stream, coco, yolo, bop or corners: "
+                                                                          "see docs/exports.md.")],
            out: NewFolder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(metavar="ID", help="Only this camera; repeatable.")] = None,
            raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
            start_ns: Annotated[int, typer.Option(help="Time of the sequence's beginning, added to all stamps; ROS "
                                                       "takes a stamp of 0 for none.")] = 0,
-           scene_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="coco, yolo, bop: where the scene file lies, "
-                                                   "to which its meshes are relative.")] = Path("."),
+           scene_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="coco, yolo, bop, corners: where the scene file "
+                                                   "lies, to which its meshes are relative.")] = Path("."),
            json_: Json = False, quiet: Quiet = False):
     """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
 

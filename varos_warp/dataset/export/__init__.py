@@ -23,7 +23,7 @@ from varos_warp.scene.description.image_types import AMBIENT, WATER
 
 LABELS = ("coco", "yolo", "bop")
 """Formats of labels, which need image S."""
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", *LABELS)
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", *LABELS, "corners")
 """Names of the modules here; docs/exports.md says what each writes."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
@@ -42,7 +42,7 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
         quiet: No progress on stderr.
         raw: Uncompressed images beside the compressed ones, of MCAP only.
         start_ns: Time of the sequence's beginning [ns], which is added to all stamps; KITTI's stay relative.
-        scene_dir: Folder of the dataset's scene file, to which its meshes are relative; for labels.
+        scene_dir: Folder of the dataset's scene file, to which its meshes are relative; for labels and corners.
 
     Returns:
         What was written and from where.
@@ -62,14 +62,16 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
         raise InputError("is no time that every format has", key="start_ns", value=start_ns,
                          remedy="Give nanoseconds since 1970, of a time before the year 2038.")
     data, module = Clocked(dataset_root, start_ns), import_module(f"{__name__}.{to}")
-    if not _has_all_types(module):
+    if not data.frames:
+        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
+    if module.IMAGES and not _has_all_types(module):
         _require_colors(data, images)
     _require_types(data, to, getattr(module, "NEEDS", ""))
     chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
-    job = Job(data, Path(out), images, chosen, quiet, raw, getattr(module, "SENSORS", EXPORTED),
-              Path(scene_dir))
+    job = Job(data, Path(out), images if module.IMAGES else "", chosen, quiet, raw,
+              getattr(module, "SENSORS", EXPORTED), Path(scene_dir))
     if hasattr(module, "cameras"):
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:
@@ -79,7 +81,8 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
     with files.new_folder(job.out) as temp:
         module.write(replace(job, out=temp))
-        shutters.write(replace(job, out=temp))
+        if module.IMAGES:
+            shutters.write(replace(job, out=temp))
         moving.write(replace(job, out=temp))
     return job
 
@@ -98,9 +101,7 @@ def _require_types(data: Clocked, to: str, needs: str) -> None:
 
 
 def _require_colors(data: Clocked, images: str) -> None:
-    """Refuse a dataset without frames, or without the colour images that are chosen."""
-    if not data.frames:
-        raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
+    """Refuse a dataset without the colour images that are chosen."""
     colors = [letter for letter in data.outputs if letter in (WATER, AMBIENT)]  # P does not lie on D
     if images not in colors:
         raise InputError("are no colour images of this dataset", key="images", value=images,

@@ -115,11 +115,12 @@ class Solids:
     """Everything solid, for rays from here and there: each BVH is built when first asked for, and kept.
 
     Args:
-        parts: From ``build_parts``. What grows on them is left out: beams of sound are wider than it.
+        parts: From ``build_parts``.
+        grown: Whether what grows on them counts; beams of sound are wider than it.
     """
 
-    def __init__(self, parts: list[Part | Instances]):
-        self.parts = [part for part in parts if not isinstance(part, Grown)]
+    def __init__(self, parts: list[Part | Instances], grown: bool = False):
+        self.parts = [part for part in parts if grown or not isinstance(part, Grown)]
         self._surfaces: dict[tuple, Surface] = {}
 
     def first_met(self, points: np.ndarray, directions: np.ndarray, reach: float, T_w_o: dict[str, np.ndarray]

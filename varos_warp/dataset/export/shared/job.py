@@ -52,7 +52,7 @@ class Job:
     out: Path
     """Folder to write to, with nothing in it."""
     images: str
-    """Letter of the colour images."""
+    """Letter of the colour images; empty where the format has no images."""
     cameras: tuple[str, ...]
     """Ids of the cameras to export."""
     quiet: bool = True
@@ -136,7 +136,7 @@ class Job:
     def noises(self) -> dict[str, str]:
         """What noise each sensor and the images have, in words."""
         sensors = [name for name in self.sensors if name in self.data.recorded]
-        return {name: self.noise(name) for name in (*sensors, self.images)}
+        return {name: self.noise(name) for name in (*sensors, *self.images)}
 
 
 def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[float]]:

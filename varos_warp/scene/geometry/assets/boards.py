@@ -29,6 +29,21 @@ def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
     return vertices, faces, Skin(np.broadcast_to(colours.repeat(2)[:, None, None], (len(faces), 3, 3)).copy())
 
 
+def corners(block: CalibrationBoard) -> np.ndarray:
+    """Corners [N, 3] [m] that detectors look for, in the board's own axes before its scale; their place is their id.
+
+    Rows go up from the lower left, as those of Kalibr's targets do: of a checkerboard the inner corners, of an
+    AprilGrid the four of every tag, so that tag (i // 2) * columns + j // 2 has a corner in row i and column j of corners.
+    """
+    if block.pattern == "checkerboard":
+        (x, z, _), chosen = checkerboard(block), [np.arange(n) + 2 for n in (block.columns, block.rows)]
+    else:
+        (x, z, _), period = aprilgrid(block), BITS + 2 * BORDER + 1
+        chosen = [(2 + period * np.arange(n)[:, None] + [0, period - 1]).ravel() for n in (block.columns, block.rows)]
+    x, z = np.meshgrid(*((edges - edges.mean())[which] for edges, which in zip((x, z), chosen, strict=True)))
+    return np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=-1)
+
+
 def checkerboard(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges x [X + 1] and z [Z + 1] [m] of its cells, and which are black, bool [X, Z]: that at the lower left is."""
     black = np.indices((block.columns + 1, block.rows + 1)).sum(axis=0) % 2 == 0
