@@ -134,8 +134,8 @@ def export(dataset: Folder,
            raw: Annotated[bool, typer.Option("--raw", help="mcap: uncompressed images as well.")] = False,
            start_ns: Annotated[int, typer.Option(help="Time of the sequence's beginning, added to all stamps; ROS "
                                                       "takes a stamp of 0 for none.")] = 0,
-           scene_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="coco, yolo, bop, corners: where the scene file "
-                                                   "lies, to which its meshes are relative.")] = Path("."),
+           scene_dir: Annotated[Path, typer.Option(metavar="FOLDER", help="coco, yolo, bop, corners: where the scene "
+                                                   "file lies, to which its meshes are relative.")] = Path("."),
            json_: Json = False, quiet: Quiet = False):
     """Write the dataset in the format of other programs; images are linked, not copied, where that is possible.
 

@@ -37,11 +37,11 @@ def calibrated(places, points):
 
 
 def test_all_corners_are_seen_and_come_near_to_all_corners_of_the_image(course):
-    """Within a twentieth of its diagonal: no image without a board's corner there constrains the lens's edge."""
+    """Within 30 pixels of a diagonal of 400: a square and a half, for detectors need the margin about the pattern."""
     _, _, points, states = course
     assert states == {"visible"}
     for corner in np.array([[0, 0], [319, 0], [0, 239], [319, 239]]):
-        assert np.linalg.norm(points - corner, axis=-1).min() < 20
+        assert np.linalg.norm(points - corner, axis=-1).min() < 30
 
 
 def test_opencv_finds_k_by_the_true_corners(course):

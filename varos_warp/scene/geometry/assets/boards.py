@@ -33,7 +33,7 @@ def corners(block: CalibrationBoard) -> np.ndarray:
     """Corners [N, 3] [m] that detectors look for, in the board's own axes before its scale; their place is their id.
 
     Rows go up from the lower left, as those of Kalibr's targets do: of a checkerboard the inner corners, of an
-    AprilGrid the four of every tag, so that tag (i // 2) * columns + j // 2 has a corner in row i and column j of corners.
+    AprilGrid the four of every tag, so that the corner in row i and column j is one of tag (i // 2) * columns + j // 2.
     """
     if block.pattern == "checkerboard":
         (x, z, _), chosen = checkerboard(block), [np.arange(n) + 2 for n in (block.columns, block.rows)]
