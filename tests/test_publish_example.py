@@ -89,8 +89,8 @@ def test_the_card_has_a_header_and_the_numbers_of_the_datasets(made):
     for water in ("clear", "coast"):
         about = vw.Dataset(made / "datasets" / water).meta["water"]
         row = next(line for line in body.splitlines() if line.startswith(f"| `{water}` |"))
-        for key in ("sigma_s", "sigma_a", "sigma_t"):
-            assert f"| {', '.join(f'{value:.4g}' for value in about[key])} |" in row
+        cells = [", ".join(f"{value:.4g}" for value in about[key]) for key in ("sigma_s", "sigma_a", "sigma_t")]
+        assert f"| {' | '.join(cells)} |" in row
     assert "| `L0` | 48 x 32 |" in body
     assert "48 images in 2 waters: 2 frames through 2 cameras in each." in body
     assert all(value in body for value in (vw.Dataset(made / "datasets" / "clear").meta["versions"]["varos_warp"],
