@@ -1,4 +1,4 @@
-"""A stand-in over a flat floor with a texture of many scales, so that features are found, and water of any turbidity."""
+"""A stand-in over a flat floor with a texture of many scales, for features, and water of any turbidity."""
 
 from types import SimpleNamespace
 
@@ -51,13 +51,16 @@ class TexturedRenderer(standins.FlatFloorRenderer):
         return made
 
 
-def textured_scene(outputs="ADF", frames=10, **render):
-    """A stereo pair that looks at the floor, obliquely; frames of one second."""
+def textured_scene(outputs="ADF", **render):
+    """A stereo pair that looks at the floor, obliquely, and moves along a bent line for two seconds."""
     vehicle = standins.scene_dict()["vehicle"]
     vehicle["cameras"] = [{"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0],
                            "resolution": [320, 240]} for name, x in (("L0", -0.15), ("R0", 0.15))]
-    return standins.make_scene(vehicle=vehicle, render={
-        "denoise": "none", "outputs": list(outputs), "frame_rate_hz": 10, "exposure": {"A": 0.9}, **render})
+    course = [{"time_s": t, "position": [0.6 * t, 0.2 * np.sin(2.0 * t), 0.1 * t],
+               "rotation_euler_deg": [0, 0, 6.0 * t]} for t in np.linspace(0.0, 2.0, 21).tolist()]
+    return standins.make_scene(vehicle=vehicle, trajectory={"poses": course}, render={
+        "denoise": "none", "spp": 1, "integrator": "path", "outputs": list(outputs), "frame_rate_hz": 10,
+        "exposure": {"A": 0.9}, **render})
 
 
 def write(out, c=0.0, noise=0.002, **scene_keys):

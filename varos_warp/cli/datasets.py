@@ -74,11 +74,12 @@ def _check_page(out: Path) -> None:
 
 @verb
 def readiness(datasets: Annotated[list[Path], typer.Argument(
-                  metavar="DATASET...", help="Folders of datasets, or of sweeps, which are compared by optical depth.")],
+                  metavar="DATASET...", help="Folders of datasets, or of sweeps, compared by optical depth.")],
               out: Annotated[Path | None, typer.Option(
-                  "-o", "--out", help="HTML file; of one dataset or one sweep readiness.html in it by default, of several "
-                                      "none.")] = None,
-              camera: Annotated[str | None, typer.Option(metavar="ID", help="Which camera; the first by default.")] = None,
+                  "-o", "--out", help="HTML file; of one dataset or one sweep readiness.html in it by default, of "
+                                      "several none.")] = None,
+              camera: Annotated[str | None, typer.Option(
+                  metavar="ID", help="Which camera; the first by default.")] = None,
               seeds: Annotated[int, typer.Option(help="Runs of the odometry, whose spread is stated.")] = 3,
               json_: Json = False, quiet: Quiet = False):
     """Tell what a SLAM system will meet: features, contrast, IMU excitation, and a small visual odometry's error."""

@@ -31,7 +31,8 @@ from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.noise_profile import CameraNoise, NoiseProfile
 from varos_warp.sim.sensors import image_noise
 
-ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "readiness.html", "checksums", "log/validation.json")
+ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "readiness.html", "checksums",
+        "log/validation.json")
 """Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""
 
 

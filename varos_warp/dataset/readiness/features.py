@@ -19,7 +19,7 @@ MOST_MATCHED = 2000
 ORB_EDGE, ORB_PATCH = 19, 31
 """Pixels, of its pyramid's levels: ORB finds nothing nearer to the border (19 as in ORB-SLAM); size of a keypoint."""
 BORDER = {"orb": ORB_EDGE / ORB_PATCH, "sift": 1.25}
-"""Over the size of a keypoint: where none is found at the image's border. SIFT leaves out 5 pixels of an octave, in which
+"""Over the size of a keypoint: where none is found at the image's border. SIFT leaves out 5 pixels of an octave, where
 the least size is 4.03."""
 
 
@@ -76,7 +76,8 @@ def matches(here: Keypoints, there: Keypoints, moved: Moves) -> tuple[int, float
         return 0, None
     cv2 = opencv()
     norm = cv2.NORM_HAMMING if here.kind == "orb" else cv2.NORM_L2
-    found = cv2.BFMatcher(norm, crossCheck=True).match(here.descriptors[:MOST_MATCHED], there.descriptors[:MOST_MATCHED])
+    first, second = here.descriptors[:MOST_MATCHED], there.descriptors[:MOST_MATCHED]
+    found = cv2.BFMatcher(norm, crossCheck=True).match(first, second)
     pairs = np.array([(m.queryIdx, m.trainIdx) for m in found], int).reshape(-1, 2)
     place, hidden = moved.of(here.points[pairs[:, 0]])
     known = np.isfinite(place).all(1)

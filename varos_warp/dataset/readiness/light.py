@@ -5,6 +5,7 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.scene.description.image_types import DEPTH, WATER
+from varos_warp.scene.passes import BandWater
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear red, green and blue (Rec. 709)."""
@@ -33,7 +34,7 @@ def layers_of(data: Dataset, frame: int, camera: str) -> dict[str, np.ndarray]:
 
 
 def veil_over_signal(layers: dict[str, np.ndarray]) -> float | None:
-    """Mean luminance of the scattered layers that are there, over that of direct; None without direct or light in it."""
+    """Mean luminance of the scattered layers, over that of direct; None without direct or light in it."""
     veils = [layers[name] for name in VEILS if name in layers]
     if "direct" not in layers or not veils:
         return None
@@ -57,5 +58,7 @@ def median_range(data: Dataset, frame: int, camera: str) -> float | None:
 
 
 def attenuation(data: Dataset) -> np.ndarray:
-    """c = a + b [1/m] of red, green and blue."""
+    """Extinction a + b [1/m] of red, green and blue; in water by wavelength, over the first metre."""
+    if "bands" in data.meta["water"]:
+        return -np.log(BandWater.of(data.meta["water"], data.cameras[0]).left(np.array(1.0)))
     return np.add(data.meta["water"]["sigma_a"], data.meta["water"]["sigma_s"])

@@ -8,7 +8,7 @@ from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.readiness.truth import hidden_behind
 
 SAME, LEFT = 0.5, 0.25
-"""Share of a frame's points that another sees: from the first on both see the same place, below the second it was left."""
+"""Share of a frame's points that another sees: from the first on it is the same place, below the second it was left."""
 MOST_FRAMES, POINTS = 200, 100
 """Of a longer dataset every n-th frame is compared; points of each frame."""
 

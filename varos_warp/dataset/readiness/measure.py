@@ -81,8 +81,8 @@ def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
     if excited is None:
         left_out.append("excitation of the IMU: there is none on record over three frames")
     loops = loop_closures(data, camera) if DEPTH in data.outputs else None
-    return Readiness(root, camera, data.frames, (data.views(camera)[0] * 1e-9).tolist(), frames, excited, loops, odometry,
-                     left_out)
+    time_s = (data.views(camera)[0] * 1e-9).tolist()
+    return Readiness(root, camera, data.frames, time_s, frames, excited, loops, odometry, left_out)
 
 
 def check(data: Dataset, camera: str) -> None:

@@ -38,8 +38,9 @@ class Odometry:
 
     def plain(self) -> dict:
         """For JSON, with mean and standard deviation over the seeds."""
-        return self.__dict__ | {f"{name}_{what}": _of(getattr(self, name), how) for name in ("ate_m", "ate_share", "drift",
-                                "lost") for what, how in (("mean", np.mean), ("std", np.std))}
+        told = ("ate_m", "ate_share", "drift", "lost")
+        return self.__dict__ | {f"{name}_{what}": _of(getattr(self, name), how) for name in told
+                                for what, how in (("mean", np.mean), ("std", np.std))}
 
 
 def _of(values: list, how) -> float | None:
@@ -73,12 +74,13 @@ def _over_seeds(data: Dataset, cameras: list[str], seeds: int, make) -> Odometry
         places = -np.einsum("nji,nj->ni", T_c_w[:, :3, :3], T_c_w[:, :3, 3])
         moved = gone[1:].sum() < len(gone) - 1
         scores.append(score(places, truth, with_scale=len(cameras) == 1) if moved else None)
-    columns = {name: [None if s is None else getattr(s, name) for s in scores] for name in ("ate_m", "ate_share", "drift")}
+    columns = {name: [None if s is None else getattr(s, name) for s in scores]
+               for name in ("ate_m", "ate_share", "drift")}
     return Odometry(cameras, seeds, **columns, lost=lost, frames=len(truth), path_m=path_length(truth))
 
 
 def _partner(data: Dataset, camera: str) -> tuple[str | None, str]:
-    """The camera on the vehicle that sees most of what this one sees, at the same times; None, and why there is none."""
+    """The camera on the vehicle that sees most of what this one sees, at the same times; or None, and why."""
     others = [other for other in data.cameras if other != camera and "T_v_c" in data.camera(other)]
     if not others or "T_v_c" not in data.camera(camera):
         return None, "it needs two cameras on the vehicle"

@@ -20,7 +20,7 @@ class Score(NamedTuple):
 
 
 def aligned(estimate: np.ndarray, truth: np.ndarray, with_scale: bool) -> np.ndarray:
-    """Points [N, 3] moved onto ``truth`` [N, 3] by least squares (Umeyama 1991): rotation, shift and, if asked, scale."""
+    """Points [N, 3] onto ``truth`` [N, 3] by least squares (Umeyama 1991): rotation, shift and, if asked, scale."""
     middle, target = estimate.mean(0), truth.mean(0)
     a, b = estimate - middle, truth - target
     U, S, Vt = np.linalg.svd(b.T @ a / len(a))

@@ -1,7 +1,7 @@
 """Corners followed from image to image, and what they tell of poses: the tools of a small visual odometry.
 
-Image points are as OpenCV counts them; normalised ones are x/z, y/z of the rays in the water. Behind a port, where rays do
-not meet in a point, the odometry takes them to, as most SLAM systems do.
+Image points are as OpenCV counts them; normalised ones are x/z, y/z of the rays in the water. Behind a port, where rays
+do not meet in a point, the odometry takes them to, as most SLAM systems do.
 """
 
 from dataclasses import dataclass
@@ -81,8 +81,8 @@ def pose_of(points: np.ndarray, seen: np.ndarray, limit: float, rng: np.random.G
             ) -> tuple[np.ndarray, np.ndarray] | None:
     """T_c_w [4, 4] from points [N, 3] and their normalised image points [N, 2], and which agree with it [N].
 
-    RANSAC over P3P, then least squares over those that agree. OpenCV draws the same numbers each time, so the order of the
-    points is drawn here. None where fewer than `LEAST` agree.
+    RANSAC over P3P, then least squares over those that agree. OpenCV draws the same numbers each time, so the order of
+    the points is drawn here. None where fewer than `LEAST` agree.
     """
     cv2, order = opencv(), rng.permutation(len(points))
     if len(points) < LEAST:

@@ -31,7 +31,7 @@ class Moves:
 
 
 def source_of_moves(data: Dataset) -> str | None:
-    """What `moves` follows: ``F``, ``D``, or None where the dataset has neither, or objects move that D does not tell."""
+    """What `moves` follows: ``F``, ``D``, or None where there is neither, or objects move, which D does not tell."""
     if FLOW in data.outputs and data.frames == list(range(data.frames[0], data.frames[0] + len(data))):
         return FLOW
     return DEPTH if DEPTH in data.outputs and not data.moving else None
@@ -51,7 +51,8 @@ def moves(data: Dataset, index: int, camera: str) -> Moves:
 
 
 def _from_depth(data: Dataset, frame: int, following: int, camera: str) -> Moves:
-    depth, later, model = data.planar_depth(frame, camera), data.planar_depth(following, camera), data.camera_model(camera)
+    depth, later = data.planar_depth(frame, camera), data.planar_depth(following, camera)
+    model = data.camera_model(camera)
     place, hidden = np.full((*depth.shape, 2), np.nan), np.zeros(depth.shape, bool)
     row, col = np.nonzero(np.isfinite(depth))
     points = points_at(model, sight(data, frame, camera), row, col, depth[row, col])
