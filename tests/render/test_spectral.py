@@ -97,6 +97,14 @@ def test_what_the_water_lets_through_falls_less_with_distance(tmp_path):
     assert (np.diff(attenuation[:, 0]) < 0.0).all()
 
 
+def test_without_lights_it_is_dark_but_for_b(tmp_path):
+    dark = scene_of({"spectral": {"jerlov": "1C"}}, {"spectrum": "led_b4", "power_W": 50.0}, tmp_path)
+    dark = dark.model_copy(update={"vehicle": dark.vehicle.model_copy(update={"lights": []})})
+    frame = rendered(dark)
+    assert not frame.A.radiance.any()
+    assert frame.B.radiance.any()
+
+
 def test_passes_have_all_bands_once(tmp_path):
     scene = scene_of({"spectral": {"jerlov": "1C"}}, {"spectrum": "led_b4", "power_W": 50.0}, tmp_path, bands=7)
     made = passes(scene, scene.vehicle.cameras[0])

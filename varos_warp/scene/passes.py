@@ -94,8 +94,9 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
     """
     bands = scene_bands(scene, camera, PATHS_M)
     weights, white = balanced(bands), shares(bands)
-    shining = np.array([np.interp(bands.wavelength_nm, GRID, spectral_intensity(light, scene))
-                        for light in scene.lights]).reshape(len(scene.lights), -1)
+    shining = np.zeros((len(scene.lights), len(bands.wavelength_nm)))
+    for own, light in zip(shining, scene.lights, strict=True):
+        own[:] = np.interp(bands.wavelength_nm, GRID, spectral_intensity(light, scene))
     made = []
     for chosen, used in _in_threes(len(bands.wavelength_nm)):
         made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen]), reflectance_of_rgb(
