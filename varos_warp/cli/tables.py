@@ -95,13 +95,13 @@ def _print_water(water: dict) -> None:
     print_table([f"water (g = {water['g']:.4g})", "red", "green", "blue"],
                  [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
     _print_phase(water["phase"])
-    print_table(["bodies in the water", "share of b", "at most", "radii [mm]", "per litre", "over 0.5 mm"],
-                [[str(i), f"{100 * kind['share']:.3g} %", f"{100 * kind['largest_share']:.3g} %",
+    print_table(["bodies in the water", "share of b", "at most", "radii [mm]", "per litre", "wider than 0.5 mm"],
+                [[str(i), f"{100 * kind['share']:.3g} %", f"{100 * kind['largest_share']:.4g} %",
                   " to ".join(f"{1e3 * r:g}" for r in kind["radius_m"]), f"{kind['per_litre']:.3g}",
                   f"{kind['per_litre_over_0.5_mm']:.3g}"] for i, kind in enumerate(water.get("particles", []))])
     if water.get("particles"):
-        print("over 0.5 mm the sea has about 1 to 10 a litre at coasts, 0.1 to 1 far from them (after Alldredge and "
-              "Silver 1988)")
+        print("wider than 0.5 mm the sea has about 1 to 10 a litre at coasts, 0.1 to 1 far from them (after "
+              "Alldredge and Silver 1988)")
 
 
 def _print_spectra(water: dict) -> None:

@@ -118,7 +118,7 @@ def test_without_bodies_a_is_that_of_a_scene_that_has_none():
 
 
 def test_what_cannot_be_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"at most 0\.01347 of the scattering"):
+    with pytest.raises(InputError, match=r"at most 0\.01346 of the scattering"):
         produce(scene_of(particles=[{"share": 0.05}]), tmp_path / "out", quiet=True)
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="beside the blocks before it"):

@@ -1,11 +1,13 @@
 """The bodies of a block: their number, sizes and phase function, against quadrature."""
 
+import re
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from varos_warp.errors import InputError
 from varos_warp.scene.description.particles import Particles
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.water.particles import ParticleLaw, particle_laws
@@ -113,3 +115,17 @@ def test_white_bodies_in_blue_water_are_bounded_by_the_channel_that_scatters_lea
 
 def test_black_bodies_are_bounded_by_nothing_but_the_share():
     assert law_of(reflectance=[0.0, 0.0, 0.0], share=0.9).largest_share == 1.0
+
+
+@pytest.mark.parametrize("opacity", [0.0, 0.3, 0.5, 1.0])
+def test_the_limit_that_a_refusal_names_can_be_given(opacity):
+    def laws(share):
+        return particle_laws(scene_from_dict({
+            "water": FOURNIER_FORAND, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "particles": [{"share": share, "opacity": opacity}],
+            "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]}}))
+
+    with pytest.raises(InputError, match="at most") as refused:
+        laws(0.5)
+    named = float(re.search(r"at most ([\d.]+)", str(refused.value))[1])
+    assert laws(named)[0].describe()["largest_share"] == named

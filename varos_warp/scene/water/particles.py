@@ -36,6 +36,14 @@ def power_integral(exponent: float, low, high) -> np.ndarray:
     return (high ** (exponent + 1.0) - low ** (exponent + 1.0)) / (exponent + 1.0)
 
 
+def rounded_down(share: float) -> float:
+    """A share with four digits that is not above it: a limit that may be given."""
+    if share <= 0.0:
+        return 0.0
+    step = 10.0 ** (np.floor(np.log10(share)) - 3)
+    return float(f"{np.floor(share / step * (1.0 - 1e-12)) * step:.4g}")
+
+
 @dataclass(frozen=True)
 class ParticleLaw:
     """Bodies of one block in the water of a scene."""
@@ -110,7 +118,7 @@ class ParticleLaw:
     def describe(self) -> dict:
         """Its facts in plain JSON types; numbers of bodies are per litre, by diameter."""
         low, high = self.block.radius_m
-        return {"share": self.block.share, "largest_share": round(self.largest_share, 6), "slope": self.block.slope,
+        return {"share": self.block.share, "largest_share": rounded_down(self.largest_share), "slope": self.block.slope,
                 "radius_m": [low, high], "opacity": self.block.opacity,
                 "per_litre": self.number(low, high) * LITRE,
                 "per_litre_over_0.5_mm": self.number(0.25e-3, high) * LITRE if high > 0.25e-3 else 0.0}
@@ -139,7 +147,7 @@ def particle_laws(scene: Scene) -> list[ParticleLaw]:
             coloured = " and of this reflectance" if law.block.reflectance is not None else ""
             raise InputError(
                 f"is more light than the water scatters backwards: in this water bodies of opacity "
-                f"{law.block.opacity:g}{coloured} can be at most {rest:.4g} of the scattering{others}",
+                f"{law.block.opacity:g}{coloured} can be at most {rounded_down(rest):g} of the scattering{others}",
                 key=f"particles.{i}.share", value=law.block.share,
-                remedy="Give at most that, or a smaller opacity, of which the water allows more.")
+                remedy="Give at most that. Of a smaller opacity, or a darker reflectance, the water allows more.")
     return laws
