@@ -70,9 +70,9 @@ class Manifest:
                 self._take(there)
 
     def _check_versions(self, there: dict) -> None:
+        """Refuse versions of which something was made, and which are not asked for, or are other ones now."""
         if there.get("format") != FORMAT or not isinstance(there.get("versions"), list):
             raise InputError("is not the list of a sweep", file=self.path, remedy=REMEDY)
-        """Refuse versions of which something was made, and which are not asked for, or are other ones now."""
         asked = {unit.version.name: unit.version.overrides for unit in self.units}
         for old in there["versions"]:
             if not any((self.out / entry["folder"]).exists() for entry in old["datasets"]):

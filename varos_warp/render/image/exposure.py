@@ -26,8 +26,8 @@ counts the square of it."""
 Setting = str | float | PercentileMeter
 """What a scene's ``render.exposure`` says of an image type."""
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Rec. 709."""
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Of linear red, green and blue (Rec. 709)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def statistics(radiance: np.ndarray, meter: PercentileMeter | None = None) -> St
     if not highlight > 0.0:
         return Statistics(np.nan, np.nan, *((0.0, 0.0) if meter else ()))
     # no matrix product: how BLAS sums depends on its threads
-    luminance = red * _LUMINANCE[0] + green * _LUMINANCE[1] + blue * _LUMINANCE[2]
+    luminance = red * LUMINANCE[0] + green * LUMINANCE[1] + blue * LUMINANCE[2]
     log_average = float(np.exp(np.log(np.maximum(luminance, FLOOR * highlight)).mean()))
     if meter is None:
         return Statistics(log_average, highlight)
