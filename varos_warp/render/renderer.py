@@ -42,7 +42,6 @@ from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.optics.camera import Rays, camera_model, channel_number, pixel_centres
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
-from varos_warp.scene.passes import passes
 from varos_warp.sim.companions import companions
 from varos_warp.sim.poses import poses_of_moving
 
@@ -115,22 +114,20 @@ class FrameRenderer:
         self.device = resolve_device(device)
         self.device_name = wp.get_device(self.device).name
         self.parts = build_parts(scene) if parts is None else parts
-        # of water by wavelength, what kernels know is three of its bands
-        shown = passes(scene, scene.vehicle.cameras[0])[0].scene if scene.is_spectral else scene
-        self.world = DeviceScene(shown, self.parts, self.device)
+        self.world = DeviceScene(scene, self.parts, self.device)
         self.companions = companions(scene)
         self.segments = segment_table(scene, self.world.part_names)
         """What the numbers of S stand for: a row for each."""
         self._material_ids = np.array([0, *(row["material_id"] for row in self.segments)], np.int32)
         self.launcher = Launcher(self.device, threads)
         self.films = Films(self.launcher)
-        self._see(shown)
+        self._see()
 
-    def _see(self, shown: Scene) -> None:
-        """Make ready what renders the water of a scene; ``shown``: as kernels know it."""
-        self.radiance = (SpectralRenderer(shown, self.world, self.films, self.scene) if self.scene.is_spectral
-                         else RadianceRenderer(shown, self.world, self.films))
-        self.snow = SnowRenderer(shown, self.launcher, self.radiance.open_water)
+    def _see(self) -> None:
+        """Make ready what renders the water of the scene."""
+        renders = SpectralRenderer if self.scene.is_spectral else RadianceRenderer
+        self.radiance = renders(self.scene, self.world, self.films)
+        self.snow = SnowRenderer(self.world.scene, self.launcher, self.radiance.open_water)
 
     def relit(self, scene: Scene) -> "FrameRenderer":
         """A renderer of a scene that differs in water, lights, cameras or course only: nothing is built anew for it.
@@ -138,9 +135,8 @@ class FrameRenderer:
         Not for use at the same time as this one: both render into the same films.
         """
         other = copy.copy(self)
-        shown = passes(scene, scene.vehicle.cameras[0])[0].scene if scene.is_spectral else scene
-        other.scene, other.world, other.companions = scene, self.world.relit(shown), companions(scene)
-        other._see(shown)
+        other.scene, other.world, other.companions = scene, self.world.relit(scene), companions(scene)
+        other._see()
         return other
 
     @property
@@ -163,7 +159,7 @@ class FrameRenderer:
             outputs: Letters of the images.
             integrator: Of A and P; absent: the scene's.
         """
-        kernels = kernels_needed(self.radiance.scene, replace(self.world.spec, bands=self.scene.is_spectral), outputs,
+        kernels = kernels_needed(self.world.scene, replace(self.world.spec, bands=self.scene.is_spectral), outputs,
                                  integrator)
         return compiling(kernels, self.device)
 

@@ -21,16 +21,18 @@ from varos_warp.scene.passes import BandPass, BandWater, passes
 class SpectralRenderer(RadianceRenderer):
     """Renders A and B of one scene by wavelength on one device.
 
+    What is the same in all passes is asked of the scene that ``world`` is of, three of its bands.
+
     Args:
-        scene: Of the first pass of its first camera, as whose ``world`` is; what is the same in all is asked of it.
+        scene: The scene.
         world: The scene on the device.
         films: Films of the device.
-        whole: The scene by wavelength.
     """
 
-    def __init__(self, scene: Scene, world: DeviceScene, films: Films, whole: Scene):
-        super().__init__(scene, world, films)
-        self._whole = whole
+    def __init__(self, scene: Scene, world: DeviceScene, films: Films):
+        super().__init__(world.scene, world, films)
+        self._whole = scene
+        self._waters: dict[str | None, BandWater] = {}
         self._passes: dict[str | None, list[tuple[BandPass, RadianceRenderer]]] = {}
 
     def passes(self, view: Camera) -> list[tuple[BandPass, RadianceRenderer]]:
@@ -42,7 +44,9 @@ class SpectralRenderer(RadianceRenderer):
 
     def lets_through(self, view: Camera) -> BandWater:
         """The water as a camera sees it, by white light of the first lamp."""
-        return BandWater.of_camera(self._whole, view)
+        if view.response not in self._waters:
+            self._waters[view.response] = BandWater.of_camera(self._whole, view)
+        return self._waters[view.response]
 
     def water(self, shot: Shot) -> RadianceImage:
         """Render A."""

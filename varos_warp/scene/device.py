@@ -37,6 +37,7 @@ from varos_warp.scene.materials.records import (
 from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.ports import DomePort, FlatPort
+from varos_warp.scene.passes import as_kernels_know
 from varos_warp.scene.water import medium_record, optical_properties
 
 LEAF_SIZE = {"cpu": 8, "cuda": 2}
@@ -107,6 +108,7 @@ class DeviceScene:
 
     def __init__(self, scene: Scene, parts: list[Part | Instances], device: str, *, origin: np.ndarray | None = None,
                  joins_copies: bool | None = None):
+        scene = as_kernels_know(scene)
         self.scene, self.device = scene, device
         self.kind = kind_of(device)
         parts = [part.whole_first() for part in parts]
@@ -142,6 +144,7 @@ class DeviceScene:
             to_bands: Where its channels are bands of the spectrum: matrix [3, 3] from reflectances R G B to theirs.
         """
         other = copy.copy(self)
+        scene = as_kernels_know(scene)
         other.scene, other.water = scene, optical_properties(scene)
         other.spec = replace(self.spec, medium=bool(other.water.sigma_s.any()))
         other.lights = Lights(scene, self.device)

@@ -4,13 +4,14 @@ Light of one wavelength is not changed into another, so that a frame in N bands 
 carry three of them at a time, in the place of red, green and blue.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.water import Coefficients, Water
 from varos_warp.scene.lights.spectral import spectral_intensity
@@ -54,7 +55,9 @@ class BandWater:
 
     @classmethod
     def of(cls, water: dict, camera: str) -> "BandWater":
-        """As dataset.json describes it for a camera."""
+        """As dataset.json describes it for a camera; without bands, each channel is one."""
+        if "bands" not in water:
+            return cls(np.add(water["sigma_a"], water["sigma_s"]), np.eye(3))
         bands = next(bands for bands in water["bands"] if bands["camera"] == camera)
         return cls(np.add(bands["a"], bands["b"]), np.array(bands["white"]))
 
@@ -116,16 +119,29 @@ def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, shining: np.ndarra
     b = bands.b_water[chosen] + bands.b_particles[chosen]
     phase = _phase(scene.water.spectral.phase.model_dump(), float(bands.b_water[chosen].sum() / max(b.sum(), 1e-300)))
     water = Water(coefficients=Coefficients(sigma_s=tuple(b), sigma_a=tuple(bands.a[chosen]), phase=phase))
-    lit = {id(light): light.model_copy(update={"intensity": tuple(own)})
-           for light, own in zip(scene.lights, shining, strict=True)}
+    lit = {id(light): {"intensity": tuple(own)} for light, own in zip(scene.lights, shining, strict=True)}
+    return with_lights(scene, lambda light: lit.get(id(light), {})).model_copy(update={"water": water})
 
-    def relit(vehicle):
-        return vehicle.model_copy(update={"lights": [lit.get(id(light), light) for light in vehicle.lights]})
 
-    changed: dict[str, Any] = {"water": water, "vehicle": relit(scene.vehicle)}
-    if scene.vehicles:
-        changed["vehicles"] = [relit(vehicle) for vehicle in scene.vehicles]
-    return scene.model_copy(update=changed)
+def with_lights(scene: Scene, changes: Callable[[Light], dict[str, Any]]) -> Scene:
+    """The scene with other values of some keys of its lights, on whichever vehicle; one that two share stays one."""
+    made: dict[int, Light] = {}
+
+    def of(vehicle: Any) -> Any:
+        lights = [made.setdefault(id(light), light.model_copy(update=changes(light))) for light in vehicle.lights]
+        return vehicle.model_copy(update={"lights": lights})
+
+    vehicles = [of(vehicle) for vehicle in scene.vehicles] if scene.vehicles else scene.vehicles
+    return scene.model_copy(update={"vehicle": of(scene.vehicle), "vehicles": vehicles})
+
+
+def as_kernels_know(scene: Scene) -> Scene:
+    """The scene, or of one by wavelength the first three bands of its first camera.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
+    return passes(scene, scene.vehicle.cameras[0])[0].scene if scene.is_spectral else scene
 
 
 def _phase(of_particles: dict, share: float) -> dict:

@@ -4,11 +4,10 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.render.image.exposure import LUMINANCE
 from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.passes import BandWater
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Of linear red, green and blue (Rec. 709)."""
 VEILS = ("single", "multiple")
 
 
@@ -57,8 +56,9 @@ def median_range(data: Dataset, frame: int, camera: str) -> float | None:
     return float(np.median(depth[there]))
 
 
-def attenuation(data: Dataset) -> np.ndarray:
-    """Extinction a + b [1/m] of red, green and blue; in water by wavelength, over the first metre."""
-    if "bands" in data.meta["water"]:
-        return -np.log(BandWater.of(data.meta["water"], data.cameras[0]).left(np.array(1.0)))
-    return np.add(data.meta["water"]["sigma_a"], data.meta["water"]["sigma_s"])
+def attenuation(data: Dataset, camera: str) -> np.ndarray:
+    """Extinction a + b [1/m] of red, green and blue for a camera; in water by wavelength, over the first metre."""
+    water = data.meta["water"]
+    if "bands" in water:
+        return -np.log(BandWater.of(water, camera).left(np.array(1.0)))
+    return np.add(water["sigma_a"], water["sigma_s"])

@@ -129,7 +129,7 @@ def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints
     row["direct_contrast"] = rms_contrast(layers["direct"]) if "direct" in layers else None
     row["veil_over_signal"] = veil_over_signal(layers)
     row["median_range_m"] = distance
-    row["optical_depth"] = None if distance is None else float(attenuation(data)[1] * distance)
+    row["optical_depth"] = None if distance is None else float(attenuation(data, camera)[1] * distance)
     return row
 
 

@@ -129,9 +129,6 @@ def _seconds(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
 def attenuation(data: Dataset) -> dict[str, Any]:
     """What the water leaves of light along a straight way: exp(-sigma_t d) per channel."""
     water, distance = data.meta["water"], np.linspace(0.0, data.meta["depth"]["range_m"][1], 101)
-    if "bands" in water:
-        left = BandWater.of(water, data.cameras[0]).left(distance)
-    else:
-        left = np.exp(-distance[:, None] * np.add(water["sigma_a"], water["sigma_s"]))
+    left = BandWater.of(water, data.cameras[0]).left(distance)
     return curve("Light left after a distance in the water", "%", distance, 100 * left,
                  ["red", "green", "blue"], distance=True, zero=True)

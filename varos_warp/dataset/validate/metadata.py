@@ -21,6 +21,7 @@ from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.description.water import HenyeyGreenstein, SpectralWater, Water
 from varos_warp.scene.file.load import scene_from_dict, scene_to_dict
 from varos_warp.scene.optics.camera import CameraModel
+from varos_warp.scene.passes import with_lights
 from varos_warp.scene.spectra.spectrum import is_file_name
 
 RELATIVE = 1e-9
@@ -46,6 +47,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
             made["water"].pop(key, None)
         if scene.is_spectral:  # its tables, of which all follows, are not in the dataset
             del made["water"]
+            made["lights"] = writers.describe_lights(scene.vehicle)
     profile = (meta.get("noise") or {}).get("profile", {})
     for sensor in SENSORS:
         if profile.get(sensor.key):
@@ -83,13 +85,10 @@ def _without_spectra(scene: Scene) -> Scene:
     if not own and water.file is None and not _is_table(water.phase):
         return scene
 
-    def plain(vehicle):
-        return vehicle.model_copy(update={
-            "lights": [light.model_copy(update={"spectrum": "led_b4"}) for light in vehicle.lights],
-            "cameras": [camera.model_copy(update={"response": "nikon_5100"}) for camera in vehicle.cameras]})
-
-    changed = {"water": Water(spectral=SpectralWater(jerlov="IB")), "vehicle": plain(scene.vehicle)}
-    return scene.model_copy(update=changed)
+    cameras = [camera.model_copy(update={"response": "nikon_5100"}) for camera in scene.vehicle.cameras]
+    plain = with_lights(scene, lambda light: {"spectrum": "led_b4"})
+    return plain.model_copy(update={"water": Water(spectral=SpectralWater(jerlov="IB")),
+                                    "vehicle": plain.vehicle.model_copy(update={"cameras": cameras})})
 
 
 def check_segments(data: Dataset, result: Validation) -> None:
