@@ -14,8 +14,9 @@ ROOT = reference.ROOT
 OUTSIDE = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md",
            "benchmarks/peers/README.md": "peers.md", "examples": "examples.md"}
 """Pages of the site that are not in docs/, by their path in the repository."""
-BOOST = {"start.md": 2, "dataset.md": 2, **dict.fromkeys(
-    ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md"), 0.4)}
+BOOST = {"start.md": 1.5, "dataset.md": 1.5, **dict.fromkeys(
+    ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md"), 0.4),
+    **dict.fromkeys(("howto/sweeps.md", "spectra.md", "dataset_readme.md"), 0.6)}
 """How much a page counts in the search, where that is not 1: what is looked up less often than it matches."""
 LINK = re.compile(r"(!?\[[^\]]*\]\()(?!https?:|#)([^)#\s]+)(#[^)\s]+)?(\))")
 
