@@ -219,7 +219,7 @@ def hash_of(package):
     ("kernels/conventions.py", "NEAR = ", "NEAR = 2.0 * "),
     ("render/field/solver.py", "FINE = (64,", "FINE = (65,"),
     ("render/field/scattering.py", "BETWEEN = 2", "BETWEEN = 3"),
-    ("render/field/open_water.py", "CAMERA_NODES = (64,", "CAMERA_NODES = (65,"),
+    ("render/field/along_camera.py", "(64, 19, 33)", "(65, 19, 33)"),
     ("scene/water/phase/fournier_forand.py", "import numpy", "import numpy as other\nimport numpy")])
 def test_changing_a_constant_that_decides_the_field_changes_its_key(package, file, before, after):
     key, path = hash_of(package), package / file

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import warp as wp
 
 from varos_warp.device.compile import compiling
-from varos_warp.kernels.field.tabulate import tabulate_in_scattering
+from varos_warp.kernels.field.tabulate import tabulate_single_along_camera
 from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
@@ -27,7 +27,8 @@ from varos_warp.kernels.transport.reference import make_reference_kernel
 from varos_warp.kernels.transport.virtual_lights import make_virtual_lights_kernel
 from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
-from varos_warp.render.field.open_water import along_camera, unavailable
+from varos_warp.render.field.along_camera import along_camera
+from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import LAYERS, RenderOptions, options_of, resolve_integrator
 from varos_warp.render.particles.cells import check_cells
 from varos_warp.scene.description import Scene
@@ -207,7 +208,7 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
     made = [image for image in images if image]
     kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
     if "field" in names:
-        kernels += [tabulate_in_scattering, average_tiles]
+        kernels += [tabulate_single_along_camera, average_tiles]
     kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if any(image.is_color for image in wanted):
         kernels.append(film.develop)

@@ -174,8 +174,9 @@ class RadianceRenderer:
         seen = self._seen(shot.world, view, shot.T_w_v, shot.motion)
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
         scene = shot.world.lit(shot.T_w_v)
-        # single scattering in open water is a quadrature
-        field = self.open_water.field(view) if with_field and "multiple" in options.layers else Field()
+        field = Field()
+        if with_field:
+            field = (self.open_water.field if "multiple" in options.layers else self.open_water.only_single)(view)
         known = {"scene": scene, "camera": seen.camera, "moments": seen.moments, "field": field, "bounds": bounds}
         of_segments, of_subpaths = ({**known, "key": wp.uint32(key)} for key in keys[:2])
         if any(kind.subpaths for kind in kinds):

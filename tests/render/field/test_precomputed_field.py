@@ -29,7 +29,8 @@ FOUR_PI = 4.0 * np.pi
 @pytest.fixture
 def small(few_nodes, monkeypatch):
     """A field in a second, within 1 % of the light scattered towards a plane that faces the light."""
-    monkeypatch.setattr(precomputed, "CAMERA_NODES", (64, 3, 3))
+    monkeypatch.setattr(precomputed, "MULTIPLE", precomputed.MULTIPLE._replace(counts=(64, 3, 3)))
+    monkeypatch.setattr(precomputed, "SINGLE", precomputed.SINGLE._replace(counts=(64, 3, 3)))
 
 
 @pytest.fixture
@@ -43,8 +44,8 @@ def open_water(lights, coefficients, **camera) -> OpenWater:
 
 def in_scattered(made: OpenWater, T) -> np.ndarray:
     """Light scattered twice or more on the rig's ray up to T [3]."""
-    kept = made.field(made.scene.vehicle.cameras[0])
-    values = kept.in_scattering.numpy()
+    kept = made.field(made.scene.vehicle.cameras[0]).multiple
+    values = kept.radiance.numpy()
     t = kept.nearest * np.exp(kept.log_step * np.arange(len(values)))
     middle = values[:, values.shape[1] // 2, values.shape[2] // 2]
     return np.array([np.interp(np.log(T), np.log(t), middle[:, c]) for c in range(3)])
@@ -292,7 +293,7 @@ def test_the_field_comes_from_disk_the_second_time(tiny, monkeypatch, tmp_path):
 
     with monkeypatch.context() as patch:
         patch.setattr(solver.LightFieldSolver, "solve", never)
-        patch.setattr(OpenWater, "_along_rays", never)
+        patch.setattr(OpenWater, "_tabulated", never)
         assert np.array_equal(in_scattered(open_water(lights, coefficients), 3.0), first)
         # lights of the same kind share a field wherever they are and however bright
         open_water([point((0.1, 0, 0), 9.0)], coefficients)._lights  # noqa: B018

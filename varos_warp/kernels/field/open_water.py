@@ -10,7 +10,8 @@ direction, from the plane of the axis. The field is the same at phi and -phi.
 import warp as wp
 
 from varos_warp.kernels.conventions import NEAR
-from varos_warp.kernels.numerics import quadrilinear, trilinear
+from varos_warp.kernels.field.along_camera import AlongCamera
+from varos_warp.kernels.numerics import quadrilinear
 from varos_warp.kernels.world.lights.light import light_axis, light_centre, light_intensity
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import exp3
@@ -51,11 +52,10 @@ class Field:
 
     lights: wp.array(dtype=LightField)
     """One per light."""
-    in_scattering: wp.array3d(dtype=wp.vec3)
-    """Radiance of multiple in-scattering along a camera's rays, [distance, row, column]."""
-    nearest: float
-    """First of these distances [m]; they are evenly spaced in the logarithm."""
-    log_step: float
+    single: AlongCamera
+    """Radiance along a camera's rays, of light that is scattered once; without values where a table is not right."""
+    multiple: AlongCamera
+    """And twice or more."""
 
 
 # ---------------------------------------------------------------------------------------------------------- the nodes
@@ -168,20 +168,3 @@ def source_function(field: LightField, light: Light, p: wp.vec3, d: wp.vec3):
     frame = light_frame(light, p)
     ray = gamma_phi(frame, d)
     return wp.cw_mul(look_up(field.source, field.grid, frame, wp.sqrt(ray[0]), ray[1]), light_intensity(light))
-
-
-# ------------------------------------------------------------------------------------------------ along a camera's ray
-
-
-@wp.func
-def multiple_in_scattering(field: Field, x: float, y: float, t: float):
-    """Radiance of light scattered twice or more before ``t`` along the camera's ray through (x, y) in [0, 1]^2."""
-    steps = wp.log(wp.max(t, 1.0e-9) / field.nearest) / field.log_step
-    # closer than the first node it is proportional to the distance
-    share = float(1.0)
-    if steps < 0.0:
-        share = wp.exp(steps * field.log_step)
-    at = wp.clamp(steps, 0.0, float(field.in_scattering.shape[0] - 1) - 1.0e-3)
-    u = wp.clamp(x, 0.0, 1.0) * float(field.in_scattering.shape[2] - 1)
-    v = wp.clamp(y, 0.0, 1.0) * float(field.in_scattering.shape[1] - 1)
-    return share * trilinear(field.in_scattering, at, v, u)

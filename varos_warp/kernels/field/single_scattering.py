@@ -3,7 +3,16 @@
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest, make_gauss_legendre
-from varos_warp.kernels.world.lights.light import light_at, light_axis, light_centre, light_core, lit_part
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.lights.light import (
+    get_light,
+    light_at,
+    light_axis,
+    light_centre,
+    light_core,
+    light_count,
+    lit_part,
+)
 from varos_warp.kernels.world.lights.record import Light, LitInterval
 from varos_warp.kernels.world.medium import Medium, transmittance
 from varos_warp.kernels.world.phase import Phase, phase_eval
@@ -171,4 +180,13 @@ def single_scattering(medium: Medium, light: Light, o: wp.vec3, d: wp.vec3, t_ma
             end = next_break(y, inner.yb, end)
         L += scattered_between(medium, light, lit, along, across, make_stretch(medium, lit.h, y, end))
         y = end
+    return L
+
+
+@wp.func(inline=False)
+def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
+    """Radiance that single scattering of all lights adds to an unobstructed ray up to ``t``."""
+    L = wp.vec3(0.0)
+    for i in range(light_count(scene.lights)):
+        L += single_scattering(scene.medium, get_light(scene.lights, i), o, d, t)
     return L

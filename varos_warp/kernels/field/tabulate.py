@@ -8,6 +8,7 @@ scattering to the next.
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR
+from varos_warp.kernels.field.along_camera import AlongCamera, distance_along, radiance_along
 from varos_warp.kernels.field.open_water import (
     LightField,
     NodeGrid,
@@ -21,7 +22,7 @@ from varos_warp.kernels.field.open_water import (
     scale_exponent,
     source_function,
 )
-from varos_warp.kernels.field.single_scattering import single_scattering
+from varos_warp.kernels.field.single_scattering import scattered_by_lights, single_scattering
 from varos_warp.kernels.numerics import make_gauss_legendre, quadrilinear
 from varos_warp.kernels.sampling import asinh
 from varos_warp.kernels.world.camera import Camera, node_ray
@@ -169,26 +170,24 @@ def tabulate_next_order(
 
 
 @wp.kernel(enable_backward=False)
-def tabulate_in_scattering(
+def tabulate_multiple_along_camera(
     scene: SceneData,
     lights: wp.array(dtype=LightField),
     camera: Camera,
     size: wp.vec2,
-    nearest: float,
-    log_step: float,
     first_row: int,
     # out
-    in_scattering: wp.array3d(dtype=wp.vec3),  # [distance, row, col]
+    table: AlongCamera,
 ):
-    """Radiance that multiple in-scattering adds to a camera's rays up to each distance."""
+    """Radiance that multiple scattering adds to a camera's rays up to each distance."""
     tile_row, col = wp.tid()
     row = first_row + tile_row
-    ray = node_ray(camera, size, float(row), float(col), in_scattering.shape[1], in_scattering.shape[2])
+    ray = node_ray(camera, size, float(row), float(col), table.radiance.shape[1], table.radiance.shape[2])
     L = wp.vec3(0.0)
     start = float(0.0)
     nodes = int(PANEL_NODES)
-    for k in range(in_scattering.shape[0]):
-        end = nearest * wp.exp(float(k) * log_step)
+    for k in range(table.radiance.shape[0]):
+        end = distance_along(table, k)
         for i in range(nodes):
             node = legendre_node(i)
             t = wp.lerp(start, end, node[0])
@@ -196,5 +195,41 @@ def tabulate_in_scattering(
             for light in range(light_count(scene.lights)):
                 S += source_function(lights[light], get_light(scene.lights, light), ray.o + t * ray.d, ray.d)
             L += node[1] * (end - start) * wp.cw_mul(transmittance(scene.medium, t), S)
-        in_scattering[k, row, col] = L
+        table.radiance[k, row, col] = L
         start = end
+
+
+@wp.kernel(enable_backward=False)
+def tabulate_single_along_camera(
+    scene: SceneData,
+    camera: Camera,
+    size: wp.vec2,
+    first_row: int,
+    # out
+    table: AlongCamera,
+):
+    """Radiance that single scattering adds to a camera's rays up to each distance; the first axis is the row here."""
+    tile_row, row, col = wp.tid()
+    k = first_row + tile_row
+    ray = node_ray(camera, size, float(row), float(col), table.radiance.shape[1], table.radiance.shape[2])
+    table.radiance[k, row, col] = scattered_by_lights(scene, ray.o, ray.d, distance_along(table, k))
+
+
+@wp.kernel(enable_backward=False)
+def compare_single_along_camera(
+    scene: SceneData,
+    camera: Camera,
+    size: wp.vec2,
+    table: AlongCamera,
+    points: wp.array(dtype=wp.vec3),  # (x, y) in [0, 1]^2, distance [m]
+    first_row: int,
+    # out
+    known: wp.array(dtype=wp.vec3),
+    tabulated: wp.array(dtype=wp.vec3),
+):
+    """That radiance at some points, by quadrature and by look-up."""
+    i = first_row + wp.tid()
+    point = points[i]
+    ray = node_ray(camera, size, point[1], point[0], 2, 2)
+    known[i] = scattered_by_lights(scene, ray.o, ray.d, point[2])
+    tabulated[i] = radiance_along(table, point[0], point[1], point[2])

@@ -9,9 +9,10 @@ look like.
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
+from varos_warp.kernels.field.along_camera import radiance_along
 from varos_warp.kernels.field.lookup import reflected_field, sample_field
-from varos_warp.kernels.field.open_water import Field, multiple_in_scattering
-from varos_warp.kernels.field.single_scattering import single_scattering
+from varos_warp.kernels.field.open_water import Field
+from varos_warp.kernels.field.single_scattering import scattered_by_lights
 from varos_warp.kernels.film.film import Film, Sums, add_sample, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
@@ -28,7 +29,6 @@ from varos_warp.kernels.transport.subpath import (
 )
 from varos_warp.kernels.world.camera import Camera, make_sample_ray
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.lights.light import get_light, light_count
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
@@ -41,15 +41,6 @@ END, FIELD = wp.constant(0), wp.constant(1)
 """For the light of one more event on a segment, and for that of the field."""
 LEAVE = wp.constant(0)
 """For the direction from a metal, two groups, before those of its segment."""
-
-
-@wp.func(inline=False)
-def scattered_by_lights(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float):
-    """Single scattering of all lights along an unobstructed ray up to ``t``, by quadrature."""
-    L = wp.vec3(0.0)
-    for i in range(light_count(scene.lights)):
-        L += single_scattering(scene.medium, get_light(scene.lights, i), o, d, t)
-    return L
 
 
 @specialised(*PATH)
@@ -158,9 +149,13 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
                     if wp.static(spec.field):
                         correction = L_single
                         in_step()
-                        L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
+                        if field.single.radiance.shape[0] > 0:
+                            L_single += radiance_along(field.single, point.x / float(width), point.y / float(height),
+                                                       hit.t)
+                        else:
+                            L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
             if wp.static(field_layer and spec.camera_field):
-                L_multiple = multiple_in_scattering(field, point.x / float(width), point.y / float(height), hit.t)
+                L_multiple = radiance_along(field.multiple, point.x / float(width), point.y / float(height), hit.t)
             if wp.static(field_layer and not spec.camera_field):
                 L_multiple = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
                 correction += L_multiple

@@ -12,39 +12,27 @@ from threadpoolctl import threadpool_limits
 
 from varos_warp.cache import cached, code_hash
 from varos_warp.device.launcher import Launcher
+from varos_warp.kernels.field.along_camera import AlongCamera
 from varos_warp.kernels.field.open_water import Field, LightField
-from varos_warp.kernels.field.tabulate import tabulate_in_scattering
-from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.render.field import solver
+from varos_warp.render.field.along_camera import MULTIPLE, SINGLE, Nodes, along_camera, as_pinhole, tabulated
 from varos_warp.render.field.solver import LightFieldSolver, NotSolved, farthest_m
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.device import camera_record, optics_spec
-from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.lights.distribution import Distribution, distribution
-from varos_warp.scene.lights.records import Lights, light_position, radius_of
+from varos_warp.scene.lights.records import Lights, radius_of
 from varos_warp.scene.passes import passes
 from varos_warp.scene.water import medium_record, optical_properties
 
 CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
         "varos_warp.scene.water")
 """What the numbers of the field follow from, besides the scene: those on disk are solved again when it changes."""
-CAMERA_NODES = (64, 19, 33)
-"""Nodes of multiple in-scattering along a camera's rays: of the distance, and of rows and columns of the image."""
-CAMERA_PIXELS = (1024, 1024)
-"""Pixels that places in the image are counted in; any number gives the same rays."""
-CAMERA_NEAREST_M, CAMERA_FARTHEST_M = 0.02, 200.0
-"""First and last of these distances; nearer, in-scattering is in proportion."""
-CAMERA_LOG_STEP = float(np.log(CAMERA_FARTHEST_M / CAMERA_NEAREST_M) / (CAMERA_NODES[0] - 1))
 MOST_BACKWARD_G, SHARPEST_G = 0.0, 0.98
 """Mean cosines of phase functions that the field serves. Of Henyey and Greenstein g = 0.8, 0.924, 0.95 and 0.98 agree
 with paths in one scene (docs/transport.md); at -0.3 the matrix of scattering is 4 % off."""
 MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
-IN_VIEW = 0.75
-"""Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
 LIGHT_KINDS = ("spot", "point", "profile")
 """Lights that the field serves: points that are symmetric about an axis."""
 CONES_DEG = (20.0, 179.0)
@@ -99,19 +87,6 @@ def _no_shape(scene: Scene) -> str | None:
     return None
 
 
-def along_camera(scene: Scene, view: Camera) -> bool:
-    """Whether the field is tabulated along a camera's rays: they are straight, move with all lights, and see none."""
-    if view.mount == "world" or optics_spec(view).bends or len(scene.lights) > len(scene.vehicle.lights):
-        return False
-    T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
-    for light in scene.vehicle.lights:
-        p = T_c_v[:3, :3] @ light_position(light, np.eye(4)) + T_c_v[:3, 3]
-        col, row = (K @ p)[:2] / max(p[2], 1e-9) / view.resolution
-        if p[2] > 0.0 and abs(col - 0.5) < IN_VIEW and abs(row - 0.5) < IN_VIEW:
-            return False
-    return True
-
-
 class OpenWater:
     """The field of one scene on one device.
 
@@ -125,7 +100,7 @@ class OpenWater:
         self.scene, self.launcher, self.device = scene, launcher, launcher.device
         self.water = optical_properties(scene)
         self.lights = lights or Lights(scene, self.device)
-        self._cameras: dict[str, wp.array] = {}
+        self._cameras: dict[str, AlongCamera] = {}
 
     @cached_property
     def failure(self) -> str | None:
@@ -154,19 +129,33 @@ class OpenWater:
             NotSolved: If there is a `failure`.
         """
         field = self.around_lights
-        if not along_camera(self.scene, view):
-            return field
-        view, camera = _as_pinhole(view)
-        key = repr(camera)
+        if along_camera(self.scene, view):
+            field.multiple, field.single = self._along(view, MULTIPLE), self._along(view, SINGLE)
+        return field
+
+    def only_single(self, view: Camera) -> Field:
+        """Light scattered once along a camera's rays, and nothing else: nothing is solved for."""
+        field = Field()
+        if along_camera(self.scene, view):
+            field.single = self._along(view, SINGLE)
+        return field
+
+    def _along(self, view: Camera, nodes: Nodes) -> AlongCamera:
+        """One of the tables along a camera's rays."""
+        view, camera = as_pinhole(view)
+        key = f"{nodes.order} {camera!r}"
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
-            depends_on = self._depends_on(camera=camera, lights=lights,
+            depends_on = self._depends_on(camera=camera, lights=lights, order=nodes.order,
                                           distributions=[shape.described() for shape in self.lights.distributions])
-            arrays = cached("camera", depends_on, lambda: {"radiance": self._along_rays(view)})
-            self._cameras[key] = self._array(arrays["radiance"])
-        field.in_scattering = self._cameras[key]
-        field.nearest, field.log_step = CAMERA_NEAREST_M, CAMERA_LOG_STEP
-        return field
+            arrays = cached("camera", depends_on, lambda: {"radiance": self._tabulated(view, nodes)})
+            self._cameras[key] = nodes.table(self._array(arrays["radiance"]))
+        return self._cameras[key]
+
+    def _tabulated(self, view: Camera, nodes: Nodes) -> np.ndarray:
+        """Radiance [distance, row, column, 3] of a table."""
+        lights = self._lights if nodes.order == "multiple" else None
+        return tabulated(self.launcher, view, nodes, medium_record(self.water, self.device), self.lights, lights)
 
     @cached_property
     def _lights(self) -> wp.array:
@@ -195,25 +184,12 @@ class OpenWater:
         """What the numbers of any array depend on, and what else."""
         return what | {
             "code": code_hash(__name__, CODE),
-            "nodes": [CAMERA_NODES, *solver.nodes()],  # which tests change in memory
+            "nodes": [MULTIPLE, SINGLE, *solver.nodes()],  # which tests change in memory
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),
             "phase": self.water.phase.key,
         }
-
-    def _along_rays(self, view: Camera) -> np.ndarray:
-        """Radiance [CAMERA_NODES, 3] of multiple in-scattering up to each distance, of a vehicle at rest."""
-        T_w_v, origin = np.eye(4), np.zeros(3)
-        scene = SceneData()
-        scene.medium = medium_record(self.water, self.device)
-        scene.lights = self.lights.at(T_w_v, origin)
-        camera, size = camera_record(view, T_w_v, origin, pinhole=True), wp.vec2(*map(float, view.resolution))
-        radiance = wp.empty(CAMERA_NODES, dtype=wp.vec3, device=self.device)
-        self.launcher.rows(tabulate_in_scattering, CAMERA_NODES[1:], {
-            "scene": scene, "lights": self._lights, "camera": camera, "size": size, "nearest": CAMERA_NEAREST_M,
-            "log_step": CAMERA_LOG_STEP, "in_scattering": radiance}, tile_rows=1)
-        return radiance.numpy()
 
     def _array(self, values: np.ndarray) -> wp.array:
         return wp.array(values, dtype=wp.vec3, device=self.device)
@@ -229,9 +205,3 @@ def _solved(solving: LightFieldSolver) -> dict[str, np.ndarray]:
             return solving.solve()
         except NotSolved as error:
             return {"failure": np.array(str(error))}
-
-
-def _as_pinhole(view: Camera) -> tuple[Camera, dict]:
-    """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
-    view = resized(view, *CAMERA_PIXELS)
-    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "shutter"})

@@ -1,0 +1,117 @@
+"""Tables along a camera's rays: for which cameras there are some, their nodes, and whether they are right."""
+
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from varos_warp.device.launcher import Launcher
+from varos_warp.kernels.field.along_camera import AlongCamera
+from varos_warp.kernels.field.tabulate import (
+    compare_single_along_camera,
+    tabulate_multiple_along_camera,
+    tabulate_single_along_camera,
+)
+from varos_warp.kernels.world.intersect import SceneData
+from varos_warp.kernels.world.medium import Medium
+from varos_warp.scene.description import Scene
+from varos_warp.scene.description.optics import resized
+from varos_warp.scene.description.vehicle import Camera
+from varos_warp.scene.device import camera_record, optics_spec
+from varos_warp.scene.frames import camera_pose, intrinsics
+from varos_warp.scene.lights.records import Lights, light_position
+
+FARTHEST_M = 200.0
+"""Last distance of the tables."""
+PIXELS = (1024, 1024)
+"""Pixels that places in the image are counted in; any number gives the same rays."""
+IN_VIEW = 0.75
+"""Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
+MOST_ERROR, MOST_ERROR_AT_A_POINT = 1e-3, 2e-2
+"""Of a table of single scattering, relative to the layer's root mean square: its own, and the largest. Those of the
+templates and of coastal water with four tilted lamps have up to 0.06 % and 1.1 %; narrow beams of sharp edge across the
+view exceed this, and keep the quadrature."""
+POINTS, NEAREST_POINT_M, FARTHEST_POINT_M = 1 << 14, 0.2, 40.0
+"""Where that is found out: so many, of random places and distances, evenly in the logarithm."""
+
+
+class Nodes(NamedTuple):
+    """The nodes of a table."""
+
+    order: str
+    """Of scattering: single, or multiple."""
+    counts: tuple[int, int, int]
+    """Of the distance, and of rows and columns of the image."""
+    nearest_m: float
+    """First of the distances; nearer, what is scattered is in proportion."""
+
+    def table(self, radiance: wp.array) -> AlongCamera:
+        """The table of some values."""
+        table = AlongCamera()
+        table.radiance, table.nearest = radiance, self.nearest_m
+        table.log_step = float(np.log(FARTHEST_M / self.nearest_m) / (self.counts[0] - 1))
+        return table
+
+
+MULTIPLE = Nodes("multiple", (64, 19, 33), 0.02)
+SINGLE = Nodes("single", (192, 46, 81), 0.1)
+
+
+def along_camera(scene: Scene, view: Camera) -> bool:
+    """Whether there are tables along a camera's rays: they are straight, move with all lights, and see none."""
+    if view.mount == "world" or optics_spec(view).bends or len(scene.lights) > len(scene.vehicle.lights):
+        return False
+    T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
+    for light in scene.vehicle.lights:
+        p = T_c_v[:3, :3] @ light_position(light, np.eye(4)) + T_c_v[:3, 3]
+        col, row = (K @ p)[:2] / max(p[2], 1e-9) / view.resolution
+        if p[2] > 0.0 and abs(col - 0.5) < IN_VIEW and abs(row - 0.5) < IN_VIEW:
+            return False
+    return True
+
+
+def as_pinhole(view: Camera) -> tuple[Camera, dict]:
+    """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
+    view = resized(view, *PIXELS)
+    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "shutter"})
+
+
+def tabulated(launcher: Launcher, view: Camera, nodes: Nodes, medium: Medium, lights: Lights,
+              fields: wp.array | None) -> np.ndarray:
+    """Radiance [distance, row, column, 3] added up to each distance, of a vehicle at rest; empty if it is not right.
+
+    Args:
+        launcher: Of the device.
+        view: The camera, as `as_pinhole` gives it.
+        nodes: Those of the table.
+        medium: The water.
+        lights: Those of the scene.
+        fields: What is known around each light, for light that is scattered more than once.
+    """
+    T_w_v, origin, device = np.eye(4), np.zeros(3), launcher.device
+    scene = SceneData()
+    scene.medium, scene.lights = medium, lights.at(T_w_v, origin)
+    table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=device))
+    known = {"scene": scene, "camera": camera_record(view, T_w_v, origin, pinhole=True),
+             "size": wp.vec2(*map(float, view.resolution)), "table": table}
+    if nodes.order == "multiple":
+        launcher.rows(tabulate_multiple_along_camera, nodes.counts[1:], known | {"lights": fields}, tile_rows=1)
+    else:
+        launcher.rows(tabulate_single_along_camera, nodes.counts, known)
+        if not _is_right(launcher, known):
+            return np.empty((0, 0, 0, 3), np.float32)
+    return table.radiance.numpy()
+
+
+def _is_right(launcher: Launcher, known: dict) -> bool:
+    """Whether a table of single scattering agrees with the quadrature between its nodes, in every channel."""
+    rng = np.random.default_rng(0)
+    distances = np.exp(rng.uniform(*np.log((NEAREST_POINT_M, FARTHEST_POINT_M)), POINTS))
+    points = np.column_stack((rng.random((POINTS, 2)), distances))
+    found = {name: wp.empty(POINTS, dtype=wp.vec3, device=launcher.device) for name in ("known", "tabulated")}
+    launcher.rows(compare_single_along_camera, (POINTS,), known | found | {
+        "points": wp.array(points, dtype=wp.vec3, device=launcher.device)}, tile_rows=1024)
+    truth, error = found["known"].numpy().astype(float), found["tabulated"].numpy() - found["known"].numpy()
+    scale = np.sqrt(np.mean(truth**2, axis=0))
+    rms, most = np.sqrt(np.mean(np.square(error, dtype=float), axis=0)), np.abs(error).max(axis=0)
+    return bool((rms <= MOST_ERROR * scale).all() and (most <= MOST_ERROR_AT_A_POINT * scale).all())
