@@ -14,7 +14,7 @@ sample: $(VENV)/.installed
 	$(BIN)/python examples/publish/publish.py sample -o build/sample
 
 test: $(VENV)/.installed-test lint
-	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal --validation=build/validation
+	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal --readers --validation=build/validation
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
@@ -36,7 +36,7 @@ $(VENV)/.installed: pyproject.toml
 	touch $@
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --editable .[test,docs]
+	$(BIN)/python -m pip install --quiet --editable .[test,readers,docs]
 	$(BIN)/python -m pip install --quiet --no-deps nerfbaselines==1.2.12  # its loaders run with numpy 2, it asks for 1
 	touch $@
 

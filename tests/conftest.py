@@ -15,7 +15,7 @@ import pytest
 
 sys.dont_write_bytecode = False
 
-pytest_plugins = ["truths", "pytester"]
+pytest_plugins = ["truths", "readers", "pytester"]
 
 
 def pytest_collection_finish():

@@ -5,6 +5,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
+import imagecodecs  # noqa: F401 - tifffile packs by it
 import numpy as np
 import surveys
 import trimesh

@@ -84,6 +84,8 @@ def test_excitation_is_the_deviation_of_the_readings(seas):
 
 
 def test_the_command_prints_a_table_and_writes_a_page(seas, tmp_path):
+    import cv2  # noqa: F401 - the command needs it
+
     page = tmp_path / "page.html"
     done = CliRunner().invoke(app, ["readiness", *map(str, seas[:2]), "-o", str(page), "--seeds", "1", "--quiet"])
     assert done.exit_code == 0, done.output
