@@ -152,4 +152,44 @@ def test_the_stability_map_runs_without_the_paths_of_pytest():
 
 def test_threads_that_colour_pictures_are_not_the_first_to_import_matplotlib():
     """Its parts import each other: one of two that began at once failed, as in the report of a dataset of one frame."""
-    assert "matplotlib" in loaded_after("import varos_warp.dataset.report.pictures")
+    assert "matplotlib" in loaded_after("import varos_warp.dataset.write.pictures")
+
+
+STUDIO = ("validate", "report", "export", "readiness", "sweep", "view", "preview", "screens")
+"""Rooms and files of dataset/ that look at datasets and scenes, and without which they are made."""
+WITHOUT = f"""
+import sys
+
+class LeftOut:
+    def find_spec(self, name, path=None, target=None):
+        if name.startswith({tuple(f"varos_warp.dataset.{room}" for room in STUDIO)}):
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, LeftOut())
+"""
+
+
+def test_datasets_are_made_and_read_without_the_rooms_that_look_at_them(tmp_path):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("""
+trajectory: {poses: [{position: [0, 0, 0]}]}
+terrain: {kind: procedural, resolution: 17}
+water: none
+vehicle:
+  cameras: [{id: M0, resolution: [32, 18]}]
+  lights: [{kind: spot, position: [0.2, 0, 0], direction: [0, 1, 0]}]
+render: {spp: 1, integrator: path, outputs: [A, B, C, D, S]}
+""")
+    out = tmp_path / "out"
+    code = f"""{WITHOUT}
+from varos_warp.cli import main
+sys.argv = ["varos-warp", "run", {str(scene)!r}, "-o", {str(out)!r}, "--quiet"]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+import varos_warp
+assert varos_warp.Dataset({str(out)!r})[0].D.shape == (18, 32)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (out / "contact_sheet.png").exists()

@@ -71,7 +71,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
 
             views = zip(*itertools.product(data.frames, data.cameras), strict=True)
             list(in_threads("noise", write, *views, quiet=quiet))
-        from varos_warp.dataset.report import contact_sheet
+        from varos_warp.dataset.write.pictures import contact_sheet
 
         contact_sheet(noisy, temp / "contact_sheet.png")
         record.write_checksums()

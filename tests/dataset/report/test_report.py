@@ -21,9 +21,9 @@ from varos_warp.dataset.report import contact_sheet, spread, write_report
 from varos_warp.dataset.report.course import SceneParts, course_pictures, ground_points, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curve, curves, envelope
 from varos_warp.dataset.report.facts import headline, numbers, warnings
-from varos_warp.dataset.report.pictures import filmstrip, preview
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate.outcome import Validation
+from varos_warp.dataset.write.pictures import filmstrip, preview
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from standins import make_scene, scene_dict
 
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.report.pictures import preview
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
+from varos_warp.dataset.write.pictures import preview
 from varos_warp.products.images.protocol import FirstHits
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.renderer import FrameRenderer

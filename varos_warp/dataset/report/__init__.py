@@ -22,7 +22,7 @@ from varos_warp.dataset.report import facts
 from varos_warp.dataset.report.course import course_pictures, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curves
 from varos_warp.dataset.report.facts import Raw
-from varos_warp.dataset.report.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
+from varos_warp.dataset.write.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import DEPTH
 

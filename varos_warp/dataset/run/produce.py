@@ -533,6 +533,6 @@ class _Run:
                     frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
                     expose(self.layout, self.scene, camera.id, letter, frames, self.simulation.frames.time_ns[frames],
                            self.made.statistics, self.record.has, camera_model(camera).axis_weight)
-            from varos_warp.dataset.report import contact_sheet
+            from varos_warp.dataset.write.pictures import contact_sheet
 
             contact_sheet(Dataset(self.layout.root), self.layout.root / "contact_sheet.png")
