@@ -60,6 +60,14 @@ def test_bands_keep_their_stated_error(name):
     np.testing.assert_allclose(rms, bands.rms, rtol=0.1, atol=1e-9)
 
 
+@pytest.mark.parametrize(("kind", "lamp", "count"), [("7C", black_body(3200.0), 9), ("9C", led(4), 30)])
+def test_a_fit_that_takes_many_steps_ends(kind, lamp, count):
+    """In turbid water what a lamp sends over 20 m is nothing beside 1 m, and the fit takes more steps than usual."""
+    bands = choose_bands(_jerlov(kind, 0.0183), [lamp], NIKON, (1.0, 20.0), count)
+    assert len(bands.wavelength_nm) == count
+    assert bands.rms.max() < 0.02
+
+
 def test_more_bands_are_no_worse_and_auto_keeps_the_tolerance():
     water, lamps, response, distances, _ = CASES["Jerlov 1C"]
     few, more = (choose_bands(water, lamps, response, distances, n) for n in (3, 9))
