@@ -16,6 +16,7 @@ from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.water import Coefficients, Water
 from varos_warp.scene.lights.spectral import spectral_intensity
+from varos_warp.scene.optics.camera import water_indices
 from varos_warp.scene.spectra.bands import PASS, PATHS_M, Bands, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
@@ -36,6 +37,14 @@ class BandPass(NamedTuple):
     of_ambient: np.ndarray
     """Of the bands in uniform light of the first lamp's colour, float64 [3 channels, 3 bands]; rows add up to 1 over
     all passes."""
+    wavelength_nm: np.ndarray
+    """Of the bands, float64 [3]."""
+
+    def seen_by(self, view: Camera) -> Camera:
+        """A camera whose water, behind a port, has the indices of the bands in the place of those of its channels."""
+        if len(set(water_indices(view.n_water))) == 1:
+            return view
+        return view.model_copy(update={"n_water": water_indices(view.n_water, self.wavelength_nm)})
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,8 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
     made, of_water = [], shares_of_water(bands)
     for share, (chosen, used) in zip(of_water, _in_threes(len(bands.wavelength_nm)), strict=True):
         made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen], share), reflectance_of_rgb(
-            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used))
+            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used,
+            bands.wavelength_nm[chosen]))
     return made
 
 
