@@ -6,7 +6,8 @@ What channel k of a camera sees directly of a surface of reflectance r, over a p
 
 Bands are wavelengths w_j with weights W_kj >= 0, shared by all lamps, distances and surfaces. For given wavelengths the
 weights are the nonnegative least squares of the relative errors; wavelengths are added one by one where they help the
-worst channel most, and then moved to neighbours while that helps. Light scattered in the water is such a sum as well,
+worst channel most, and then moved to neighbours while that helps. They grow from none, and from the bands that served
+for fewer: what is better is taken, and can be a fourth better. Light scattered in the water is such a sum as well,
 with b(w) in the place of r(w), and that is among the surfaces.
 """
 
@@ -33,6 +34,8 @@ PAINTS = ((0.5, 0.1, 0.05), (0.05, 0.3, 0.1), (0.05, 0.1, 0.5))
 spectra made of colours are unlike measured ones."""
 FITTED_DISTANCES = 8
 """Distances that the weights are fitted to; the error is stated for four times as many."""
+FEW = 12
+"""Bands from which on it matters little whether they grow from none or from those that served for fewer."""
 MOST_STEPS = 100
 """Of the fit, for each band. Turbid water and a halogen lamp take up to 6; scipy's own bound of 3 would end them."""
 PASS = 3
@@ -121,12 +124,13 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
     judge = _Problem(water, power, response, np.array([*(patch.at() for patch in patches.values()), *paints]),
                      np.linspace(*distances, 4 * FITTED_DISTANCES))
     chosen: list[int] = []
-    counts = range(PASS, MOST_BANDS + 1, PASS) if bands == "auto" else [int(bands)]
-    for count in counts:
-        chosen = _moved(problem, _grown(problem, chosen, count))
+    auto = bands == "auto"
+    for count in range(PASS, MOST_BANDS + 1, PASS) if auto else [*range(PASS, min(int(bands), FEW), PASS), int(bands)]:
+        made = [_moved(problem, _grown(problem, begun, count)) for begun in ([], chosen)]
+        chosen = min(made, key=problem.residual)
         weights = problem.weights(chosen)
         rms, worst = judge.errors(chosen, weights)
-        if rms.max() <= tolerance:
+        if auto and rms.max() <= tolerance:
             break
     return Bands(GRID[chosen], weights, water.a[chosen], water.b_water[chosen], water.b_particles[chosen],
                  power[:, chosen], (response * STEPS) @ power[0], rms, worst)
