@@ -9,6 +9,8 @@ Each row tells, of blocks of 8 x 8 pixels:
   are given as those of red, green and blue, in reverse order and with other seeds, always by `path`: the worst z.
 * ``bars``: squares of deviations over those that ``stderr`` tells (1: it holds; below: it is too large).
 * ``reduction``: means against ``--most`` bands with the same random numbers, beside the error that the bands state.
+
+A file that is there keeps its rows of other scenes and integrators.
 """
 
 import argparse
@@ -176,12 +178,13 @@ def main(arguments=None) -> None:
     parser.add_argument("--most", type=int, default=30, help="0: bands are not held against more of them.")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
-    result = {"machine": machine("cpu"), "spp": options.spp, "seeds": options.seeds, "most": options.most,
-              "resolution": RESOLUTION, "rows": []}
+    rows = json.loads(options.json.read_text())["rows"] if options.json and options.json.exists() else []
     for name in options.scenes:
-        result["rows"].append(row_of(name, options))
-        print(json.dumps(result["rows"][-1]), flush=True)
+        made = row_of(name, options) | {"spp": options.spp, "seeds": options.seeds, "most": options.most}
+        rows = [row for row in rows if any(row[key] != made[key] for key in ("scene", "integrator"))] + [made]
+        print(json.dumps(made), flush=True)
         if options.json:
+            result = {"machine": machine("cpu"), "resolution": RESOLUTION, "rows": rows}
             options.json.write_text(json.dumps(result, indent=1) + "\n")
 
 
