@@ -158,13 +158,13 @@ def reduction(few: np.ndarray, many: np.ndarray, bands) -> dict:
     """What fewer bands change, in % of blocks that are not dark, and of the image; and what the bands state."""
     of_blocks, counts = Estimate(scores.block_means(few) - scores.block_means(many)), scores.block_means(many).mean(0)
     off, unsure = (values / counts for values in of_blocks.of(np.asarray(of_blocks.images)))
-    lit = counts > 0.1 * counts.mean(axis=(0, 1))
+    off = np.where(counts > 0.1 * counts.mean(axis=(0, 1)), off, 0.0)
+    farthest = np.abs(off).reshape(-1, 3).argmax(0), np.arange(3)
     whole, whole_unsure = Estimate(few - many).whole
     scale = many.mean(axis=(0, 1, 2))
     percent = {"mean_percent": whole / scale, "mean_stderr": whole_unsure / scale,
-               "rms_percent": np.sqrt((np.where(lit, off, 0.0) ** 2).sum((0, 1)) / lit.sum((0, 1))),
-               "block_percent": np.abs(np.where(lit, off, 0.0)).max((0, 1)),
-               "block_stderr": np.median(unsure, axis=(0, 1)), "stated_rms": bands.rms, "stated_worst": bands.worst}
+               "rms_percent": np.sqrt((off ** 2).mean((0, 1))), "block_percent": off.reshape(-1, 3)[farthest],
+               "block_stderr": unsure.reshape(-1, 3)[farthest], "stated_rms": bands.rms, "stated_worst": bands.worst}
     return {key: (100.0 * value).round(3).tolist() for key, value in percent.items()}
 
 
