@@ -9,6 +9,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.render.spectral import weighed
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.lights.spectral import spectral_intensity
+from varos_warp.scene.optics.seawater import CHANNELS_NM, seawater_index
 from varos_warp.scene.passes import BandWater, passes
 from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
 from varos_warp.scene.spectra.lamps import camera_response
@@ -23,13 +24,13 @@ WALL_M = 1.8
 """From the camera, which looks along y."""
 
 
-def scene_of(water, lamp, folder, reflectance=(0.5, 0.5, 0.5), response="nikon_5100", **render):
+def scene_of(water, lamp, folder, reflectance=(0.5, 0.5, 0.5), response="nikon_5100", view=None, **render):
     trimesh.creation.box([4.0, 0.4, 4.0]).export(folder / "wall.ply")
     wall = {"file": "wall.ply", "position": [0, WALL_M + 0.2, 0], "material": "paint"}
     camera = {"id": "M0", "resolution": [24, 16], "focal_mm": 4.0} | ({"response": response} if response else {})
     return scene_from_dict({
         "water": water, "objects": [wall], "materials": {"paint": {"kind": "diffuse", "reflectance": reflectance}},
-        "vehicle": {"lights": [LAMP | lamp], "cameras": [camera]}, "render": render,
+        "vehicle": {"lights": [LAMP | lamp], "cameras": [camera | (view or {})]}, "render": render,
         "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, folder)
 
 
@@ -114,6 +115,28 @@ def test_passes_have_all_bands_once(tmp_path):
     for one in made:
         assert (one.to_bands >= 0.0).all()
         np.testing.assert_allclose(one.to_bands.sum(1), 1.0, rtol=1e-12)
+
+
+def test_a_port_refracts_each_band_by_its_own_index(even):
+    """The right edge of a wall, seen aslant through flat glass: as in three channels of the bands' indices."""
+    glass = {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008, "n_glass": 1.49, "normal": [0.7, 0, 1]}
+    port = {"port": glass, "look_at": [1.2, WALL_M, 0], "resolution": [96, 16]}
+    water, index = {"phase": {"kind": "rayleigh"}}, {"temperature_C": 10.0, "salinity": 35.0}
+    scene = scene_of({"spectral": {"file": "water.csv"} | water}, {"spectrum": "lamp.csv", "power_W": 50.0}, even,
+                     bands=3, view=port | {"n_water": index})
+    one, = passes(scene, scene.vehicle.cameras[0])
+    nm = scene_bands(scene, scene.vehicle.cameras[0], PATHS_M).wavelength_nm
+    light = [float(spectral_intensity(scene.lights[0], scene)[0])] * 3
+    how = {"coefficients": {"sigma_a": [0.9] * 3, "sigma_s": [0.3] * 3} | water}
+
+    def plain(indices):
+        return rendered(scene_of(how, {"intensity": light}, even, response=None,
+                                 view=port | {"n_water": [float(n) for n in indices]}), "A").A.radiance @ one.weights.T
+
+    ours = rendered(scene, "A").A.radiance
+    np.testing.assert_allclose(ours, plain(seawater_index(10.0, 35.0, nm)), rtol=2e-3, atol=1e-4 * ours.max())
+    wrong = plain(seawater_index(10.0, 35.0, np.array(CHANNELS_NM)))
+    assert np.abs(ours - wrong).max() > 0.02 * ours.max()
 
 
 def test_errors_of_bands_add_up_and_one_without_weight_counts_for_nothing():

@@ -69,7 +69,7 @@ class SpectralRenderer(RadianceRenderer):
         options, images, weights = replace(shot.options, **changed), [], []
         for one, renderer in self.passes(shot.view):
             world = renderer.world if shot.world is self.world else self._lit(shot.world, one)
-            images.append(render(renderer, shot._replace(options=options, world=world)))
+            images.append(render(renderer, shot._replace(view=one.seen_by(shot.view), options=options, world=world)))
             weights.append(weights_of(one))
         return weighed(images, weights)
 

@@ -9,15 +9,20 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.water import Coefficients, Water
 from varos_warp.scene.lights.spectral import spectral_intensity
+from varos_warp.scene.optics.camera import water_indices
 from varos_warp.scene.spectra.bands import PASS, PATHS_M, Bands, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
+
+PATHS_FITTED = 4
+"""Of `PATHS_M`, for which the phase functions of passes are made."""
 
 
 class BandPass(NamedTuple):
@@ -32,6 +37,14 @@ class BandPass(NamedTuple):
     of_ambient: np.ndarray
     """Of the bands in uniform light of the first lamp's colour, float64 [3 channels, 3 bands]; rows add up to 1 over
     all passes."""
+    wavelength_nm: np.ndarray
+    """Of the bands, float64 [3]."""
+
+    def seen_by(self, view: Camera) -> Camera:
+        """A camera whose water, behind a port, has the indices of the bands in the place of those of its channels."""
+        if len(set(water_indices(view.n_water))) == 1:
+            return view
+        return view.model_copy(update={"n_water": water_indices(view.n_water, self.wavelength_nm)})
 
 
 @dataclass(frozen=True)
@@ -100,10 +113,11 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
     shining = np.zeros((len(scene.lights), len(bands.wavelength_nm)))
     for own, light in zip(shining, scene.lights, strict=True):
         own[:] = np.interp(bands.wavelength_nm, GRID, spectral_intensity(light, scene))
-    made = []
-    for chosen, used in _in_threes(len(bands.wavelength_nm)):
-        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen]), reflectance_of_rgb(
-            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used))
+    made, of_water = [], shares_of_water(bands)
+    for share, (chosen, used) in zip(of_water, _in_threes(len(bands.wavelength_nm)), strict=True):
+        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen], share), reflectance_of_rgb(
+            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used,
+            bands.wavelength_nm[chosen]))
     return made
 
 
@@ -114,10 +128,38 @@ def _in_threes(count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         yield np.minimum(number, count - 1), number < count
 
 
-def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, shining: np.ndarray) -> Scene:
-    """The scene with three bands in the place of its channels; ``shining``: of each light in them [W/sr/nm]."""
+def shares_of_water(bands: Bands) -> np.ndarray:
+    """What the water itself scatters, as a share of all scattering in each pass, float64 [passes].
+
+    A pass has one phase function for three bands whose shares differ. Those of the passes are such that each channel
+    sees all passes together scatter what it should, over the distances of the bands, by least squares of relative
+    errors; none leaves the range of its own bands.
+    """
+    b, threes = bands.b_water + bands.b_particles, list(_in_threes(len(bands.wavelength_nm)))
+    own = bands.b_water / np.maximum(b, 1e-300)
+    least, most = (np.array([of(own[chosen]) for chosen, _ in threes]) for of in (np.min, np.max))
+    beam = np.exp(-np.outer(np.linspace(*PATHS_M, PATHS_FITTED), bands.a + b))
+    seen = (shares(bands) * beam[:, None]).reshape(-1, len(b))
+    of_water = (seen * bands.b_water).sum(axis=1)
+    counts = of_water > 1e-12 * of_water.max()
+    if not counts.any():
+        return least
+    rows = np.stack([(seen * b)[:, chosen] @ used for chosen, used in threes], axis=1)[counts] / of_water[counts, None]
+    return lsq_linear(rows, np.ones(len(rows)), (least - 1e-9, most + 1e-9)).x.clip(0.0, 1.0)
+
+
+def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, shining: np.ndarray, of_water: float) -> Scene:
+    """The scene with three bands in the place of its channels.
+
+    Args:
+        scene: By wavelength.
+        bands: All bands of a camera.
+        chosen: Numbers of the three.
+        shining: Intensity of each light in them [W/sr/nm].
+        of_water: What the water itself scatters in them, as a share of all scattering.
+    """
     b = bands.b_water[chosen] + bands.b_particles[chosen]
-    phase = _phase(scene.water.spectral.phase.model_dump(), float(bands.b_water[chosen].sum() / max(b.sum(), 1e-300)))
+    phase = _phase(scene.water.spectral.phase.model_dump(), float(of_water))
     water = Water(coefficients=Coefficients(sigma_s=tuple(b), sigma_a=tuple(bands.a[chosen]), phase=phase))
     lit = {id(light): {"intensity": tuple(own)} for light, own in zip(scene.lights, shining, strict=True)}
     return with_lights(scene, lambda light: lit.get(id(light), {})).model_copy(update={"water": water})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from varos_warp.scene.description.water import Constituents
-from varos_warp.scene.spectra.bands import choose_bands
+from varos_warp.scene.spectra.bands import PAINTS, choose_bands
 from varos_warp.scene.spectra.lamps import black_body, camera_response, lamp_spectrum, per_watt, watts_of_lumen
 from varos_warp.scene.spectra.seawater import pure_scattering
 from varos_warp.scene.spectra.spectrum import GRID, STEPS, Spectrum
@@ -54,10 +54,26 @@ def test_bands_keep_their_stated_error(name):
     bands = choose_bands(water, lamps, response, distances, count)
     assert len(bands.wavelength_nm) == count
     assert (bands.weights >= 0.0).all()
+    paints = [Spectrum(GRID, curve) for curve in reflectance_of_rgb(PAINTS)]
     worst, rms = worst_and_rms(bands, water, lamps, response, np.linspace(*distances, 23),
-                               chart_reflectances().values())
+                               [*chart_reflectances().values(), *paints])
     assert (worst <= 1.05 * bands.worst + 1e-9).all()
     np.testing.assert_allclose(rms, bands.rms, rtol=0.1, atol=1e-9)
+
+
+def test_a_number_of_bands_is_as_good_as_what_auto_makes_of_as_many():
+    water = _constituents(Constituents(chlorophyll_mg_m3=0.05), 0.0183)
+    auto = choose_bands(water, [led(4)], NIKON, (1.0, 20.0), "auto", 0.02)
+    number = choose_bands(water, [led(4)], NIKON, (1.0, 20.0), len(auto.wavelength_nm))
+    assert number.rms.max() <= 1.01 * auto.rms.max()
+
+
+@pytest.mark.parametrize(("kind", "lamp", "count"), [("7C", black_body(3200.0), 9), ("9C", led(4), 30)])
+def test_a_fit_that_takes_many_steps_ends(kind, lamp, count):
+    """In turbid water what a lamp sends over 20 m is nothing beside 1 m, and the fit takes more steps than usual."""
+    bands = choose_bands(_jerlov(kind, 0.0183), [lamp], NIKON, (1.0, 20.0), count)
+    assert len(bands.wavelength_nm) == count
+    assert bands.rms.max() < 0.02
 
 
 def test_more_bands_are_no_worse_and_auto_keeps_the_tolerance():

@@ -1,5 +1,6 @@
 """A camera in the water: from image points to rays, and from points back to image points."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -212,11 +213,18 @@ class CameraModel:
         return self.lens.image_plane(d) * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
 
 
-def water_indices(n_water: Any) -> tuple[float, float, float]:
-    """Indices for R, G, B of a scene's ``n_water``: None, a number, three, or a block of temperature and salinity."""
+def water_indices(n_water: Any, wavelength_nm: Sequence[float] = CHANNELS_NM) -> tuple[float, ...]:
+    """Indices at wavelengths, or for R, G, B, of a scene's ``n_water``.
+
+    Args:
+        n_water: None, a number, three, or a block of temperature and salinity. Three are linear between the wavelengths
+            of R, G, B, and beyond these what they are there.
+        wavelength_nm: Where they are wanted.
+    """
     if hasattr(n_water, "salinity"):
-        return tuple(seawater_index(n_water.temperature_C, n_water.salinity, nm) for nm in CHANNELS_NM)
-    return (*np.broadcast_to(SEA if n_water is None else n_water, 3).tolist(),)
+        return tuple(float(seawater_index(n_water.temperature_C, n_water.salinity, nm)) for nm in wavelength_nm)
+    of_channels = np.broadcast_to(SEA if n_water is None else n_water, 3)
+    return (*np.interp(wavelength_nm, CHANNELS_NM[::-1], of_channels[::-1]).tolist(),)
 
 
 def camera_model(camera: Any) -> CameraModel:

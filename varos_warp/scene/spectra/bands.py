@@ -6,7 +6,8 @@ What channel k of a camera sees directly of a surface of reflectance r, over a p
 
 Bands are wavelengths w_j with weights W_kj >= 0, shared by all lamps, distances and surfaces. For given wavelengths the
 weights are the nonnegative least squares of the relative errors; wavelengths are added one by one where they help the
-worst channel most, and then moved to neighbours while that helps. Light scattered in the water is such a sum as well,
+worst channel most, and then moved to neighbours while that helps. They grow from none, and from the bands that served
+for fewer: what is better is taken, and can be a fourth better. Light scattered in the water is such a sum as well,
 with b(w) in the place of r(w), and that is among the surfaces.
 """
 
@@ -33,6 +34,10 @@ PAINTS = ((0.5, 0.1, 0.05), (0.05, 0.3, 0.1), (0.05, 0.1, 0.5))
 spectra made of colours are unlike measured ones."""
 FITTED_DISTANCES = 8
 """Distances that the weights are fitted to; the error is stated for four times as many."""
+FEW = 12
+"""Bands from which on it matters little whether they grow from none or from those that served for fewer."""
+MOST_STEPS = 100
+"""Of the fit, for each band. Turbid water and a halogen lamp take up to 6; scipy's own bound of 3 would end them."""
 PASS = 3
 """Bands that a pass of the renderer carries, one in each of its channels; ``auto`` fills its passes."""
 
@@ -79,12 +84,11 @@ class _Problem:
 
     def weights(self, chosen: Sequence[int]) -> np.ndarray:
         """The best nonnegative weights [3, N] of some wavelengths."""
-        return np.array([nnls(self._relative(k, chosen), np.ones(self.counts[:, k].sum()))[0] for k in range(3)])
+        return np.array([self._fitted(k, chosen)[0] for k in range(3)])
 
     def residual(self, chosen: Sequence[int]) -> float:
         """Root mean square of the relative errors in the worst channel."""
-        return max(nnls(self._relative(k, chosen), ones)[1] / np.sqrt(len(ones))
-                   for k in range(3) for ones in [np.ones(self.counts[:, k].sum())])
+        return max(self._fitted(k, chosen)[1] / np.sqrt(self.counts[:, k].sum()) for k in range(3))
 
     def errors(self, chosen: Sequence[int], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Root mean square and maximum of the relative errors of each channel, float64 [3]."""
@@ -92,9 +96,11 @@ class _Problem:
         relative = np.divide(found, self.exact, out=np.ones_like(found), where=self.counts) - 1.0
         return np.sqrt((relative ** 2).sum(axis=0) / self.counts.sum(axis=0)), np.abs(relative).max(axis=0)
 
-    def _relative(self, channel: int, chosen: Sequence[int]) -> np.ndarray:
+    def _fitted(self, channel: int, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
+        """Nonnegative weights [N] of least relative errors, and the norm of these."""
         cases = self.counts[:, channel]
-        return self.light[np.ix_(cases, chosen)] / self.exact[cases, channel, None]
+        relative = self.light[np.ix_(cases, chosen)] / self.exact[cases, channel, None]
+        return nnls(relative, np.ones(len(relative)), maxiter=MOST_STEPS * len(chosen))
 
 
 def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.ndarray,
@@ -118,12 +124,13 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
     judge = _Problem(water, power, response, np.array([*(patch.at() for patch in patches.values()), *paints]),
                      np.linspace(*distances, 4 * FITTED_DISTANCES))
     chosen: list[int] = []
-    counts = range(PASS, MOST_BANDS + 1, PASS) if bands == "auto" else [int(bands)]
-    for count in counts:
-        chosen = _moved(problem, _grown(problem, chosen, count))
+    auto = bands == "auto"
+    for count in range(PASS, MOST_BANDS + 1, PASS) if auto else [*range(PASS, min(int(bands), FEW), PASS), int(bands)]:
+        made = [_moved(problem, _grown(problem, begun, count)) for begun in ([], chosen)]
+        chosen = min(made, key=problem.residual)
         weights = problem.weights(chosen)
         rms, worst = judge.errors(chosen, weights)
-        if rms.max() <= tolerance:
+        if auto and rms.max() <= tolerance:
             break
     return Bands(GRID[chosen], weights, water.a[chosen], water.b_water[chosen], water.b_particles[chosen],
                  power[:, chosen], (response * STEPS) @ power[0], rms, worst)
