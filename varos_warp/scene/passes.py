@@ -25,6 +25,8 @@ class BandPass(NamedTuple):
 
     scene: Scene
     """With the water, and the lights' intensities [W/sr/nm], of the bands in the place of red, green and blue."""
+    wavelength_nm: np.ndarray
+    """Of the bands [3]."""
     to_bands: np.ndarray
     """From reflectances R G B to those in the bands, float64 [3 bands, 3]."""
     weights: np.ndarray
@@ -102,8 +104,9 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
         own[:] = np.interp(bands.wavelength_nm, GRID, spectral_intensity(light, scene))
     made = []
     for chosen, used in _in_threes(len(bands.wavelength_nm)):
-        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen]), reflectance_of_rgb(
-            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used))
+        nm = bands.wavelength_nm[chosen]
+        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen]), nm,
+                             reflectance_of_rgb(np.eye(3), nm).T, weights[:, chosen] * used, white[:, chosen] * used))
     return made
 
 
