@@ -226,8 +226,7 @@ class DeviceScene:
 
     def _known_by_wavelength(self, shapes: list[Part | Instances], with_faces: list[Part | Instances]
                              ) -> list[KnownSpectra]:
-        """What reflects as it was measured, of shapes and of what has their faces, which follow each other in arrays.
-        """
+        """What reflects as it was measured, given shapes and what has their faces, one after another in arrays."""
         ends = np.cumsum([0] + [len(part.faces) for part in with_faces])
         return [KnownSpectra(slice(*ends[k:k + 2]), self._numbers[shape.first_name], part.skin.spectra)
                 for k, (shape, part) in enumerate(zip(shapes, with_faces, strict=True))

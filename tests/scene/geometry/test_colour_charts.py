@@ -79,7 +79,7 @@ def test_colours_are_those_that_colour_science_integrates():
     ({"size_m": [0.3, 0.17]}, "are 0.178 m high"), ({"square_m": 0.1}, "square_m"), ({"gap_m": 0.0}, "gap_m"),
 ])
 def test_measures_that_make_no_chart_are_refused_by_key(tmp_path, keys, message):
-    with pytest.raises(InputError, match="objects.0") as refused:
+    with pytest.raises(InputError, match=r"objects\.0") as refused:
         scene_from_dict({"objects": [{"kind": "colour_chart", **keys}],
                          "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
     assert message in str(refused.value)

@@ -303,8 +303,8 @@ class ColourChart(Movable):
         for size, side, count in zip(self.size_m, ("wide", "high"), (6, 4), strict=True):
             needed = count * self.patch_m + (count - 1) * self.gap_m
             if size < needed + 2e-4:
-                raise ValueError(f"size_m: {count} patches of {self.patch_m:g} m with gaps of {self.gap_m:g} m are "
-                                 f"{needed:g} m {side}, and the board is {size:g} m; make it larger by 0.2 mm at least, "
+                raise ValueError(f"size_m: {count} patches of {self.patch_m:g} m with gaps of {self.gap_m:g} m "
+                                 f"are {needed:g} m {side}, and the board is {size:g} m; make it 0.2 mm larger, "
                                  "or patch_m smaller")
         return self
 

@@ -91,8 +91,7 @@ def tags(count: int) -> np.ndarray:
 
 
 def _panel(x: np.ndarray, z: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a box whose front has the edges x and z, centred; two faces a cell [X, Z] of it come first.
-    """
+    """Vertices and faces of a box whose front has the edges x and z, centred; first two faces of each cell [X, Z]."""
     x, z = x - x.mean(), z - z.mean()
     quads = [_grid(x, z, 0.0, turned=False), _grid(x, z, thickness, turned=True), _rim(x, z, thickness)]
     corners = np.concatenate(quads)  # [quads, 4, 3], counter-clockwise from outside
