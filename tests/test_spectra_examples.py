@@ -12,7 +12,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.passes import BandWater
-from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
+from varos_warp.scene.spectra.bands import scene_bands
 from varos_warp.scene.spectra.surfaces import chart_reflectances
 
 FOLDER = Path(__file__).parents[1] / "examples" / "spectra"
@@ -44,7 +44,7 @@ def test_the_chart_is_whole_in_all_cameras_but_that_of_the_floor(example, data):
 def test_patches_are_attenuated_as_lamp_water_patch_and_camera_have_it(example, data):
     """By the bands, over the way from the lamp to each patch and on to the camera."""
     scene = load_scene(FOLDER / "chart.yaml")
-    bands = scene_bands(scene, scene.vehicle.cameras[0], PATHS_M)
+    bands = scene_bands(scene, scene.vehicle.cameras[0])
     c, chart = bands.a + bands.b_water + bands.b_particles, np.array(list(chart_reflectances().values()))
     reflectance = np.array([patch.at(bands.wavelength_nm) for patch in chart])
     lamp = np.subtract(scene.trajectory.poses[0].position, scene.objects[0].position)

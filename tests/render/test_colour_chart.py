@@ -8,7 +8,7 @@ from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.passes import passes
-from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
+from varos_warp.scene.spectra.bands import scene_bands
 from varos_warp.scene.spectra.lamps import camera_response, lamp_spectrum
 from varos_warp.scene.spectra.spectrum import GRID, STEPS
 from varos_warp.scene.spectra.surfaces import PATCHES, chart_colours, chart_reflectances
@@ -59,7 +59,7 @@ def seen(tmp_path_factory):
 def test_patches_have_their_spectra_at_each_band(seen):
     """Not those that colours would make: to single precision."""
     scene, found = seen
-    bands = scene_bands(scene, scene.vehicle.cameras[0], PATHS_M)
+    bands = scene_bands(scene, scene.vehicle.cameras[0])
     light = bands.weights * bands.lamps[0] * np.exp(-2.0 * CHART_M * (bands.a + bands.b_water + bands.b_particles))
     for name, ours in zip(PATCHES, found, strict=True):
         reflectance = chart_reflectances()[name].at(bands.wavelength_nm)
@@ -69,7 +69,7 @@ def test_patches_have_their_spectra_at_each_band(seen):
 def test_patches_are_integrals_by_the_nanometre_within_the_stated_error(seen):
     scene, found = seen
     camera = scene.vehicle.cameras[0]
-    bands = scene_bands(scene, camera, PATHS_M)
+    bands = scene_bands(scene, camera)
     light = (camera_response("nikon_5100", scene.resolve, "response") * lamp_spectrum("led_b4", scene.resolve, "").at()
              * np.exp(-2.0 * CHART_M * water_spectra(scene).c) * STEPS)
     reflectance = np.array([patch.at(GRID) for patch in chart_reflectances().values()])

@@ -15,7 +15,7 @@ from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.water import Coefficients, Water
 from varos_warp.scene.lights.spectral import spectral_intensity
-from varos_warp.scene.spectra.bands import PASS, PATHS_M, Bands, scene_bands
+from varos_warp.scene.spectra.bands import PASS, Bands, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
 
@@ -52,7 +52,7 @@ class BandWater:
     @classmethod
     def of_camera(cls, scene: Scene, camera: Camera) -> "BandWater":
         """As one of a scene's cameras sees it."""
-        bands = scene_bands(scene, camera, PATHS_M)
+        bands = scene_bands(scene, camera)
         return cls(bands.a + bands.b_water + bands.b_particles, shares(bands))
 
     @classmethod
@@ -68,11 +68,11 @@ def described(scene: Scene) -> list[dict]:
     """The bands of each camera in plain JSON types, to make anew from them what the camera sees."""
     found = []
     for camera in scene.vehicle.cameras:
-        bands = scene_bands(scene, camera, PATHS_M)
+        bands = scene_bands(scene, camera)
         found.append({
             "camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "a": bands.a.tolist(),
             "b": (bands.b_water + bands.b_particles).tolist(), "weights": balanced(bands).tolist(),
-            "white": shares(bands).tolist(), "rms": bands.rms.tolist(),
+            "white": shares(bands).tolist(), "range_m": list(bands.range_m), "rms": bands.rms.tolist(),
             "worst": bands.worst.tolist()})
     return found
 
@@ -97,7 +97,7 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
     Raises:
         InputError: A file of the water, a light or the camera cannot be used.
     """
-    bands = scene_bands(scene, camera, PATHS_M)
+    bands = scene_bands(scene, camera)
     weights, white = balanced(bands), shares(bands)
     shining = np.zeros((len(scene.lights), len(bands.wavelength_nm)))
     for own, light in zip(shining, scene.lights, strict=True):

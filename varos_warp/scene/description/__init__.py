@@ -208,9 +208,10 @@ class Scene(Block):
         if self.particles and spectral:
             raise ValueError("particles: are not drawn in water by wavelength; leave them out, or give the water "
                              "three channels")
-        if self.render.bands is not None and not spectral:
-            raise ValueError("render.bands: means nothing unless the water is by wavelength; give water.spectral, or "
-                             "leave it out")
+        for key in ("bands", "bands_range_m"):
+            if getattr(self.render, key) is not None and not spectral:
+                raise ValueError(f"render.{key}: means nothing unless the water is by wavelength; give water.spectral, "
+                                 "or leave it out")
         return self
 
     @model_validator(mode="after")
