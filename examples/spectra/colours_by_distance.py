@@ -83,7 +83,7 @@ class View:
 
 def chart_views(data):
     """The views of a dataset that have the whole chart, by distance."""
-    chart = next(block for block in data.meta["scene"]["objects"] if block["kind"] == "colour_chart")
+    chart = next(block for block in data.meta["scene"]["objects"] if block["kind"] == "color_chart")
     views = [View(data[0, camera], chart) for camera in data.cameras]
     return sorted((view for view in views if view.is_whole), key=lambda view: view.distance)
 

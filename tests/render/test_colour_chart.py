@@ -18,7 +18,7 @@ T_W_V = np.eye(4)
 SHOT = {"spp": 1, "integrator": "path", "denoise": "none", "denoise_b": "none", "layers": ("direct",)}
 CHART_M = 0.5
 """From the camera; light goes there and back."""
-CHART = {"kind": "colour_chart", "position": [0, CHART_M, 0]}
+CHART = {"kind": "color_chart", "position": [0, CHART_M, 0]}
 PAINTED = {"material": "white"}
 MATERIALS = {"white": {"kind": "diffuse", "reflectance": [1.0, 1.0, 1.0]}}
 
@@ -99,7 +99,7 @@ def test_a_chart_that_moves_is_seen_as_one_that_stands(seen, tmp_path):
 @pytest.mark.parametrize("joined", [False, True])
 def test_copies_have_the_spectra_too_whether_they_join_the_mesh_or_not(tmp_path, joined):
     """And nothing else has: the terrain's colours become spectra in the bands."""
-    copies = {"object": {"kind": "colour_chart"}, "count": 3}
+    copies = {"object": {"kind": "color_chart"}, "count": 3}
     terrain = {"kind": "procedural", "size_m": 20, "resolution": 17}
     scene = scene_of(tmp_path, PAINTED, terrain=terrain, scatter=[copies])
     world = DeviceScene(scene, build_parts(scene), "cpu", joins_copies=joined)

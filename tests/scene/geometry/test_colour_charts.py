@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from varos_warp.errors import InputError
-from varos_warp.scene.description.world import ColourChart
+from varos_warp.scene.description.world import ColorChart
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.assets import boards
 from varos_warp.scene.geometry.assets.boards import BLACK
@@ -15,7 +15,7 @@ from varos_warp.scene.spectra.surfaces import PATCHES, chart_colours, chart_refl
 
 
 def made(**keys):
-    vertices, faces, skin = boards.chart(ColourChart(kind="colour_chart", **keys))
+    vertices, faces, skin = boards.chart(ColorChart(kind="color_chart", **keys))
     return trimesh.Trimesh(vertices, faces, process=False), skin
 
 
@@ -80,6 +80,6 @@ def test_colours_are_those_that_colour_science_integrates():
 ])
 def test_measures_that_make_no_chart_are_refused_by_key(tmp_path, keys, message):
     with pytest.raises(InputError, match=r"objects\.0") as refused:
-        scene_from_dict({"objects": [{"kind": "colour_chart", **keys}],
+        scene_from_dict({"objects": [{"kind": "color_chart", **keys}],
                          "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
     assert message in str(refused.value)

@@ -277,14 +277,14 @@ class CalibrationBoard(Movable):
         return self
 
 
-class ColourChart(Movable):
+class ColorChart(Movable):
     """The 24 patches of the ColorChecker on a black board, in its own xz plane that faces -y, centred at its origin.
 
     Unrotated, it stands upright before a camera that looks along +y, dark skin at the upper left and black at the lower
     right. In water by wavelength, patches reflect as measured (docs/spectra.md); else as their colours under D65.
     """
 
-    kind: Literal["colour_chart"]
+    kind: Literal["color_chart"]
     size_m: tuple[Measure, Measure] = (0.279, 0.216)
     """Width and height of the board [m]."""
     patch_m: Measure = 0.04
@@ -311,7 +311,7 @@ class ColourChart(Movable):
 
 ParametricObject = (Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder | HullSection | MooringChain
                     | QuayWall | WellheadPanel | Rov | Anode | FlangeJoint | HandWheel | ConcreteBlock)
-Object = Annotated[MeshObject | ParametricObject | CalibrationBoard | ColourChart, Field(discriminator="kind"),
+Object = Annotated[MeshObject | ParametricObject | CalibrationBoard | ColorChart, Field(discriminator="kind"),
                    kind_by_default("mesh")]
 
 

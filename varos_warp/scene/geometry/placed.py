@@ -12,7 +12,7 @@ from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import Heights
 from varos_warp.scene.description.world import (
     CalibrationBoard,
-    ColourChart,
+    ColorChart,
     Diffuse,
     MeshObject,
     Object,
@@ -44,7 +44,7 @@ def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> b
     if isinstance(block, Terrain):
         return block.material is None and block.preprocess is None and (isinstance(block.file, str)
                                                                         or len(block.file) == 1)
-    brings_along = isinstance(block, MeshObject | CalibrationBoard | ColourChart) or assets.has_colours(block)
+    brings_along = isinstance(block, MeshObject | CalibrationBoard | ColorChart) or assets.has_colours(block)
     return block.material is None and brings_along
 
 
@@ -54,7 +54,7 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
         path = scene.resolve(block.file)
         mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=may_have_colours(block))
         part = _part(scene, block, key, mesh.vertices, mesh.faces, mesh.skin, (mesh.facts,))
-    elif isinstance(block, CalibrationBoard | ColourChart):
+    elif isinstance(block, CalibrationBoard | ColorChart):
         vertices, faces, skin = board(block) if isinstance(block, CalibrationBoard) else chart(block)
         part = _part(scene, block, key, vertices, faces, skin if may_have_colours(block) else None)
     else:

@@ -146,7 +146,7 @@ def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float] | N
     Raises:
         InputError: A file of the water, a light or the camera cannot be used.
     """
-    given = _given(scene, camera)
+    given = given_spectra(scene, camera)
     distances = distances or scene.render.bands_range_m or PATHS_M
     more = (distances, scene.render.bands or "auto", scene.render.tolerance)
     arrays = [given.water.a, given.water.b_water, given.water.b_particles, given.response, *map(per_watt, given.lamps)]
@@ -159,12 +159,12 @@ def rms_over(scene: Scene, camera: Camera, distances: tuple[float, float]) -> np
     Raises:
         InputError: As `scene_bands`.
     """
-    bands, given = scene_bands(scene, camera), _given(scene, camera)
+    bands, given = scene_bands(scene, camera), given_spectra(scene, camera)
     judge = _judge(given.water, np.array([per_watt(lamp) for lamp in given.lamps]), given.response, distances)
     return judge.errors(np.searchsorted(GRID, bands.wavelength_nm), bands.weights)[0]
 
 
-class _Given(NamedTuple):
+class Given(NamedTuple):
     """What bands stand for."""
 
     water: WaterSpectra
@@ -172,11 +172,16 @@ class _Given(NamedTuple):
     response: np.ndarray
 
 
-def _given(scene: Scene, camera: Camera) -> _Given:
+def given_spectra(scene: Scene, camera: Camera) -> Given:
+    """The spectra of a scene's water and lights, of which none is a halogen lamp, and of one of its cameras.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
     lamps = [lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
              for light in scene.lights]
     response = camera_response(camera.response, scene.resolve, scene.key_of_camera(camera) + ".response")
-    return _Given(water_spectra(scene), lamps or [black_body(HALOGEN_K)], response)
+    return Given(water_spectra(scene), lamps or [black_body(HALOGEN_K)], response)
 
 
 @dataclass(frozen=True)
@@ -187,7 +192,7 @@ class _Asked:
     """Digest of all spectra."""
     more: tuple[tuple[float, float], int | str, float]
     """Distances, number of bands and tolerance."""
-    given: _Given = field(compare=False)
+    given: Given = field(compare=False)
 
 
 @lru_cache(maxsize=64)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from varos_warp.scene.description.world import CalibrationBoard, ColourChart
+from varos_warp.scene.description.world import CalibrationBoard, ColorChart
 from varos_warp.scene.file.load import DATA
 from varos_warp.scene.geometry.parts import FaceSpectra, Skin
 from varos_warp.scene.spectra.spectrum import GRID
@@ -28,7 +28,7 @@ def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
     return vertices, faces, Skin(np.broadcast_to(colours[:, None, None], (len(faces), 3, 3)).copy())
 
 
-def chart(block: ColourChart) -> tuple[np.ndarray, np.ndarray, Skin]:
+def chart(block: ColorChart) -> tuple[np.ndarray, np.ndarray, Skin]:
     """As `board`, of a colour chart; its skin has the spectra of the patches, and of the black board."""
     columns, rows = CHART
     x, z = (np.cumsum([0.0, 0.5 * (size - n * block.patch_m - (n - 1) * block.gap_m), block.patch_m,
