@@ -73,5 +73,5 @@ def test_what_all_pixels_have_is_that_of_white(example, data):
 
 def test_the_figure_is_drawn_and_white_is_told(example, data, tmp_path, capsys):
     assert example["main"]([str(data.root), "-o", str(tmp_path / "chart.png")]) == 0
-    assert Image.open(tmp_path / "chart.png").size == (1050, 820)
+    assert Image.open(tmp_path / "chart.png").size == (1050, 730)
     assert len(capsys.readouterr().out.splitlines()) == 3

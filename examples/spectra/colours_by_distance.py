@@ -74,6 +74,11 @@ class View:
         """Mean distance [m] of the patches."""
         return float(self.patches(self.frame.range[..., None]).mean())
 
+    def developed(self, image):
+        """Linear sRGB of an image of the camera's channels, by its colour matrix if it has one."""
+        matrix = self.frame.data.color_matrix(self.frame.camera)
+        return image if matrix is None else image @ matrix.T
+
     @property
     def corrected(self):
         """The direct light over what the water lets through: what white light of the lamp would tell of the chart."""
@@ -114,7 +119,7 @@ def draw_images(figure, views):
     axes = figure.subplots(2, len(views))
     for (above, below), view in zip(axes.T, views, strict=True):
         for axis, image in ((above, view.frame.A_radiance), (below, view.corrected)):
-            axis.imshow(srgb(0.9 * image / view.patches(image).max())[view.window])
+            axis.imshow(srgb(0.9 * view.developed(image) / view.patches(view.developed(image)).max())[view.window])
             axis.set(xticks=[], yticks=[])
         above.set_title(f"{view.distance:.0f} m", fontsize=10)
     axes[0, 0].set_ylabel("as seen", fontsize=9)
@@ -125,7 +130,8 @@ def draw_chromaticities(axis, views):
     """Lines of the patches, from the nearest view to the farthest."""
     seen = np.array([view.patches(view.frame.A_radiance) for view in views])
     r, g, _ = np.moveaxis(seen / seen.sum(axis=-1, keepdims=True), -1, 0)
-    colours = srgb(views[0].patches(views[0].corrected) / views[0].patches(views[0].corrected)[WHITE].max())
+    nearest = views[0].patches(views[0].developed(views[0].corrected))
+    colours = srgb(nearest / nearest[WHITE].max())
     axis.plot(r, g, color="0.8", linewidth=0.7, zorder=1)
     for size, x, y in zip((48, 26, 14, 7), r, g, strict=False):
         axis.scatter(x, y, s=size, c=colours, edgecolors="0.3", linewidths=0.4, zorder=2)
@@ -142,7 +148,7 @@ def draw_attenuation(axis, frame, edges):
 
 def draw_locus(axis, frame, views, edges):
     """Green and blue over red."""
-    of_water, near_far = by_distance(frame, edges), pairwise(views)
+    of_water, near_far = by_distance(frame, edges), [*pairwise(views)]
     for channel, name in ((1, "green"), (2, "blue")):
         axis.plot(of_water[:, 0], of_water[:, channel], color=RGB[channel], label=f"{name}, all pixels")
         for size, (near, far) in zip((22, 12, 5), near_far, strict=False):
@@ -160,8 +166,8 @@ def draw(data, path):
         f.range[np.isfinite(f.range)]))
     seen = frame.range[np.isfinite(frame.range)]
     edges = np.linspace(np.ceil(seen.min()), np.floor(np.quantile(seen, 0.99)), 40)
-    figure = Figure(figsize=(10.5, 8.2), layout="constrained", dpi=100)
-    images, plots = figure.subfigures(2, 1, height_ratios=(1.2, 1.0))
+    figure = Figure(figsize=(10.5, 7.3), layout="constrained", dpi=100)
+    images, plots = figure.subfigures(2, 1, height_ratios=(1.12, 1.0))
     draw_images(images, views)
     axes = plots.subplots(1, 3)
     draw_chromaticities(axes[0], views)
