@@ -41,7 +41,7 @@ SMALL = {
     "cameras": ["terrain.resolution=33", *(f"vehicle.cameras.{i}.calibration=null" for i in (0, 1)),
                 *(f"vehicle.cameras.{i}.{key}=null" for i in (2, 3) for key in ("distortion", "intrinsics")),
                 "vehicle.cameras.2.f_stop=0"],
-    "jerlov": [], "constituents": [], "files": [],
+    "jerlov": [], "constituents": [], "files": [], "chart": ["terrain.resolution=33"],
     "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3",
               *(f"vehicle.cameras.{i}.{key}=null" for i in (1, 2) for key in ("port", "distortion", "n_water"))],
 }

@@ -127,7 +127,7 @@ def fresh(path: Path, width: int = 48, frame: int = 0) -> np.ndarray:
     T_w_v, time_ns = simulation.frames.T_w_v(frame), int(simulation.frames.time_ns[frame])
     image = FrameRenderer(scene, "cpu").render(T_w_v, None, "A", spp=1, integrator="path", time_ns=time_ns,
                                                motion=simulation.motion(time_ns)).A
-    return developed("A", image.radiance, scene)[0]
+    return developed("A", image.radiance, scene, cameras[0])[0]
 
 
 def test_a_shutter_blurs_it_also_one_that_comes_at_the_last_frame(scene_file):

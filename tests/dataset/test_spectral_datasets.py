@@ -54,6 +54,7 @@ def test_each_camera_has_an_attenuation_of_its_own(fleet):
         water = BandWater.of(data.meta["water"], camera)
         np.testing.assert_allclose(np.exp(-attenuation(data, camera)), water.left(np.array(1.0)), rtol=1e-12)
     assert np.ptp([attenuation(data, camera)[0] for camera in data.cameras]) > 0.01
+    assert [bands["range_m"] for bands in data.meta["water"]["bands"]] == [[1.0, 20.0]] * len(data.cameras)
 
 
 def test_without_bands_each_channel_is_one():

@@ -11,7 +11,7 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.lights.spectral import spectral_intensity
 from varos_warp.scene.optics.seawater import CHANNELS_NM, seawater_index
 from varos_warp.scene.passes import BandWater, passes
-from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
+from varos_warp.scene.spectra.bands import scene_bands
 from varos_warp.scene.spectra.lamps import camera_response
 from varos_warp.scene.spectra.spectrum import STEPS
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
@@ -72,7 +72,7 @@ def test_direct_light_is_that_of_an_integral_by_the_nanometre(tmp_path, kind, re
     scene = scene_of({"spectral": {"jerlov": kind}}, lamp, tmp_path, reflectance, tolerance=0.02)
     camera, distance = scene.vehicle.cameras[0], WALL_M
     A = FrameRenderer(scene, "cpu").render(T_W_V, "M0", "A", layers=("direct",), **SHOT).A
-    bands = scene_bands(scene, camera, PATHS_M)
+    bands = scene_bands(scene, camera)
     response = camera_response("nikon_5100", scene.resolve, "response")
     light = spectral_intensity(scene.lights[0], scene)
     white = (response * STEPS * light).sum(1)

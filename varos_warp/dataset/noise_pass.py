@@ -109,7 +109,7 @@ def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, ca
     """
     linear, gain = data.linear(WATER, frame, camera), data.gain(WATER, frame, camera)
     rng, open_s = image_noise.frame_generator(seed, frame, camera), exposure_s(data.camera(camera))
-    return noisy_color(profile.camera, linear, gain, data.camera_model(camera), open_s, rng)
+    return noisy_color(profile.camera, linear, gain, data.camera_model(camera), open_s, rng, data.color_matrix(camera))
 
 
 # ------------------------------------------------------------------------------------------------------------- checks

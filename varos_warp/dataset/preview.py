@@ -34,6 +34,7 @@ from varos_warp.scene.file.source import located
 from varos_warp.scene.frames import pose_matrix
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.optics.shutter import open_ns
+from varos_warp.scene.spectra.matrix import color_matrix
 
 MOST_SPP = 64
 """Samples per pixel at which an image is good enough, where the scene names none."""
@@ -146,7 +147,8 @@ def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Cons
     snow = view.render(SNOW) if scene.particles else None
     for image in refined(lambda **how: view.render(WATER, integrator="path", snow=False, **how), most):
         shown = denoise_image(image, scene.render.denoise)
-        pixels, gain = developed(WATER, shown if snow is None else np.maximum(snow.over(shown), 0.0), scene)
+        pixels, gain = developed(WATER, shown if snow is None else np.maximum(snow.over(shown), 0.0), scene,
+                                 view.camera)
         screen.show(WATER, pixels)
         seconds = time.monotonic() - edited.since
         count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
@@ -155,20 +157,20 @@ def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Cons
             console.tell(f"camera {view.camera.id}, {pixels.shape[1]} x {pixels.shape[0]}: {words}")
             if AMBIENT in screen.outputs:
                 without_water = view.render(AMBIENT, spp_b=B_SPP, denoise_b="oidn").denoised
-                screen.show(AMBIENT, developed(AMBIENT, without_water, scene)[0])
+                screen.show(AMBIENT, developed(AMBIENT, without_water, scene, view.camera)[0])
         stage = words
         if edited.changed():
             return
     console.tell(f"{stage}; complete")
 
 
-def developed(letter: str, radiance: np.ndarray, scene: Scene) -> tuple[np.ndarray, float]:
+def developed(letter: str, radiance: np.ndarray, scene: Scene, camera: Camera) -> tuple[np.ndarray, float]:
     """Pixels uint8 [H, W, 3] of an image, exposed as a sequence of this frame alone would be, and the gain."""
     half, _ = to_half(radiance)
     setting = getattr(scene.render.exposure, letter)
     known = exposure.statistics(half, exposure.meter_of(setting))
     gain = float(exposure.gains(setting, letter, np.zeros(1), [known])[0])
-    return encode_color(half, gain), gain
+    return encode_color(half, gain, color_matrix(scene, camera)), gain
 
 
 def refined(render: Callable[..., RadianceImage], most: int) -> Iterator[RadianceImage]:

@@ -75,7 +75,7 @@ class SpectralRenderer(RadianceRenderer):
 
     @staticmethod
     def _lit(world: DeviceScene, one: BandPass) -> DeviceScene:
-        return world.relit(one.scene, one.to_bands)
+        return world.relit(one.scene, one)
 
 
 def weighed(images: Sequence[RadianceImage], weights: Sequence[np.ndarray]) -> RadianceImage:

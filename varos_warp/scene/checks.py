@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from varos_warp.products.sensors.registry import mounted as sensors_on
 from varos_warp.scene.angles import check_angles
+from varos_warp.scene.band_checks import check_bands
 from varos_warp.scene.camera_checks import GRID, check_cameras
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import DEPTH
@@ -62,7 +63,8 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
              *_check_sizes(scene, parts), *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene),
              *_check_exposure(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
              *_check_carried_inside(scene, solids, poses), *_check_starts(parts),
-             *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses), *on_the_way]
+             *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses),
+             *check_bands(scene, parts, poses), *on_the_way]
     found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
     return [scene.key_in_file(words) for words in found]
 

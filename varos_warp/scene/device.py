@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -23,7 +24,7 @@ from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
-from varos_warp.scene.geometry.parts import Grown, Instances, Moving, Part
+from varos_warp.scene.geometry.parts import FaceSpectra, Grown, Instances, Moving, Part
 from varos_warp.scene.geometry.placed import may_have_colours
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
@@ -37,7 +38,7 @@ from varos_warp.scene.materials.records import (
 from varos_warp.scene.materials.textures import Textures
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.ports import DomePort, FlatPort
-from varos_warp.scene.passes import as_kernels_know
+from varos_warp.scene.passes import BandPass, as_kernels_know
 from varos_warp.scene.water import medium_record, optical_properties
 
 LEAF_SIZE = {"cpu": 8, "cuda": 2}
@@ -51,6 +52,16 @@ MOST_JOINED_FACES = {"cpu": 0, "cuda": 1 << 23}
 """Copies with no more triangles in all join the one mesh (2 GB at most). On a GPU, the stack of a query over copies
 fills the memory close to the cores, and without it everything takes two thirds of the time; on a CPU, two levels are
 faster."""
+
+
+class KnownSpectra(NamedTuple):
+    """Faces of a part, or of a group of copies, that are known by wavelength."""
+
+    faces: slice
+    """In the arrays of all faces."""
+    numbers: np.ndarray
+    """Of the part, or of all copies, among materials."""
+    spectra: FaceSpectra
 
 
 def foretold_spec(scene: Scene, device: str) -> SceneSpec:
@@ -131,17 +142,18 @@ class DeviceScene:
         self.data.medium = medium_record(self.water, device)
         self.poses: Poses = lambda offset_ns: {}
         """Of everything that moves but the vehicle, while a shutter is open: known of a frame (`moved`) only."""
+        self._spectra: list[KnownSpectra] = []
         if parts:
             self._upload_geometry(parts)
 
-    def relit(self, scene: Scene, to_bands: np.ndarray | None = None) -> "DeviceScene":
+    def relit(self, scene: Scene, bands: BandPass | None = None) -> "DeviceScene":
         """The same terrain, objects and materials in the water and with the lights and cameras of another scene.
 
         Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
 
         Args:
             scene: The other scene.
-            to_bands: Where its channels are bands of the spectrum: matrix [3, 3] from reflectances R G B to theirs.
+            bands: Where its channels are bands of the spectrum, which.
         """
         other = copy.copy(self)
         scene = as_kernels_know(scene)
@@ -151,11 +163,23 @@ class DeviceScene:
         other.data = SceneData()
         other.data.assign(self.data)
         other.data.medium = medium_record(other.water, self.device)
-        if to_bands is not None:
+        if bands is not None:
             other.spec = replace(other.spec, bands=True)
-            parts = len(self.data.materials) if self.spec.surfaces else 0
-            other.data.to_bands = self._array(np.repeat(to_bands[None].astype(np.float32), parts, axis=0), wp.mat33)
+            other._reflect_in(bands)
         return other
+
+    def _reflect_in(self, bands: BandPass):
+        """Reflectances in bands: what is known by wavelength as it is, all else by the colours of materials."""
+        parts = len(self.data.materials) if self.spec.surfaces else 0
+        to_bands = np.repeat(bands.to_bands[None].astype(np.float32), parts, axis=0)
+        for known in self._spectra:
+            to_bands[known.numbers] = np.eye(3)
+        self.data.to_bands = self._array(to_bands, wp.mat33)
+        if self._spectra:
+            values = self.data.corner_values.numpy().reshape(-1, 3, 3).copy()
+            for known in self._spectra:
+                values[known.faces] = known.spectra.at(bands.wavelength_nm)[:, None]
+            self.data.corner_values = self._array(values.reshape(-1, 3), wp.vec3)
 
     def moved(self, poses: Poses, offset_ns: np.ndarray) -> "DeviceScene":
         """The scene with what moves where it is at a frame; itself where nothing does.
@@ -199,6 +223,14 @@ class DeviceScene:
         if own := self.scene.own_body:
             names.insert(self.scene.number_of(own) - 1, own)
         return names
+
+    def _known_by_wavelength(self, shapes: list[Part | Instances], with_faces: list[Part | Instances]
+                             ) -> list[KnownSpectra]:
+        """What reflects as it was measured, given shapes and what has their faces, one after another in arrays."""
+        ends = np.cumsum([0] + [len(part.faces) for part in with_faces])
+        return [KnownSpectra(slice(*ends[k:k + 2]), self._numbers[shape.first_name], part.skin.spectra)
+                for k, (shape, part) in enumerate(zip(shapes, with_faces, strict=True))
+                if part.skin is not None and part.skin.spectra is not None]
 
     def _has_numbers(self, group: Instances) -> bool:
         """Whether S has a number for each copy; else each has that of its host."""
@@ -248,6 +280,7 @@ class DeviceScene:
             self._upload_instances([] if self.joins_copies else copied, sum(map(len, face_part)))
         with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
         self.data.corner_values = self._array(corner_values(with_faces), wp.vec3)
+        self._spectra = self._known_by_wavelength([*shapes, *self.moving], with_faces)
         face_tint, tints = tints_of(with_faces)
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
         self.data.face_page = self._array(face_pages(with_faces), wp.int32)

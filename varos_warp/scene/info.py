@@ -133,10 +133,10 @@ def spectral_info(scene: Scene) -> dict:
     """
     water = water_spectra(scene)
     at = np.isin(GRID, np.arange(*VISIBLE, 25.0)) | (GRID == VISIBLE[1])
-    chosen = {camera.id: scene_bands(scene, camera, PATHS_M) for camera in scene.vehicle.cameras}
+    chosen = {camera.id: scene_bands(scene, camera) for camera in scene.vehicle.cameras}
     return {"source": water.source, "wavelength_nm": GRID[at].tolist(),
             **{name: getattr(water, name)[at].tolist() for name in ("a", "b", "c", "b_b", "visibility_m")},
-            "phase": phase_function(scene).describe(), "paths_m": list(PATHS_M),
+            "phase": phase_function(scene).describe(), "paths_m": list(scene.render.bands_range_m or PATHS_M),
             "bands": [{"camera": camera, "wavelength_nm": bands.wavelength_nm.tolist(), "rms": bands.rms.tolist(),
                        "worst": bands.worst.tolist()} for camera, bands in chosen.items()]}
 

@@ -17,12 +17,12 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.water import Coefficients, Water
 from varos_warp.scene.lights.spectral import spectral_intensity
 from varos_warp.scene.optics.camera import water_indices
-from varos_warp.scene.spectra.bands import PASS, PATHS_M, Bands, scene_bands
+from varos_warp.scene.spectra.bands import PASS, Bands, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
 
 PATHS_FITTED = 4
-"""Of `PATHS_M`, for which the phase functions of passes are made."""
+"""Distances, of those of the bands, for which the phase functions of passes are made."""
 
 
 class BandPass(NamedTuple):
@@ -30,6 +30,8 @@ class BandPass(NamedTuple):
 
     scene: Scene
     """With the water, and the lights' intensities [W/sr/nm], of the bands in the place of red, green and blue."""
+    wavelength_nm: np.ndarray
+    """Of the bands [3]."""
     to_bands: np.ndarray
     """From reflectances R G B to those in the bands, float64 [3 bands, 3]."""
     weights: np.ndarray
@@ -37,8 +39,6 @@ class BandPass(NamedTuple):
     of_ambient: np.ndarray
     """Of the bands in uniform light of the first lamp's colour, float64 [3 channels, 3 bands]; rows add up to 1 over
     all passes."""
-    wavelength_nm: np.ndarray
-    """Of the bands, float64 [3]."""
 
     def seen_by(self, view: Camera) -> Camera:
         """A camera whose water, behind a port, has the indices of the bands in the place of those of its channels."""
@@ -63,7 +63,7 @@ class BandWater:
     @classmethod
     def of_camera(cls, scene: Scene, camera: Camera) -> "BandWater":
         """As one of a scene's cameras sees it."""
-        bands = scene_bands(scene, camera, PATHS_M)
+        bands = scene_bands(scene, camera)
         return cls(bands.a + bands.b_water + bands.b_particles, shares(bands))
 
     @classmethod
@@ -79,11 +79,11 @@ def described(scene: Scene) -> list[dict]:
     """The bands of each camera in plain JSON types, to make anew from them what the camera sees."""
     found = []
     for camera in scene.vehicle.cameras:
-        bands = scene_bands(scene, camera, PATHS_M)
+        bands = scene_bands(scene, camera)
         found.append({
             "camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "a": bands.a.tolist(),
             "b": (bands.b_water + bands.b_particles).tolist(), "weights": balanced(bands).tolist(),
-            "white": shares(bands).tolist(), "rms": bands.rms.tolist(),
+            "white": shares(bands).tolist(), "range_m": list(bands.range_m), "rms": bands.rms.tolist(),
             "worst": bands.worst.tolist()})
     return found
 
@@ -108,16 +108,16 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
     Raises:
         InputError: A file of the water, a light or the camera cannot be used.
     """
-    bands = scene_bands(scene, camera, PATHS_M)
+    bands = scene_bands(scene, camera)
     weights, white = balanced(bands), shares(bands)
     shining = np.zeros((len(scene.lights), len(bands.wavelength_nm)))
     for own, light in zip(shining, scene.lights, strict=True):
         own[:] = np.interp(bands.wavelength_nm, GRID, spectral_intensity(light, scene))
     made, of_water = [], shares_of_water(bands)
     for share, (chosen, used) in zip(of_water, _in_threes(len(bands.wavelength_nm)), strict=True):
-        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen], share), reflectance_of_rgb(
-            np.eye(3), bands.wavelength_nm[chosen]).T, weights[:, chosen] * used, white[:, chosen] * used,
-            bands.wavelength_nm[chosen]))
+        nm = bands.wavelength_nm[chosen]
+        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen], share), nm,
+                             reflectance_of_rgb(np.eye(3), nm).T, weights[:, chosen] * used, white[:, chosen] * used))
     return made
 
 
@@ -138,7 +138,7 @@ def shares_of_water(bands: Bands) -> np.ndarray:
     b, threes = bands.b_water + bands.b_particles, list(_in_threes(len(bands.wavelength_nm)))
     own = bands.b_water / np.maximum(b, 1e-300)
     least, most = (np.array([of(own[chosen]) for chosen, _ in threes]) for of in (np.min, np.max))
-    beam = np.exp(-np.outer(np.linspace(*PATHS_M, PATHS_FITTED), bands.a + b))
+    beam = np.exp(-np.outer(np.linspace(*bands.range_m, PATHS_FITTED), bands.a + b))
     seen = (shares(bands) * beam[:, None]).reshape(-1, len(b))
     of_water = (seen * bands.b_water).sum(axis=1)
     counts = of_water > 1e-12 * of_water.max()

@@ -17,6 +17,7 @@ from varos_warp.dataset.reader.points import along_axis
 from varos_warp.dataset.reader.schema import read_metadata
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.products.images.flow import FlowImage
+from varos_warp.products.images.radiance import in_srgb
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.images.snow import Snow
 from varos_warp.products.sensors.protocol import SensorProduct
@@ -152,6 +153,11 @@ class Dataset:
                              remedy=f"There are: {', '.join(CONVENTIONS)}.")
         return np.array(self.camera(camera)["K_" + convention], float)
 
+    def color_matrix(self, camera: str | None = None) -> np.ndarray | None:
+        """From a camera's own channels to linear sRGB, float64 [3, 3]; None: its 8 bits are of its channels."""
+        matrix = self.camera(camera).get("color_matrix")
+        return None if matrix is None else np.array(matrix)
+
     def camera_model(self, camera: str | None = None) -> CameraModel:
         """Rays in the water of image points, and image points of points, in camera axes: lens and port with K.
 
@@ -181,10 +187,13 @@ class Dataset:
         """A decoded image: linear radiance of A, B and P (from 8 bits), unit normals of C, metres of D, numbers of S.
 
         Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known. Of others what their files hold.
+        Radiance is that of the camera's own channels, also where 8 bits are made by a colour matrix.
         """
         if output not in OUTPUTS:
             raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
-        return OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
+        found = OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
+        matrix = self.color_matrix(camera) if OUTPUTS[output].is_color else None
+        return found if matrix is None else in_srgb(found, np.linalg.inv(matrix))
 
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
         """What the finished image holds: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from varos_warp.dataset.files import channels_of, read_exr
 from varos_warp.dataset.reader import rows
-from varos_warp.dataset.reader.points import colour_offsets
+from varos_warp.dataset.reader.points import along_ray, colour_offsets
 from varos_warp.products.images.registry import OUTPUTS
+from varos_warp.products.images.transmittance import LEAST
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, NORMALS, SEGMENTS, TWIN, WATER
 
 
@@ -121,6 +123,29 @@ class Frame:
     def gain(self, output: str = WATER) -> float:
         """What the radiance of A, B or P was multiplied with before the sRGB curve."""
         return self.data.gain(output, self.number, self.camera)
+
+    @cached_property
+    def range(self) -> np.ndarray:
+        """Distance [m] float64 [H, W] along the rays in the water to what they hit; inf where D has none.
+
+        From D's EXR where the run kept it (``render.depth_exr``), else from D, which is rounded to its steps.
+        """
+        path = self.data.layout.exr(self.camera, DEPTH, self.number)
+        if path.exists():
+            return channels_of(path, read_exr(path), "range")[0].astype(float)
+        depth, kind = self.D.astype(float), self.data.meta["depth"]["kind"]
+        return depth if kind == "range" else along_ray(depth, self.data.camera_model(self.camera))
+
+    @cached_property
+    def effective_attenuation(self) -> np.ndarray:
+        """-ln(T) / r [1/m] of each pixel and channel, float64 [H, W, 3], of images T and D; NaN where nothing is seen.
+
+        In water of three channels it is their extinction a + b everywhere; by wavelength it falls with the distance r,
+        as a channel loses first what is absorbed most.
+        """
+        r, T = self.range[..., None], self.T.astype(float)
+        known = np.isfinite(r) & (r > 0.0) & (T > LEAST)
+        return np.where(known, -np.log(np.where(known, T, 1.0)) / np.where(known, r, 1.0), np.nan)
 
     def colour_offsets(self, channel: str) -> np.ndarray:
         """Where a channel shows what each pixel shows in green: so far right and down, float64 [H, W, 2] [pixels].

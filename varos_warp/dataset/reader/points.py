@@ -34,6 +34,16 @@ def along_axis(distance: np.ndarray, model: CameraModel) -> np.ndarray:
     return np.where(np.isfinite(distance), origin[..., 2] + distance * d[..., 2], np.inf)
 
 
+def along_ray(z: np.ndarray, model: CameraModel) -> np.ndarray:
+    """Metres [H, W] along the ray of each pixel in the water, of those along the camera's z axis; inf stays inf."""
+    pixels = np.indices(z.shape)
+    origin, d = pixel_rays(model, pixels[0], pixels[1])
+    if model.is_pinhole:
+        return z * np.linalg.norm(d, axis=-1)
+    there = np.isfinite(z)
+    return np.where(there, (np.where(there, z, 0.0) - origin[..., 2]) / d[..., 2], np.inf)
+
+
 def project(points: np.ndarray, model: CameraModel, T_w_c: np.ndarray) -> np.ndarray:
     """Pixel coordinates u, v (the centre of the top left pixel at 0.5) and depth z [m] of world points [N, 3]."""
     if T_w_c.ndim == 3:

@@ -119,7 +119,7 @@ def _metadata() -> type[BaseModel]:
     matrix = tuple[Row4, Row4, Row4, Row4]
     camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
                      "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
-                     "vignetting": Vignetting,
+                     "vignetting": Vignetting, "color_matrix": tuple[Vec3, Vec3, Vec3],
                      "shutter": _block({"row_poses": str}, exposure_s=Duration, readout_s=Duration)},
                     id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
                     K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])

@@ -42,6 +42,7 @@ from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.spectra.matrix import color_matrix
 from varos_warp.sim.clock import frame_time_ns, select
 
 
@@ -465,7 +466,8 @@ class _Run:
         poses = np.array([self.T_w_v(frame) for frame in self.frames])
         time_ns = self.simulation.frames.time_ns[self.frames]
         for camera in self.scene.vehicle.cameras:
-            writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs)
+            writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs,
+                                 color_matrix(self.scene, camera))
             if has_lens(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
             if writers.has_row_poses(camera):

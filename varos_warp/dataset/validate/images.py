@@ -267,9 +267,10 @@ class Exposures:
 
     def _developed(self, linear: np.ndarray, gain: float, frame: int) -> np.ndarray:
         """What the PNG of linear radiance must be."""
+        matrix = self.data.color_matrix(self.camera)
         if self.dither is None:
-            return encode_color(linear, gain)
-        return dithered(linear.astype(np.float16), gain, self.dither, self.camera, self.output, frame)
+            return encode_color(linear, gain, matrix)
+        return dithered(linear.astype(np.float16), gain, self.dither, self.camera, self.output, frame, matrix)
 
     def verdicts(self) -> list[str]:
         """What is wrong, once all frames are read."""

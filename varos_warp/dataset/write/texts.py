@@ -44,6 +44,7 @@ from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.scene.passes import described
+from varos_warp.scene.spectra.matrix import color_matrix
 from varos_warp.scene.spectra.spectrum import GRID, is_file_name
 from varos_warp.scene.spectra.water import water_spectra
 from varos_warp.scene.water import optical_properties, phase_function
@@ -110,10 +111,10 @@ _PIXELS = "# The centre of the top left pixel is (0, 0) in K_opencv and (0.5, 0.
 
 
 def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray,
-                 outputs: list[str]) -> None:
-    """Calibration, time stamps with file names, and poses of one camera at its frames [N]."""
+                 outputs: list[str], matrix: np.ndarray | None = None) -> None:
+    """Calibration, with a colour matrix if there is one, time stamps and poses of one camera at its frames [N]."""
     path = layout.camera_file(camera.id, ".yaml")
-    text = yaml.safe_dump(describe_camera(layout, camera), sort_keys=False, default_flow_style=None, width=120)
+    text = yaml.safe_dump(describe_camera(layout, camera, matrix), sort_keys=False, default_flow_style=None, width=120)
     files.write_bytes(path, (_PIXELS + text).encode())
     letters = [letter for letter, image in OUTPUTS.items() if image.released]
     letters += [letter for letter in outputs if letter not in letters]
@@ -164,8 +165,8 @@ def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, 
 # ------------------------------------------------------------------------------------------------------- dataset.json
 
 
-def describe_camera(layout: Layout, camera) -> dict:
-    """Calibration of a camera; the released file's keys (mm) first."""
+def describe_camera(layout: Layout, camera, matrix: np.ndarray | None = None) -> dict:
+    """Calibration of a camera, with its colour matrix if it has one; the released file's keys (mm) first."""
     T = pose_matrix(camera) @ transform(R_V_C)
     width, height = camera.resolution
     sizes = {"focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1]}
@@ -174,6 +175,7 @@ def describe_camera(layout: Layout, camera) -> dict:
         **(sizes if camera.intrinsics is None else {}),  # of a camera that is measured in pixels nobody knows them
         "width": width, "height": height, "resolution": {"width": width, "height": height},
         "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
+        **({} if matrix is None else {"color_matrix": matrix.tolist()}),
         **describe_shutter(layout, camera),
         **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
         "K_center_half": intrinsics(camera).tolist(), "K_opencv": opencv_intrinsics(camera).tolist(),
@@ -295,6 +297,8 @@ def with_models(plan: Plan, scene, outputs: list[str], denoisers: dict[str, str 
     return replace(plan, models={letter: words[letter] for letter in outputs})
 
 
+CHANNELS = "linear, channels of each camera, balanced for the first lamp"
+"""What EXR hold in water by wavelength."""
 BODIES = "; with bodies in the water (water.particles), which no denoiser touched"
 CLEAN = "; A_clean: without the noise of noise.profile.camera, which A has"
 DITHERED = "; dithered with triangular noise before it is rounded to 8 bits (A with the noise of a sensor is not)"
@@ -334,12 +338,13 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         "versions": versions(), "device": device, "conventions": conventions,
         "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
         "outputs": outputs,
-        "color": {"png": "sRGB (IEC 61966-2-1), 8 bit", "exr": "linear, Rec. 709 primaries",
+        "color": {"png": "sRGB (IEC 61966-2-1), 8 bit",
+                  "exr": CHANNELS if scene.is_spectral else "linear, Rec. 709 primaries",
                   "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
         "depth": {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
                   "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
         "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers[WATER], "denoise_b": denoisers[AMBIENT]},
-        "cameras": [describe_camera(layout, camera) for camera in vehicle.cameras],
+        "cameras": [describe_camera(layout, camera, color_matrix(scene, camera)) for camera in vehicle.cameras],
         "sensors": describe_sensors(vehicle),
         "lights": describe_lights(vehicle),
         "water": describe_water(scene),

@@ -90,9 +90,20 @@ def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
     return np.clip(radiance, -HALF_MAX, HALF_MAX).astype(np.float16), clamped
 
 
-def encode_color(radiance: np.ndarray, gain: float) -> np.ndarray:
-    """uint8 [H, W, 3] of linear radiance [H, W, 3] after exposure with ``gain``."""
+def in_srgb(channels: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Linear sRGB float32 [..., 3] of a camera's channels [..., 3], by its colour matrix [3, 3].
+
+    Products and sums of float32, which every machine rounds alike.
+    """
+    r, g, b = np.moveaxis(np.asarray(channels, np.float32), -1, 0)
+    return np.stack([row[0] * r + row[1] * g + row[2] * b for row in np.asarray(matrix, np.float32)], axis=-1)
+
+
+def encode_color(radiance: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> np.ndarray:
+    """uint8 [H, W, 3] of linear radiance [H, W, 3] after exposure with ``gain``, and by a colour matrix if any."""
     refuse_nan(radiance)
+    if matrix is not None:
+        radiance = in_srgb(radiance, matrix)
     with np.errstate(over="ignore"):
         return np.rint(255.0 * srgb_oetf(np.asarray(radiance, np.float32) * np.float32(gain))).astype(np.uint8)
 

@@ -11,7 +11,7 @@ from varos_warp.sim.sensors import image_noise
 
 
 def noisy_color(model: CameraNoise, radiance: np.ndarray, gain: float, view: CameraModel, exposure_s: float,
-                rng: np.random.Generator) -> np.ndarray:
+                rng: np.random.Generator, matrix: np.ndarray | None = None) -> np.ndarray:
     """Pixels uint8 [H, W, 3] of A.
 
     Args:
@@ -21,11 +21,12 @@ def noisy_color(model: CameraNoise, radiance: np.ndarray, gain: float, view: Cam
         view: The camera.
         exposure_s: How long dark current gathers [s].
         rng: Of the frame (`image_noise.frame_generator`).
+        matrix: The camera's colour matrix, which turns noise of its channels into that of sRGB.
     """
     share: np.ndarray | float = 1.0
     if model.vignetting is not None and view.vignetting is None:
         seen = replace(view, vignetting=Vignetting(**model.vignetting.model_dump()))
         share = seen.vignette(pixel_centres(*radiance.shape[1::-1]))
     numbers = image_noise.expose(model, radiance, gain, rng, share, exposure_s)
-    return encode_color(image_noise.to_linear(model, numbers), 1.0)
+    return encode_color(image_noise.to_linear(model, numbers), 1.0, matrix)
 

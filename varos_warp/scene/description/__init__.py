@@ -205,12 +205,16 @@ class Scene(Block):
                     raise ValueError(f"{place}.cameras.{i}.response: " + (
                         "water by wavelength needs it of every camera; give one, such as nikon_5100" if spectral else
                         "means nothing unless the water is by wavelength; give water.spectral, or leave it out"))
+                if camera.color_matrix is not None and camera.response is None:
+                    raise ValueError(f"{place}.cameras.{i}.color_matrix: means nothing without a response, whose "
+                                     "channels it turns into sRGB; give water.spectral and a response, or leave it out")
         if self.particles and spectral:
             raise ValueError("particles: are not drawn in water by wavelength; leave them out, or give the water "
                              "three channels")
-        if self.render.bands is not None and not spectral:
-            raise ValueError("render.bands: means nothing unless the water is by wavelength; give water.spectral, or "
-                             "leave it out")
+        for key in ("bands", "bands_range_m"):
+            if getattr(self.render, key) is not None and not spectral:
+                raise ValueError(f"render.{key}: means nothing unless the water is by wavelength; give water.spectral, "
+                                 "or leave it out")
         return self
 
     @model_validator(mode="after")

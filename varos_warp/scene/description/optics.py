@@ -172,7 +172,7 @@ def unwritten_of_camera(camera: Any) -> list[str]:
 
     What is absent, the calibration, whose numbers are written instead, and what says nothing beside intrinsics.
     """
-    keys = [key for key in (*LENS, "shutter", "intrinsics", "response") if getattr(camera, key) is None]
+    keys = [key for key in (*LENS, "shutter", "intrinsics", "response", "color_matrix") if getattr(camera, key) is None]
     beside = [] if camera.intrinsics is None else ["sensor_mm"] if camera.f_stop > 0.0 else ["sensor_mm", "focal_mm"]
     return [*keys, *beside, "calibration"]
 

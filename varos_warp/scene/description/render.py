@@ -9,6 +9,8 @@ from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unw
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 from varos_warp.scene.description.noise_profile import CameraNoise
 
+MOST_METRES = 1000.0
+"""Of a way of light for which bands are chosen: of what no water leaves anything."""
 MOST_BANDS = 30
 """Bands beyond make no image better: cameras' curves are known in steps of 5 to 10 nm."""
 MOST_SPP = 1 << 24
@@ -127,11 +129,15 @@ class Render(Block):
     bands: Literal["auto"] | Annotated[int, Field(ge=3, le=MOST_BANDS)] | None = Field(default=None, examples=["auto"])
     """How many wavelengths stand for the spectrum in water by wavelength; ``auto``, as if absent: the fewest that keep
     ``tolerance`` (docs/spectra.md)."""
+    bands_range_m: tuple[Positive, Positive] | None = Field(default=None, examples=[[1, 20]])
+    """Shortest and longest way of light from lamps over surfaces to cameras, in water by wavelength, for which bands
+    are chosen and their error is stated [m]. Absent: 1 to 20 m. ``info`` warns where the scene has others."""
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
 
     _written = written_otherwise(lambda render: [
-        *(key for key in ("max_triangles", "dither", "noise", "bands") if getattr(render, key) is None),
+        *(key for key in ("max_triangles", "dither", "noise", "bands", "bands_range_m")
+          if getattr(render, key) is None),
         *(["segments"] if render.segments == "host" else [])])
 
     @property
@@ -144,6 +150,13 @@ class Render(Block):
     def _depth_ends_after_its_start(cls, value):
         if not value[1] > value[0]:
             raise ValueError("the end of the depth range must lie beyond its start")
+        return value
+
+    @field_validator("bands_range_m")
+    @classmethod
+    def _ways_have_a_length(cls, value):
+        if value is not None and not (value[1] > value[0] and value[1] <= MOST_METRES):
+            raise ValueError(f"the longest way must be longer than the shortest, and at most {MOST_METRES:g} m")
         return value
 
     @field_validator("outputs", "layers")

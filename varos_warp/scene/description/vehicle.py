@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+import numpy as np
+from pydantic import AfterValidator, Field, PrivateAttr, field_validator, model_validator
 
 from varos_warp.products.sensors.registry import ASKED_FOR, SensorBlocks
 from varos_warp.scene.block import (
@@ -40,6 +41,19 @@ from varos_warp.scene.description.recorded import KEYS, Columns, Of, Read, check
 
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 """[mm]; within these bounds every field of view is representable in single precision."""
+
+
+def _invertible(matrix):
+    """A colour matrix loses no channel."""
+    if not abs(np.linalg.det(matrix)) > LEAST_DETERMINANT:
+        raise ValueError("the rows are not independent, so that colours would be lost; give three rows of three "
+                         "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto")
+    return matrix
+
+
+LEAST_DETERMINANT = 1e-6
+"""Of a colour matrix; those of cameras are about 1 to 5."""
+ColorMatrix = Annotated[tuple[Vec3, Vec3, Vec3], AfterValidator(_invertible)]
 
 
 class Camera(Block):
@@ -91,6 +105,10 @@ class Camera(Block):
     response: str | None = Field(default=None, examples=["nikon_5100"])
     """Spectral response, in water by wavelength (docs/spectra.md): a name that comes with the package, or a CSV file
     with the columns wavelength_nm, r, g and b, of any scale."""
+    color_matrix: ColorMatrix | Literal["auto"] | None = Field(default=None, examples=["auto"])
+    """Three rows that make linear sRGB of the camera's own channels, for 8 bits of A, B and P; linear images stay as
+    the channels have them. ``auto``: the least squares over the colour chart in the light of the first lamp, which
+    leave white as it is (docs/spectra.md). Absent: none."""
     shutter: Shutter | None = None
     """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
 

@@ -277,9 +277,41 @@ class CalibrationBoard(Movable):
         return self
 
 
+class ColorChart(Movable):
+    """The 24 patches of the ColorChecker on a black board, in its own xz plane that faces -y, centred at its origin.
+
+    Unrotated, it stands upright before a camera that looks along +y, dark skin at the upper left and black at the lower
+    right. In water by wavelength, patches reflect as measured (docs/spectra.md); else as their colours under D65.
+    """
+
+    kind: Literal["color_chart"]
+    size_m: tuple[Measure, Measure] = (0.279, 0.216)
+    """Width and height of the board [m]."""
+    patch_m: Measure = 0.04
+    """Side of a patch [m]; the 6 columns and 4 rows are in the middle of the board."""
+    gap_m: Measure = 0.006
+    """Gap between patches [m]."""
+    thickness_m: Measure = 0.003
+    """Thickness of the board, behind the patches [m]."""
+    shading: Literal["flat", "smooth"] = "flat"
+    """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
+
+    _written = unwritten_if_absent("path", "class_")
+
+    @model_validator(mode="after")
+    def _patches_lie_on_it(self):
+        for size, side, count in zip(self.size_m, ("wide", "high"), (6, 4), strict=True):
+            needed = count * self.patch_m + (count - 1) * self.gap_m
+            if size < needed + 2e-4:
+                raise ValueError(f"size_m: {count} patches of {self.patch_m:g} m with gaps of {self.gap_m:g} m "
+                                 f"are {needed:g} m {side}, and the board is {size:g} m; make it 0.2 mm larger, "
+                                 "or patch_m smaller")
+        return self
+
+
 ParametricObject = (Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder | HullSection | MooringChain
                     | QuayWall | WellheadPanel | Rov | Anode | FlangeJoint | HandWheel | ConcreteBlock)
-Object = Annotated[MeshObject | ParametricObject | CalibrationBoard, Field(discriminator="kind"),
+Object = Annotated[MeshObject | ParametricObject | CalibrationBoard | ColorChart, Field(discriminator="kind"),
                    kind_by_default("mesh")]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.description.world import Material
+from varos_warp.scene.spectra.spectrum import GRID
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,20 @@ class Page:
 
 
 @dataclass(frozen=True)
+class FaceSpectra:
+    """Reflectances of faces by wavelength, as measured, which are not made of the colours that stand for them."""
+
+    of_face: np.ndarray
+    """int32 [F]: which of the curves each face has."""
+    curves: np.ndarray
+    """float64 [N, 301]: reflectances on `spectra.spectrum.GRID`."""
+
+    def at(self, wavelength_nm: np.ndarray) -> np.ndarray:
+        """Reflectances of the faces at wavelengths [n], float64 [F, n]."""
+        return np.array([np.interp(wavelength_nm, GRID, curve) for curve in self.curves])[self.of_face]
+
+
+@dataclass(frozen=True)
 class Skin:
     """Colours that a mesh file brings along: textures with their coordinates, and colours of the corners."""
 
@@ -54,6 +69,8 @@ class Skin:
     """float32 [F, 3, 4]: linear colours of the corners that multiply the texture, and alpha. None: there are none."""
     cut: np.ndarray | None = None
     """bool [F]: the faces where a mask may cut holes. None: there are none."""
+    spectra: FaceSpectra | None = None
+    """What the faces reflect in water by wavelength. None: spectra are made of the colours."""
 
     @property
     def has_holes(self) -> bool:
@@ -64,12 +81,14 @@ class Skin:
         """The skin of so many copies, one after another."""
         page, tints, cut = (None if values is None else np.concatenate([values] * count)
                             for values in (self.page, self.tints, self.cut))
-        return Skin(np.concatenate([self.corners] * count), self.pages, page, tints, cut)
+        return Skin(np.concatenate([self.corners] * count), self.pages, page, tints, cut, self.spectra and replace(
+            self.spectra, of_face=np.concatenate([self.spectra.of_face] * count)))
 
     def of_faces(self, chosen: np.ndarray) -> "Skin":
         """The skin of some of the faces, by their numbers or bool [F]."""
         page, tints, cut = (None if values is None else values[chosen] for values in (self.page, self.tints, self.cut))
-        return Skin(self.corners[chosen], self.pages, page, tints, cut)
+        return Skin(self.corners[chosen], self.pages, page, tints, cut, self.spectra and replace(
+            self.spectra, of_face=self.spectra.of_face[chosen]))
 
 
 @dataclass(frozen=True)

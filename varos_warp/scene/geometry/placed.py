@@ -10,10 +10,18 @@ from varos_warp.scene.courses.recorded import read_course
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.survey import Heights
-from varos_warp.scene.description.world import CalibrationBoard, Diffuse, MeshObject, Object, ProceduralTerrain, Terrain
+from varos_warp.scene.description.world import (
+    CalibrationBoard,
+    ColorChart,
+    Diffuse,
+    MeshObject,
+    Object,
+    ProceduralTerrain,
+    Terrain,
+)
 from varos_warp.scene.frames import attitude
 from varos_warp.scene.geometry import assets, procedural, terrain
-from varos_warp.scene.geometry.assets.boards import board
+from varos_warp.scene.geometry.assets.boards import board, chart
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.mesh_files import load_mesh
 from varos_warp.scene.geometry.parts import Moving, Part, Skin
@@ -36,7 +44,8 @@ def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> b
     if isinstance(block, Terrain):
         return block.material is None and block.preprocess is None and (isinstance(block.file, str)
                                                                         or len(block.file) == 1)
-    return block.material is None and (isinstance(block, MeshObject | CalibrationBoard) or assets.has_colours(block))
+    brings_along = isinstance(block, MeshObject | CalibrationBoard | ColorChart) or assets.has_colours(block)
+    return block.material is None and brings_along
 
 
 def object_part(scene: Scene, block: Object, key: str) -> Part:
@@ -45,8 +54,8 @@ def object_part(scene: Scene, block: Object, key: str) -> Part:
         path = scene.resolve(block.file)
         mesh = load_mesh(path, f"{key}.file", block.up_axis, with_skin=may_have_colours(block))
         part = _part(scene, block, key, mesh.vertices, mesh.faces, mesh.skin, (mesh.facts,))
-    elif isinstance(block, CalibrationBoard):
-        vertices, faces, skin = board(block)
+    elif isinstance(block, CalibrationBoard | ColorChart):
+        vertices, faces, skin = board(block) if isinstance(block, CalibrationBoard) else chart(block)
         part = _part(scene, block, key, vertices, faces, skin if may_have_colours(block) else None)
     else:
         layered = isinstance(scene.materials.get(block.material or ""), Layered)

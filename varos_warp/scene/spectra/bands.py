@@ -12,11 +12,14 @@ with b(w) in the place of r(w), and that is among the surfaces.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
 
+from varos_warp.cache import digest
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import MOST_BANDS
 from varos_warp.scene.description.vehicle import Camera
@@ -42,8 +45,8 @@ PASS = 3
 """Bands that a pass of the renderer carries, one in each of its channels; ``auto`` fills its passes."""
 
 PATHS_M = (1.0, 20.0)
-"""Of light from lamp to surface to camera, for which bands are chosen [m]: what a lamp at the camera shows up to 10 m.
-"""
+"""Of light from lamp to surface to camera, for which bands are chosen unless the scene says [m]: what a lamp at the
+camera shows up to 10 m."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,8 @@ class Bands:
     """Worst relative error of each channel's direct signal against integration by 1 nm, float64 [3].
 
     Over the lamps, the distances asked for, the 24 patches of the colour chart, and `PAINTS`."""
+    range_m: tuple[float, float]
+    """Shortest and longest way of light that they were chosen for [m]."""
 
 
 class _Problem:
@@ -117,12 +122,10 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
         tolerance: Relative error that ``auto`` allows; what is reached stands in the result.
     """
     power = np.array([per_watt(lamp) for lamp in lamps])
-    patches = chart_reflectances()
-    paints = reflectance_of_rgb(PAINTS)
-    fitted = np.array([*(patches[name].at() for name in FITTED), *paints, water.b / max(water.b.max(), 1e-300)])
-    problem = _Problem(water, power, response, fitted, np.linspace(*distances, FITTED_DISTANCES))
-    judge = _Problem(water, power, response, np.array([*(patch.at() for patch in patches.values()), *paints]),
-                     np.linspace(*distances, 4 * FITTED_DISTANCES))
+    fitted = [*(chart_reflectances()[name].at() for name in FITTED), *reflectance_of_rgb(PAINTS),
+              water.b / max(water.b.max(), 1e-300)]
+    problem = _Problem(water, power, response, np.array(fitted), np.linspace(*distances, FITTED_DISTANCES))
+    judge = _judge(water, power, response, distances)
     chosen: list[int] = []
     auto = bands == "auto"
     for count in range(PASS, MOST_BANDS + 1, PASS) if auto else [*range(PASS, min(int(bands), FEW), PASS), int(bands)]:
@@ -133,11 +136,51 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
         if auto and rms.max() <= tolerance:
             break
     return Bands(GRID[chosen], weights, water.a[chosen], water.b_water[chosen], water.b_particles[chosen],
-                 power[:, chosen], (response * STEPS) @ power[0], rms, worst)
+                 power[:, chosen], (response * STEPS) @ power[0], rms, worst, distances)
 
 
-def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float]) -> Bands:
-    """The bands of a scene's water, the lights that shine in it, and one of its cameras.
+def _judge(water: WaterSpectra, power: np.ndarray, response: np.ndarray, distances: tuple[float, float]) -> _Problem:
+    """What errors are stated for: every patch and paint, at many distances."""
+    surfaces = [*(patch.at() for patch in chart_reflectances().values()), *reflectance_of_rgb(PAINTS)]
+    return _Problem(water, power, response, np.array(surfaces), np.linspace(*distances, 4 * FITTED_DISTANCES))
+
+
+def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float] | None = None) -> Bands:
+    """The bands of a scene's water, the lights that shine in it, and one of its cameras, for the scene's ways of light.
+
+    They are chosen once for what they follow from, and kept.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
+    given = given_spectra(scene, camera)
+    distances = distances or scene.render.bands_range_m or PATHS_M
+    more = (distances, scene.render.bands or "auto", scene.render.tolerance)
+    arrays = [given.water.a, given.water.b_water, given.water.b_particles, given.response, *map(per_watt, given.lamps)]
+    return _chosen(_Asked(digest(*arrays), more, given))
+
+
+def rms_over(scene: Scene, camera: Camera, distances: tuple[float, float]) -> np.ndarray:
+    """Root mean square of the relative errors of the scene's bands over other ways of light [m], float64 [3].
+
+    Raises:
+        InputError: As `scene_bands`.
+    """
+    bands, given = scene_bands(scene, camera), given_spectra(scene, camera)
+    judge = _judge(given.water, np.array([per_watt(lamp) for lamp in given.lamps]), given.response, distances)
+    return judge.errors(np.searchsorted(GRID, bands.wavelength_nm), bands.weights)[0]
+
+
+class Given(NamedTuple):
+    """What bands stand for."""
+
+    water: WaterSpectra
+    lamps: list[Spectrum]
+    response: np.ndarray
+
+
+def given_spectra(scene: Scene, camera: Camera) -> Given:
+    """The spectra of a scene's water and lights, of which none is a halogen lamp, and of one of its cameras.
 
     Raises:
         InputError: A file of the water, a light or the camera cannot be used.
@@ -145,8 +188,28 @@ def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float]) ->
     lamps = [lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
              for light in scene.lights]
     response = camera_response(camera.response, scene.resolve, scene.key_of_camera(camera) + ".response")
-    return choose_bands(water_spectra(scene), lamps or [black_body(HALOGEN_K)], response, distances,
-                        scene.render.bands or "auto", scene.render.tolerance)
+    return Given(water_spectra(scene), lamps or [black_body(HALOGEN_K)], response)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What bands are asked for; equal to another if they are the same."""
+
+    spectra: str
+    """Digest of all spectra."""
+    more: tuple[tuple[float, float], int | str, float]
+    """Distances, number of bands and tolerance."""
+    given: Given = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _chosen(asked: _Asked) -> Bands:
+    """Bands whose arrays nobody may change, as they are kept."""
+    bands = choose_bands(*asked.given, *asked.more)
+    for value in vars(bands).values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    return bands
 
 
 def _grown(problem: _Problem, chosen: list[int], count: int) -> list[int]:

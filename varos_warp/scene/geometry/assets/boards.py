@@ -1,13 +1,17 @@
-"""Boards with a printed pattern, to calibrate cameras with."""
+"""Boards with a printed pattern, to calibrate cameras and their colours with."""
 
 import numpy as np
 
-from varos_warp.scene.description.world import CalibrationBoard
+from varos_warp.scene.description.world import CalibrationBoard, ColorChart
 from varos_warp.scene.file.load import DATA
-from varos_warp.scene.geometry.parts import Skin
+from varos_warp.scene.geometry.parts import FaceSpectra, Skin
+from varos_warp.scene.spectra.spectrum import GRID
+from varos_warp.scene.spectra.surfaces import chart_colours, chart_reflectances
 
 BLACK, WHITE = 0.04, 0.8
 """Reflectances of print and board."""
+CHART = (6, 4)
+"""Columns and rows of patches of a colour chart."""
 BITS, BORDER, SPACING = 6, 2, 0.3
 """Cells along a tag's code and in its border; gap between tags over their side where a board does not say."""
 
@@ -18,15 +22,26 @@ def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
     Each cell of the pattern is two triangles, so that edges of the pattern are edges of the mesh; a box is behind it.
     """
     x, z, black = aprilgrid(block) if block.pattern == "aprilgrid" else checkerboard(block)
-    x, z = x - x.mean(), z - z.mean()
-    quads = [_grid(x, z, 0.0, turned=False), _grid(x, z, block.thickness_m, turned=True),
-             _rim(x, z, block.thickness_m)]
-    corners = np.concatenate(quads)  # [quads, 4, 3], counter-clockwise from outside
-    colours = np.full(len(corners), WHITE, np.float32)
-    colours[:black.size][black.ravel()] = BLACK
-    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.int32)
-    return vertices, faces, Skin(np.broadcast_to(colours.repeat(2)[:, None, None], (len(faces), 3, 3)).copy())
+    vertices, faces = _panel(x, z, block.thickness_m)
+    colours = np.full(len(faces), WHITE, np.float32)
+    colours[:2 * black.size][black.ravel().repeat(2)] = BLACK
+    return vertices, faces, Skin(np.broadcast_to(colours[:, None, None], (len(faces), 3, 3)).copy())
+
+
+def chart(block: ColorChart) -> tuple[np.ndarray, np.ndarray, Skin]:
+    """As `board`, of a colour chart; its skin has the spectra of the patches, and of the black board."""
+    columns, rows = CHART
+    x, z = (np.cumsum([0.0, 0.5 * (size - n * block.patch_m - (n - 1) * block.gap_m), block.patch_m,
+                       *[block.gap_m, block.patch_m] * (n - 1)]) for size, n in zip(block.size_m, CHART, strict=True))
+    x, z = (np.append(edges, size) for edges, size in zip((x, z), block.size_m, strict=True))
+    cells = np.zeros((len(x) - 1, len(z) - 1), np.int32)
+    cells[1::2, 1::2] = 1 + np.arange(columns * rows).reshape(rows, columns)[::-1].T  # rows from above
+    vertices, faces = _panel(x, z, block.thickness_m)
+    of_face = np.zeros(len(faces), np.int32)
+    of_face[:2 * cells.size] = cells.ravel().repeat(2)
+    curves = np.array([np.full(len(GRID), BLACK), *(patch.at(GRID) for patch in chart_reflectances().values())])
+    colours = np.clip(np.concatenate([np.full((1, 3), BLACK), chart_colours()]), 0.0, 1.0).astype(np.float32)
+    return vertices, faces, Skin(colours[of_face][:, None].repeat(3, axis=1), spectra=FaceSpectra(of_face, curves))
 
 
 def corners(block: CalibrationBoard) -> np.ndarray:
@@ -73,6 +88,15 @@ def tags(count: int) -> np.ndarray:
     """Black cells of the first tags of 36h11, bool [count, 6, 6], rows from above (AprilTag, tag36h11.c)."""
     codes = np.array([int(line, 16) for line in (DATA / "tag36h11.txt").read_text().split()[:count]])
     return (codes[:, None] >> np.arange(BITS * BITS)[::-1] & 1 == 0).reshape(-1, BITS, BITS)
+
+
+def _panel(x: np.ndarray, z: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a box whose front has the edges x and z, centred; first two faces of each cell [X, Z]."""
+    x, z = x - x.mean(), z - z.mean()
+    quads = [_grid(x, z, 0.0, turned=False), _grid(x, z, thickness, turned=True), _rim(x, z, thickness)]
+    corners = np.concatenate(quads)  # [quads, 4, 3], counter-clockwise from outside
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices, index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.int32)
 
 
 def _grid(x, z, y, *, turned) -> np.ndarray:
