@@ -125,7 +125,7 @@ def test_a_port_refracts_each_band_by_its_own_index(even):
     scene = scene_of({"spectral": {"file": "water.csv"} | water}, {"spectrum": "lamp.csv", "power_W": 50.0}, even,
                      bands=3, view=port | {"n_water": index})
     one, = passes(scene, scene.vehicle.cameras[0])
-    nm = scene_bands(scene, scene.vehicle.cameras[0], PATHS_M).wavelength_nm
+    nm = scene_bands(scene, scene.vehicle.cameras[0]).wavelength_nm
     light = [float(spectral_intensity(scene.lights[0], scene)[0])] * 3
     how = {"coefficients": {"sigma_a": [0.9] * 3, "sigma_s": [0.3] * 3} | water}
 
