@@ -164,7 +164,7 @@ def ahead(tmp_path_factory):
 
     root = tmp_path_factory.mktemp("ahead")
     legs = [{"position": [0, 0, 1]}, {"position": [0, 0, 1]}, {"position": [0, 3, 1]},
-            {"position": [-3, 3, 1], "rotation_euler_deg": [0, 0, 90]}]
+            {"position": [-3, 3, 1], "rotation_euler_deg": [20, 10, 90]}]
     scene = scene_from_dict({
         "terrain": {"kind": "procedural", "size_m": 20, "resolution": 9, "relief_m": 0.0},
         "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}], "imu": {"rotation_euler_deg": [0, 90, 0]}},
@@ -198,6 +198,30 @@ def test_at_rest_gravity_is_felt_up_and_forward_is_x_and_left_is_y(ahead):
     straight = (position[:, 1] > 0.5) & (position[:, 1] < 1.5)
     assert straight.sum() > 100
     np.testing.assert_allclose(speed[straight][:, 1:], 0.0, rtol=0, atol=1e-12)
+
+
+def test_twist_and_readings_turn_and_speed_up_as_the_base_does(ahead):
+    """Against central differences of its poses over steps h: off by h^2/6 and h^2/12 times second derivatives.
+
+    These are bounded by second differences of what is compared, with a half more for what is of higher order.
+    """
+    messages, h = ahead["/ground_truth"], 0.005
+    T = poses_of(messages, lambda m: (m.pose.pose.position, m.pose.pose.orientation))
+    R, place = T[:, :3, :3], T[:, :3, 3]
+    turn = Rotation.from_matrix(R[:-2].transpose(0, 2, 1) @ R[2:]).as_rotvec() / (2.0 * h)
+    turning = vectors(messages, lambda m: m.twist.twist.angular)
+    assert (np.abs(turning).max(axis=0) > 0.02).all()  # about all axes
+    np.testing.assert_allclose(turning[1:-1], turn, rtol=0, atol=1.5 / 6 * np.abs(np.diff(turning, 2, axis=0)).max())
+    _, mount = Tree(ahead, 0).parents[ahead["/imu0"][0][1].header.frame_id]
+    felt, gyro = (vectors(ahead["/imu0"], get)[:len(T)] @ mount[:3, :3].T
+                  for get in (lambda m: m.linear_acceleration, lambda m: m.angular_velocity))
+    np.testing.assert_allclose(gyro, turning, rtol=0, atol=1e-12)
+    second = (place[2:] - 2.0 * place[1:-1] + place[:-2]) / h**2 + [0.0, 0.0, 9.81]
+    own = np.einsum("nji,nj->ni", R[1:-1], second)
+    assert np.abs(own[:, :2]).max() > 0.02
+    world = np.einsum("nij,nj->ni", R, felt)
+    bound = 1.5 / 12 * np.linalg.norm(np.diff(world, 2, axis=0), axis=1).max() + 1e-9  # rounding of places over h^2
+    np.testing.assert_allclose(felt[1:-1], own, rtol=0, atol=bound)
 
 
 def test_the_right_camera_of_a_pair_is_known_by_its_baseline(data, bag):
