@@ -44,7 +44,8 @@ class Readings:
 
     def between(self, start_s, end_s):
         """Those of a time, with the ones before and behind it."""
-        rows = slice(max(np.searchsorted(self.time_s, start_s, "right") - 1, 0), np.searchsorted(self.time_s, end_s) + 1)
+        first, last = max(np.searchsorted(self.time_s, start_s, "right") - 1, 0), np.searchsorted(self.time_s, end_s)
+        rows = slice(first, last + 1)
         return Readings(self.time_s[rows], self.gyro[rows], self.force[rows])
 
     def course(self, start, biases, gravity, time_s):
@@ -92,7 +93,8 @@ class CameraImu:
         self.stamps_s, self.points = stamps_s[there], points[there]
         number = ((self.stamps_s - self.stamps_s[0]) / part_s + 1e-9).astype(int)
         self.parts = [np.flatnonzero(number == k) for k in np.unique(number)]
-        self.readings = [readings.between(*(self.stamps_s[rows[[0, -1]]] + [-MARGIN_S, MARGIN_S])) for rows in self.parts]
+        ends = [self.stamps_s[rows[[0, -1]]] + [-MARGIN_S, MARGIN_S] for rows in self.parts]
+        self.readings = [readings.between(*end) for end in ends]
         self._begin(readings)
 
     def _begin(self, readings):
@@ -141,9 +143,9 @@ class CameraImu:
         The covariance of the rotation is that of the vector by which it is turned in the camera's axes. It holds for
         exact readings: those with noise err by more.
         """
-        for _ in range(2):  # again from what was found, whose derivatives the covariance is of
-            found = least_squares(self.residuals, np.zeros(SHARED + 9 * len(self.parts)) if _ == 0 else self._again(found.x),
-                                  x_scale="jac", xtol=1e-12, ftol=1e-12)
+        found = least_squares(self.residuals, np.zeros(SHARED + 9 * len(self.parts)), x_scale="jac", method="lm")
+        # again from what was found, whose derivatives the covariance is of
+        found = least_squares(self.residuals, self._again(found.x), x_scale="jac", method="lm")
         covariance = noise_px**2 * np.linalg.inv(found.jac.T @ found.jac)
         return self.rotation(found.x), found.x[3:SHARED], covariance[:SHARED, :SHARED]
 
@@ -185,7 +187,7 @@ def main(argv=None):
     parser.add_argument("corners", help="a table of corners, cam<ID>.csv")
     parser.add_argument("--noise", type=float, default=0.1, help="standard deviation of corners [pixels]")
     parser.add_argument("--offset-ms", type=float, default=0.0, help="by which the camera's stamps are made early")
-    parser.add_argument("--part", type=float, default=1.0, help="length of the parts of the course [s]")
+    parser.add_argument("--part", type=float, default=2.0, help="length of the parts of the course [s]")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     given = parser.parse_args(argv)
     with open(f"{given.dataset}/dataset.json", encoding="utf-8") as file:
