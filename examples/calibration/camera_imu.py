@@ -6,7 +6,7 @@
     python camera_imu.py data corners/camM0.csv --noise 0.1 --offset-ms 7
 
 Known are K and the size of the board; fitted are T_cam_imu, the time that is to be added to the camera's stamps to have
-the IMU's, both biases, which way is down in the board's axes, and the IMU's pose and velocity at the beginning of each
+the IMU's, both biases, which way is down in the board's axes, and the IMU's pose and velocity at the start of each
 part of the course. Its readings carry these through the part. In place of the true corners with noise of known size, put
 those that you detect, and leave out --offset-ms, by which the script makes the camera's stamps early.
 """
