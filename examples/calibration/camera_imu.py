@@ -7,7 +7,7 @@
 
 Known are K and the size of the board; fitted are T_cam_imu, the time that is to be added to the camera's stamps to have
 the IMU's, both biases, which way is down in the board's axes, and the IMU's pose and velocity at the start of each
-part of the course. Its readings carry these through the part. In place of the true corners with noise of known size, put
+part of the course. Its readings carry these through it. In place of the true corners with noise of known size, put
 those that you detect, and leave out --offset-ms, by which the script makes the camera's stamps early.
 """
 
