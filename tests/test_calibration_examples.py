@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from varos_warp.dataset.export import export
@@ -48,3 +49,38 @@ def test_the_fit_prints_what_it_finds_beside_the_truth(made, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["normal x/z", "normal y/z", "distance [m]"]
     assert lines[2].endswith("true 0.02000")
+
+
+OFFSET_S, CORNER_NOISE_PX = 7e-3, 0.1
+
+
+def excited(root, rate_hz):
+    """The course for a camera with an IMU, at 10 images a second, whose IMU has constant biases."""
+    noise = "{accelerometer_bias: [0.1, -0.05, 0.08], gyroscope_bias: [0.004, -0.003, 0.005]}"
+    changes = ["render.frame_rate_hz=10", f"vehicle.imu.noise={noise}", f"vehicle.imu.rate_hz={rate_hz}"]
+    produce(load_scene(DATA / "templates/calibration_imu.yaml", changes), root / "data", images=False, quiet=True)
+    export(root / "data", "corners", root / "corners")
+    return root
+
+
+def errors(root, noise_px):
+    """What is fitted less the truth [13], and its covariance for `CORNER_NOISE_PX`."""
+    example, data = runpy.run_path(str(EXAMPLES / "camera_imu.py")), Dataset(root / "data")
+    board, stamps_s, points = example["corners"](root / "corners/camM0.csv")
+    points = points + np.random.default_rng(1).normal(0.0, noise_px, points.shape)
+    fit = example["CameraImu"](data.intrinsics("M0", "opencv"), board, stamps_s - OFFSET_S, points,
+                               example["readings_of"](root / "data", 0), 9.81, 4.0)
+    R, x, covariance = fit.fit(CORNER_NOISE_PX)
+    true = np.linalg.inv(data.camera("M0")["T_v_c"]) @ np.array(data.meta["sensors"]["imu0"]["T_v_s"])
+    turned = Rotation.from_matrix(R @ true[:3, :3].T).as_rotvec()
+    return np.concatenate([turned, x[:10] - [*true[:3, 3], OFFSET_S, 0.004, -0.003, 0.005, 0.1, -0.05, 0.08]]
+                          ), covariance[:13, :13]
+
+
+def test_a_fit_finds_pose_of_a_camera_on_an_imu_time_offset_and_biases(tmp_path):
+    """Without noise to the second order of the step of the readings; with noise the errors are chi-squared."""
+    coarse, fine = excited(tmp_path / "coarse", 200), excited(tmp_path / "fine", 400)
+    error, covariance = errors(fine, CORNER_NOISE_PX)
+    assert chi2.ppf(5e-4, 13) < error @ np.linalg.solve(covariance, error) < chi2.ppf(1.0 - 5e-4, 13)
+    sizes = [np.linalg.norm(errors(root, 0.0)[0] / np.sqrt(np.diag(covariance))) for root in (coarse, fine)]
+    assert 3.0 < sizes[0] / sizes[1] < 5.0

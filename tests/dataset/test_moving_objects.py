@@ -128,7 +128,7 @@ def test_every_export_has_their_poses(made, tmp_path, form):
             topics = [of for of in bag.connections if of.topic == "/tf"]
             found = [bag.deserialize(raw, of.msgtype).transforms[0] for of, _, raw in bag.messages(topics)]
         found = [message for message in found if message.child_frame_id == "objects.0"]
-        assert {message.header.frame_id for message in found} == {"world"}
+        assert {message.header.frame_id for message in found} == {"map"}
         np.testing.assert_allclose([[t.transform.translation.x, t.transform.translation.y, t.transform.translation.z]
                                     for t in found], T[:, :3, 3], atol=1e-12)
 

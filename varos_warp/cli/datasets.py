@@ -127,8 +127,8 @@ def view(dataset: Folder, save: Annotated[Path | None, typer.Option(
 @verb
 def export(dataset: Folder,
            to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="euroc, tum, kitti, colmap, nerfstudio, "
-                                                                          "mcap, stream, coco, yolo, bop or corners: "
-                                                                          "see docs/exports.md.")],
+                                                                          "mcap, stream, vslamlab, coco, yolo, bop or "
+                                                                          "corners: see docs/exports.md.")],
            out: NewFolder,
            images: Annotated[str, typer.Option(metavar="A|B", help="Which images are the colour images.")] = "A",
            camera: Annotated[list[str] | None, typer.Option(metavar="ID", help="Only this camera; repeatable.")] = None,

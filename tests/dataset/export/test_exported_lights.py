@@ -70,4 +70,4 @@ def test_exports_have_them_at_every_frame(lit, tmp_path):
         fixed = [each for of, _, raw in bag.messages(still) for each in bag.deserialize(raw, of.msgtype).transforms]
     where = {each.child_frame_id: (each.header.frame_id, each.transform.translation) for each in fixed}
     frame, place = where["vehicles.2.lights.1"]
-    assert (frame, place.x, place.y, place.z) == ("vehicles.2", 0.2, 0.5, 0.0)
+    assert (frame, place.x, place.y, place.z) == ("vehicles.2", 0.5, -0.2, 0.0)  # x forward, y left

@@ -6,6 +6,8 @@ import sys
 import cv2
 import numpy as np
 import pytest
+import standins
+import yaml
 from evo.tools import file_interface
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -14,7 +16,12 @@ from readback import ROUNDING, largest_ape, matrices
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset.export import export
+from varos_warp.dataset.reader.points import points_at
+from varos_warp.dataset.reader.rows import sight
+from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.sim import trajectory
 
 
 @pytest.fixture(scope="module")
@@ -47,19 +54,37 @@ def test_a_bag_has_the_readings_and_its_log_times_are_the_stamps(data, bag):
     np.testing.assert_array_equal([m.data for _, m in bag["/depth0"]], gauge["depth"])
 
 
+def poses_of(messages, get):
+    """T [N, 4, 4] of messages with a position and an orientation."""
+    position, rotation = zip(*(get(m) for _, m in messages), strict=True)
+    return matrices([[p.x, p.y, p.z] for p in position], [[q.x, q.y, q.z, q.w] for q in rotation], scalar_first=False)
+
+
+def base_of(T_w_v):
+    """REP 103's axes of a vehicle: x forward, y left, z up, where ours are x right, y forward, z up."""
+    right, forward, up, place = np.moveaxis(T_w_v, -1, 0)
+    return np.stack([forward, -right, up, place], -1)
+
+
 def test_evo_reads_the_vehicles_course_from_a_bag(data, out):
     from rosbags.rosbag2 import Reader
 
     with Reader(out / "mcap/bag") as reader:
         course = file_interface.read_bag_trajectory(reader, "/ground_truth")
-    assert largest_ape(course, *data.poses("vehicle")) < ROUNDING
+    time_ns, T_w_v = data.poses("vehicle")
+    assert largest_ape(course, time_ns, base_of(T_w_v)) < ROUNDING
 
 
-def test_odometry_moves_in_the_vehicles_own_axes(data, bag):
+def test_odometry_moves_in_the_axes_of_the_base(data, bag):
+    """The twist is that of the child frame (nav_msgs), in which the position's derivative is the velocity."""
     states = data.states()
-    own = vectors(bag["/ground_truth"], lambda m: m.twist.twist.linear)
-    turned = Rotation.from_quat(states["quaternion"], scalar_first=True).apply(own)
-    np.testing.assert_allclose(turned, states["velocity"], rtol=0, atol=ROUNDING)
+    assert {(m.header.frame_id, m.child_frame_id) for _, m in bag["/ground_truth"]} == {("odom", "base_link")}
+    T = poses_of(bag["/ground_truth"], lambda m: (m.pose.pose.position, m.pose.pose.orientation))
+    for get, world in ((lambda m: m.twist.twist.linear, states["velocity"]),
+                       (lambda m: m.twist.twist.angular, Rotation.from_quat(
+                           states["quaternion"], scalar_first=True).apply(states["angular_velocity"]))):
+        turned = np.einsum("nij,nj->ni", T[:, :3, :3], vectors(bag["/ground_truth"], get))
+        np.testing.assert_allclose(turned, world, rtol=0, atol=ROUNDING)
 
 
 def test_images_of_a_bag_are_the_datasets_files_and_depth_is_in_millimetres(data, bag):
@@ -77,24 +102,126 @@ def test_images_of_a_bag_are_the_datasets_files_and_depth_is_in_millimetres(data
     assert (info.width, info.height) == (48, 27)
 
 
-def test_static_transforms_of_a_bag_lead_from_the_vehicle_to_each_camera(data, bag):
-    ((_, message),) = bag["/tf_static"]
-    found = {t.child_frame_id: t for t in message.transforms}
-    assert set(found) == {"imu0", "depth0", "camL0", "camR0"}
-    r, p = found["camR0"].transform.rotation, found["camR0"].transform.translation
-    T = matrices([[p.x, p.y, p.z]], [[r.x, r.y, r.z, r.w]], scalar_first=False)[0]
-    np.testing.assert_allclose(data.poses("vehicle")[1][60] @ T, data.T_w_c(3, "R0"), rtol=0, atol=ROUNDING)
+class Tree:
+    """The frames of a bag at a time, by what leads from each to its parent."""
+
+    def __init__(self, bag, time_ns):
+        moving = [(t, m) for t, m in bag["/tf"] if t == time_ns]
+        self.parents = {each.child_frame_id: (each.header.frame_id, T) for topic in (moving, bag["/tf_static"])
+                        for _, message in topic for each, T in zip(message.transforms, poses_of(
+                            [(0, each) for each in message.transforms],
+                            lambda m: (m.transform.translation, m.transform.rotation)), strict=True)}
+
+    def from_map(self, frame):
+        """T of the frame in map."""
+        T = np.eye(4)
+        while frame != "map":
+            frame, up = self.parents[frame]
+            T = up @ T
+        return T
+
+
+def test_the_tree_is_that_of_rep_105_and_the_metadata_tell_it(bag, out):
+    tree = Tree(bag, 300_000_000)
+    assert {child: parent for child, (parent, _) in tree.parents.items()} == {
+        "odom": "map", "base_link": "odom", "imu_link": "base_link", "depth_gauge_link": "base_link",
+        "camL0_optical_frame": "base_link", "camR0_optical_frame": "base_link"}
+    about = yaml.safe_load((out / "mcap/bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert "base_link (x forward, y left, z up" in about["custom_data"]["frames"]
+    named = {m.header.frame_id for topic in bag for _, m in bag[topic][:1] if hasattr(m, "header")}
+    assert named - {"odom"} == {"imu_link", "camL0_optical_frame", "camR0_optical_frame"}
+
+
+def test_a_point_of_the_world_goes_down_the_tree_to_the_pixel_whose_depth_it_has(data, bag):
+    """Pixels that the dataset's own model of the camera, its pose and D place in the world, by CameraInfo's K."""
+    rng = np.random.default_rng(4)
+    for camera in ("L0", "R0"):
+        frame, time_ns = data.frames[3], int(data.time_ns(camera)[3])
+        z = data.planar_depth(frame, camera)
+        row, col = np.transpose(rng.permutation(np.argwhere(np.isfinite(z)))[:50])
+        points = points_at(data.camera_model(camera), sight(data, frame, camera), row, col, z[row, col])
+        info = next(m for t, m in bag[f"/cam{camera}/camera_info"] if t == time_ns)
+        T = np.linalg.inv(Tree(bag, time_ns).from_map(info.header.frame_id))
+        there = points @ T[:3, :3].T + T[:3, 3]
+        u, v, w = (there @ info.k.reshape(3, 3).T).T
+        np.testing.assert_allclose(np.stack([u / w, v / w], -1), np.stack([col, row], -1), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(there[:, 2], z[row, col], rtol=0, atol=1e-9)
 
 
 def test_moving_transforms_are_the_course_of_the_vehicle(data, bag):
     course = [(t, m.transforms[0]) for t, m in bag["/tf"]]
-    assert {(m.header.frame_id, m.child_frame_id, len(message.transforms)) for (_, m), (_, message) in
-            zip(course, bag["/tf"], strict=True)} == {("world", "vehicle", 1)}
+    assert {len(message.transforms) for _, message in bag["/tf"]} == {1}
     time_ns, T_w_v = data.poses("vehicle")
     np.testing.assert_array_equal([t for t, _ in course], time_ns)
-    position = vectors(course, lambda m: m.transform.translation)
-    rotation = [[(q := m.transform.rotation).x, q.y, q.z, q.w] for _, m in course]
-    np.testing.assert_allclose(matrices(position, rotation, scalar_first=False), T_w_v, rtol=0, atol=ROUNDING)
+    T = poses_of(course, lambda m: (m.transform.translation, m.transform.rotation))
+    np.testing.assert_allclose(T, base_of(T_w_v), rtol=0, atol=ROUNDING)
+
+
+@pytest.fixture(scope="module")
+def ahead(tmp_path_factory):
+    """The bag of a vehicle that stands, then goes forward and turns left; its IMU is turned."""
+    from rosbags.highlevel import AnyReader
+
+    root = tmp_path_factory.mktemp("ahead")
+    legs = [{"position": [0, 0, 1]}, {"position": [0, 0, 1]}, {"position": [0, 3, 1]},
+            {"position": [-3, 3, 1], "rotation_euler_deg": [20, 10, 90]}]
+    scene = scene_from_dict({
+        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 9, "relief_m": 0.0},
+        "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}], "imu": {"rotation_euler_deg": [0, 90, 0]}},
+        "trajectory": {"waypoints": legs, "speed": 0.5}, "surface_depth_m": 50,
+        "render": {"outputs": ["A"], "frame_rate_hz": 1}})
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        patch.setitem(sys.modules, "varos_warp.sim.trajectory", trajectory)  # a course with dynamics
+        produce(scene, root / "data", quiet=True)
+    export(root / "data", "mcap", root / "out")
+    topics = {}
+    with AnyReader([root / "out/bag"]) as reader:
+        for connection, time_ns, raw in reader.messages():
+            topics.setdefault(connection.topic, []).append((time_ns, reader.deserialize(raw, connection.msgtype)))
+    return topics
+
+
+def test_at_rest_gravity_is_felt_up_and_forward_is_x_and_left_is_y(ahead):
+    """+9.81 along z of the base (REP 145), by the IMU's own axes and /tf_static."""
+    first, imu = ahead["/ground_truth"][0][1], ahead["/imu0"][0][1]
+    assert (first.twist.twist.linear.x, first.twist.twist.angular.z) == (0.0, 0.0)
+    _, T = Tree(ahead, 0).parents[imu.header.frame_id]
+    felt = imu.linear_acceleration
+    np.testing.assert_allclose(T[:3, :3] @ [felt.x, felt.y, felt.z], [0, 0, 9.81], rtol=0, atol=1e-12)
+    assert abs(felt.z) < 1e-12  # so it is the tree that turns it
+    speed = vectors(ahead["/ground_truth"], lambda m: m.twist.twist.linear)
+    turning = vectors(ahead["/ground_truth"], lambda m: m.twist.twist.angular)
+    assert speed[:, 0].max() > 0.4
+    assert turning[:, 2].max() > 0.05
+    position = vectors(ahead["/ground_truth"], lambda m: m.pose.pose.position)
+    straight = (position[:, 1] > 0.5) & (position[:, 1] < 1.5)
+    assert straight.sum() > 100
+    np.testing.assert_allclose(speed[straight][:, 1:], 0.0, rtol=0, atol=1e-12)
+
+
+def test_twist_and_readings_turn_and_speed_up_as_the_base_does(ahead):
+    """Against central differences of its poses over steps h: off by h^2/6 and h^2/12 times second derivatives.
+
+    These are bounded by second differences of what is compared, with a half more for what is of higher order.
+    """
+    messages, h = ahead["/ground_truth"], 0.005
+    T = poses_of(messages, lambda m: (m.pose.pose.position, m.pose.pose.orientation))
+    R, place = T[:, :3, :3], T[:, :3, 3]
+    turn = Rotation.from_matrix(R[:-2].transpose(0, 2, 1) @ R[2:]).as_rotvec() / (2.0 * h)
+    turning = vectors(messages, lambda m: m.twist.twist.angular)
+    assert (np.abs(turning).max(axis=0) > 0.02).all()  # about all axes
+    np.testing.assert_allclose(turning[1:-1], turn, rtol=0, atol=1.5 / 6 * np.abs(np.diff(turning, 2, axis=0)).max())
+    _, mount = Tree(ahead, 0).parents[ahead["/imu0"][0][1].header.frame_id]
+    felt, gyro = (vectors(ahead["/imu0"], get)[:len(T)] @ mount[:3, :3].T
+                  for get in (lambda m: m.linear_acceleration, lambda m: m.angular_velocity))
+    np.testing.assert_allclose(gyro, turning, rtol=0, atol=1e-12)
+    second = (place[2:] - 2.0 * place[1:-1] + place[:-2]) / h**2 + [0.0, 0.0, 9.81]
+    own = np.einsum("nji,nj->ni", R[1:-1], second)
+    assert np.abs(own[:, :2]).max() > 0.02
+    world = np.einsum("nij,nj->ni", R, felt)
+    bound = 1.5 / 12 * np.linalg.norm(np.diff(world, 2, axis=0), axis=1).max() + 1e-9  # rounding of places over h^2
+    np.testing.assert_allclose(felt[1:-1], own, rtol=0, atol=bound)
 
 
 def test_the_right_camera_of_a_pair_is_known_by_its_baseline(data, bag):

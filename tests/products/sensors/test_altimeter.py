@@ -301,5 +301,5 @@ def test_in_a_bag_it_is_a_range_along_x_and_infinite_where_it_meets_nothing(made
     np.testing.assert_array_equal([m.range for _, m in found],
                                   np.nan_to_num(read["range"], nan=np.inf).astype(np.float32))
     first = found[0][1]
-    assert (first.header.frame_id, first.radiation_type, first.min_range) == ("altimeter0", first.ULTRASOUND, 0.0)
+    assert (first.header.frame_id, first.radiation_type, first.min_range) == ("altimeter_link", first.ULTRASOUND, 0.0)
     assert first.max_range == np.float32(2.85)

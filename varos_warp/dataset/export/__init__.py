@@ -23,7 +23,7 @@ from varos_warp.scene.description.image_types import AMBIENT, WATER
 
 LABELS = ("coco", "yolo", "bop")
 """Formats of labels, which need image S."""
-FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", *LABELS, "corners")
+FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", "vslamlab", *LABELS, "corners")
 """Names of the modules here; docs/exports.md says what each writes."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""

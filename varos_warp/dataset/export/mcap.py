@@ -3,6 +3,10 @@
 Compressed images are the dataset's PNG files as they are; depth is PNG of 16 bit millimetres (REP 118), planar z, 0
 for none. Raw ones, where asked for, are rgb8, and float32 metres with inf for none. The topics are those that
 image_transport knows a camera by. The log time of a message is its stamp.
+
+Axes and names of frames are those of REP 103 and 105, which `FRAMES` says in the bag, too. Sensors keep their own axes,
+as REP 145 has it of an IMU, so that calibrations of other exports are true of the bag; /tf_static has how they are
+turned.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,11 +24,22 @@ from varos_warp.errors import InputError
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS as ALL
 from varos_warp.scene.description.image_types import DEPTH, WATER
+from varos_warp.scene.frames import transform
 
 IMAGES = WATER + DEPTH
 PER_METRE = 1000.0
 ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "kannala_brandt": "equidistant"}
 """What ROS calls models of distortion."""
+MAP, ODOM, BASE = "map", "odom", "base_link"
+FRAMES = (
+    "map (the dataset's world, z up) -> odom (the same: the course has no drift) -> base_link (x forward, y left, "
+    "z up) -> imu_link, depth_gauge_link, altimeter_link, dvl_link, magnetometer_link (axes of the readings) and "
+    "cam<id>_optical_frame (x right, y down, z forward); map -> cameras that stand in the world, and what moves: "
+    "objects in their own axes, vehicles in those of base_link, with their lights, which point along z")
+"""The tree of frames, under ``frames`` in the custom data of the bag's metadata."""
+T_BASE_V = transform(np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+"""A vehicle's axes x right, y forward, z up in those of REP 103."""
+T_V_BASE = T_BASE_V.T
 Event = tuple[int, str, Callable]
 """Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
 ON_TOPICS = tuple(sensor for sensor in ALL if sensor.ros_type)
@@ -54,6 +69,7 @@ def write(job: Job) -> None:
     writer = Writer(job.out / "bag", version=8, storage_plugin=StoragePlugin.MCAP)
     if job.raw:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer.set_custom_data("frames", FRAMES)
     with writer as bag, Progress("bag", len(events), "messages", job.quiet) as progress:
         topics = {}
         for time_ns, topic, make in events:
@@ -84,8 +100,9 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
         yield from _course(data.states(), messages)
     for key in data.moving:
         time_ns, T = data.poses(key)
+        T = T @ T_V_BASE if _is_vehicle(key) else T
         for t, p, q in zip(time_ns.tolist(), T[:, :3, 3], quaternion(T, scalar_first=True), strict=True):
-            yield t, "/tf", lambda t=t, key=key, p=p, q=q: messages.tf(t, ("world", key, p, q))
+            yield t, "/tf", lambda t=t, key=key, p=p, q=q: messages.tf(t, (MAP, key, p, q))
     for camera in job.cameras:
         yield from _camera(job, camera, messages)
 
@@ -97,18 +114,26 @@ def _readings(data: Dataset, sensor: SensorProduct, messages: "Messages") -> Ite
         yield t, f"/{sensor.id}", lambda t=t, i=i: sensor.ros(messages, t, {key: read[key][i] for key in read}, about)
 
 
+def _is_vehicle(key: str) -> bool:
+    """Whether what moves is a vehicle, and so has axes of a vehicle."""
+    return key.startswith("vehicles.")
+
+
 def _course(states: dict, messages: "Messages") -> Iterator[Event]:
-    """The vehicle: pose in the world, velocities in its own axes, as Odometry has them; and the pose as transform."""
-    forward = Rotation.from_quat(states["quaternion"], scalar_first=True).inv().apply(states["velocity"])
-    for t, p, q, v, w in zip(states["time_ns"].tolist(), states["position"], states["quaternion"], forward,
-                             states["angular_velocity"], strict=True):
+    """The vehicle: pose in the world, velocities in the axes of its base, as Odometry has them; and the transform."""
+    R_w_v, R_v_base = Rotation.from_quat(states["quaternion"], scalar_first=True), T_V_BASE[:3, :3]
+    R_w_base = R_w_v * Rotation.from_matrix(R_v_base)
+    attitude = R_w_base.as_quat(canonical=True, scalar_first=True)
+    velocity, turning = R_w_v.inv().apply(states["velocity"]) @ R_v_base, states["angular_velocity"] @ R_v_base
+    for t, p, q, v, w in zip(states["time_ns"].tolist(), states["position"], attitude, velocity, turning, strict=True):
         yield t, "/ground_truth", lambda t=t, p=p, q=q, v=v, w=w: messages.odometry(t, p, q, v, w)
-        yield t, "/tf", lambda t=t, p=p, q=q: messages.tf(t, ("world", "vehicle", p, q))
+        yield t, "/tf", lambda t=t, p=p, q=q: messages.tf(t, (ODOM, BASE, p, q))
 
 
 def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     """Image, calibration and depth of every frame."""
-    name, facts, K = f"cam{camera}", job.data.camera(camera), job.data.intrinsics(camera, "opencv")
+    topic, name = f"/cam{camera}", optical_frame(camera)
+    facts, K = job.data.camera(camera), job.data.intrinsics(camera, "opencv")
     lens = lens_of(job, camera, "MCAP (ROS)", *ROS_MODELS)
     before = job.cameras[:job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
@@ -128,24 +153,31 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
         return messages.raw(t, name, job.data.planar_depth(frame, camera).astype("<f4"), "32FC1")
 
     made = {"image/compressed": image, "image": raw_image, "depth/compressed": depth, "depth": raw_depth}
-    made = {topic: make for topic, make in made.items()
-            if (job.raw or "/" in topic) and (job.has_depth or topic.startswith("image"))}
+    made = {kind: make for kind, make in made.items()
+            if (job.raw or "/" in kind) and (job.has_depth or kind.startswith("image"))}
     for t, frame in zip(job.data.views(camera)[0].tolist(), job.data.frames, strict=True):
-        yield t, f"/{name}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, lens, baseline_m)
-        for topic, make in made.items():
-            yield t, f"/{name}/{topic}", lambda t=t, frame=frame, make=make: make(t, frame)
+        yield t, f"{topic}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, lens, baseline_m)
+        for kind, make in made.items():
+            yield t, f"{topic}/{kind}", lambda t=t, frame=frame, make=make: make(t, frame)
+
+
+def optical_frame(camera: str) -> str:
+    """Name of a camera's frame, by its id."""
+    return f"cam{camera}_optical_frame"
 
 
 def _mounts(job: Job) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     """Parent, child, position and quaternion of what is fixed."""
-    mounts = [("vehicle", name, facts["T_v_s"]) for name, facts in job.data.meta["sensors"].items()]
+    mounts = [(MAP, ODOM, np.eye(4))]
+    mounts += [(BASE, sensor.ros_frame, T_BASE_V @ np.array(job.data.meta["sensors"][sensor.id]["T_v_s"]))
+               for sensor in ALL if sensor.id in job.data.meta["sensors"]]
     for camera in job.cameras:
-        facts = job.data.camera(camera)
-        parent = "world" if facts["mount"] == "world" else "vehicle"
-        mounts.append((parent, f"cam{camera}", facts["T_w_c" if parent == "world" else "T_v_c"]))
-    mounts += [(*keys, light["T_v_light"]) for keys, light in lights_of_others(job).items()]
-    for parent, child, pose in mounts:
-        T = np.array(pose)
+        facts, name = job.data.camera(camera), optical_frame(camera)
+        in_world = facts["mount"] == "world"
+        mounts.append((MAP, name, np.array(facts["T_w_c"])) if in_world else
+                      (BASE, name, T_BASE_V @ np.array(facts["T_v_c"])))
+    mounts += [(*keys, T_BASE_V @ np.array(light["T_v_light"])) for keys, light in lights_of_others(job).items()]
+    for parent, child, T in mounts:
         yield parent, child, T[:3, 3], quaternion(T[None], scalar_first=True)[0]
 
 
@@ -173,11 +205,11 @@ class Messages:
         return self["geometry_msgs/msg/Quaternion"](x, y, z, w)
 
     def odometry(self, time_ns: int, position, q, velocity, angular_velocity):
-        """An Odometry of the vehicle in the world."""
+        """An Odometry of the vehicle in the world: exact, so its covariances are zero."""
         pose = self["geometry_msgs/msg/Pose"](self.vector(position, "Point"), self.rotation(q))
         twist = self["geometry_msgs/msg/Twist"](self.vector(velocity), self.vector(angular_velocity))
         return self["nav_msgs/msg/Odometry"](
-            self.header(time_ns, "world"), "vehicle", self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            self.header(time_ns, ODOM), BASE, self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
             self["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
 
     def tf(self, time_ns: int, *poses):

@@ -131,7 +131,7 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
     def ros(self, make: RosMessages, time_ns: int, row: Samples, about: dict[str, Any]) -> Any:
         """Infinite where it meets nothing (REP 117)."""
         distance = float(row["range"])
-        return make[self.ros_type](make.header(time_ns, self.id), ULTRASOUND, 0.0, 0.0, about["max_range_m"],
+        return make[self.ros_type](make.header(time_ns, self.ros_frame), ULTRASOUND, 0.0, 0.0, about["max_range_m"],
                                    np.inf if np.isnan(distance) else distance)
 
 

@@ -160,7 +160,7 @@ and the
         """-1 says that it has no orientation; the variance is of the white noise, and 0 says that it is not known."""
         force, rate = (np.eye(3).ravel() * ((about.get("noise") or {}).get(f"{sensor}_noise_density") or 0.0) ** 2
                        * about["rate_hz"] for sensor, _ in PARTS.values())
-        return make[self.ros_type](make.header(time_ns, self.id), make.rotation((1, 0, 0, 0)),
+        return make[self.ros_type](make.header(time_ns, self.ros_frame), make.rotation((1, 0, 0, 0)),
                                    np.array([-1.0, *np.zeros(8)]), make.vector(row["angular_velocity"]), rate,
                                    make.vector(row["acceleration"]), force)
 

@@ -205,6 +205,11 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     ros_type: str = ""
     """Message of its topic in a ROS bag; empty: it has none there."""
 
+    @property
+    def ros_frame(self) -> str:
+        """Name of the frame of its axes in ROS."""
+        return f"{self.key}_link"
+
     def mounting(self, sensor: BlockT_contra) -> np.ndarray:
         """T_v_s [4, 4] of the sensor on the vehicle."""
         return pose_matrix(sensor)

@@ -13,6 +13,7 @@ TEMPLATES = {
     "hull": "along a ship's side with draught figures, anodes, a sea chest and a bilge keel, in harbour water",
     "calibration": "a checkerboard before a stereo pair behind flat ports, in poses that a calibration needs",
     "calibration_camera": "a checkerboard in water before a camera without a port, to all corners of its image",
+    "calibration_imu": "a checkerboard before a camera and an IMU that are moved and turned about all axes",
     "stereo_survey": "a lawn mower over a boulder field, a stereo pair looking down",
     "static_observer": "a camera that stands in the world watches a vehicle's lights at a valve",
     "turbid_water": "a valve in turbid coastal water, where backscatter hides most",
