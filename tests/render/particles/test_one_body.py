@@ -81,7 +81,7 @@ def test_place_and_radius_of_a_blurred_disc():
     centre, spread = moments_of(snowing().light)
     body = F_PX * 5e-3 / 1.2 * np.sqrt(np.linalg.norm(PLACE) / 1.2)
     blur = F_PX * 6e-3 * (1 / 0.15 - 1 / 1.2)
-    size, edge = np.sqrt(body**2 + 0.8**2 + blur**2), np.sqrt((0.9 * body) ** 2 + 1.6**2 + (0.5 * blur) ** 2)
+    size, edge = np.sqrt(body**2 + 1.0**2 + blur**2), np.sqrt((0.9 * body) ** 2 + 2.0**2 + (0.5 * blur) ** 2)
     for name, value in (("radius", size), ("edge", edge)):
         assert snowing.splats[name][0] == pytest.approx(value, rel=5e-3)  # a pixel is no square across a slanted ray
     r = np.linspace(0, size + 0.5 * edge, 4001)

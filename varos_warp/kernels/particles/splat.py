@@ -9,7 +9,7 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-OPTICS_PX = wp.constant(0.8)
+OPTICS_PX = wp.constant(1.0)
 """Radius of the image of a point in focus, where it has half its height: lens, pixel and the colours' mosaic."""
 LOOSE, LENS_EDGE = wp.constant(0.9), wp.constant(0.5)
 """Width of a body's edge, and of a disc of defocus, over their radius."""
