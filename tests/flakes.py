@@ -107,7 +107,7 @@ class Snowing:
 
 
 def soft_edge(outwards, width):
-    """Share of a disc at a distance [pixels] beyond its edge: the edge is a step under two boxes, one a pixel at least."""
+    """Share of a disc at a distance beyond its edge [pixels]: that is a step under two boxes, one a pixel at least."""
     long = max(width / 2, 1)
     fine = np.linspace(-width / 2, width / 2, 20001)
     step = [np.clip((fine + sign * long / 2) / (width - long) + 0.5, 0, 1) for sign in (1, -1)]

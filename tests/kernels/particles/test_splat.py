@@ -43,7 +43,7 @@ def test_the_sum_of_a_streak_is_that_of_its_pixels(length, turn_deg, radius, edg
 
 
 def test_a_wide_disc_has_the_area_of_its_integral():
-    """pi (R^2 + w^2 / 24), to which pixels of a soft edge sum up closely."""
+    """Which is pi (R^2 + w^2 / 24), to which pixels of a soft edge sum up closely."""
     splat = Splat()
     splat.x, splat.y, splat.radius, splat.edge = 300.2, 300.7, 70.0, 60.0
     assert sum_in_kernel([splat])[0] == pytest.approx(summed(300.2, 300.7, np.zeros(2), 70.0, 60.0), rel=1e-4)

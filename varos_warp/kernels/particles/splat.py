@@ -74,7 +74,7 @@ class SplatList:
 
 @wp.func
 def edge_of(size: float, blur: float):
-    """Width of the edge of a disc of a body's radius, defocus and `OPTICS_PX` [pixels]: of a point, twice its radius."""
+    """Width of the edge of a disc of a body's radius, defocus and `OPTICS_PX` [pixels]; a point is all edge."""
     body, lens = LOOSE * size, LENS_EDGE * blur
     return wp.sqrt(body * body + lens * lens + 4.0 * OPTICS_PX * OPTICS_PX)
 
