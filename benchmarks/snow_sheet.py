@@ -1,6 +1,8 @@
 """The pictures of docs/snow.md: the starter scene with the presets of marine snow, and four frames of a moving camera.
 
-python -m benchmarks.snow_sheet [-o docs/images]
+    python -m benchmarks.snow_sheet [-o docs/images]
+
+Takes minutes on two CPU cores.
 """
 
 import argparse

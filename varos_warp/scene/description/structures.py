@@ -205,7 +205,7 @@ class Rov(Parametric):
     lamp_radius_m: Annotated[float, Field(ge=0.01, le=0.5)] = 0.045
     """Radius of a lamp's housing [m]."""
     tether_m: Annotated[float, Field(ge=0.5, le=100.0)] | None = Field(default=None, examples=[8.0])
-    """Length of the tether that leaves its stern upwards in bights [m]; it is stiff, and moves with the vehicle. Absent:
-    none."""
+    """Length of the tether that leaves its stern upwards in bights [m]; it is stiff, and moves with the vehicle.
+    Absent: none."""
     only: Annotated[list[RovPiece], Field(min_length=1)] | None = Field(default=None, examples=[["foam"]])
     """Which pieces are made: foam, frame, housings, lamps, thrusters, tether. Absent: all."""
