@@ -104,3 +104,12 @@ class Snowing:
     def bodies(self):
         """Places, radii and numbers of the bodies of all cells that the last image visited."""
         return tuple(np.concatenate(arrays) for arrays in zip(*map(bodies_of, self.cells), strict=True))
+
+
+def soft_edge(outwards, width):
+    """Share of a disc at a distance beyond its edge [pixels]: that is a step under two boxes, one a pixel at least."""
+    long = max(width / 2, 1)
+    fine = np.linspace(-width / 2, width / 2, 20001)
+    step = [np.clip((fine + sign * long / 2) / (width - long) + 0.5, 0, 1) for sign in (1, -1)]
+    share = np.append(0, np.cumsum(np.diff(fine) * np.convolve(step[0] - step[1], [0.5, 0.5], "valid")))
+    return 1 - np.interp(outwards, fine, share / long, 0, 1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from flakes import CAMERA, LAMP, Snowing, snow_scene
+from flakes import CAMERA, LAMP, Snowing, snow_scene, soft_edge
 
 from varos_warp.render.renderer import NextFrame
 from varos_warp.scene.frames import transform
@@ -76,15 +76,17 @@ def test_what_an_image_shows_of_a_body_at_its_edge_is_what_a_larger_image_shows_
 
 
 def test_place_and_radius_of_a_blurred_disc():
-    """Of defocus, body and lens together; its pixels have the second moments of a disc with an edge one pixel wide."""
+    """Of defocus, body and lens together; its pixels have the second moments of a disc with a soft edge."""
     snowing = Snowing(snow_scene({"f_stop": 0.5, "focus_m": 0.15}, STILL), (PLACE, 5e-3))
     centre, spread = moments_of(snowing().light)
     body = F_PX * 5e-3 / 1.2 * np.sqrt(np.linalg.norm(PLACE) / 1.2)
-    size = np.sqrt(body**2 + 0.7**2 + (F_PX * 6e-3 * (1 / 0.15 - 1 / 1.2)) ** 2)
-    assert snowing.splats["radius"][0] == pytest.approx(size, rel=5e-3)  # a pixel is no square across a slanted ray
-    r = np.linspace(0, size + 0.5, 4001)
-    ramp = np.clip(size + 0.5 - r, 0, 1)
-    variance = 0.5 * (ramp * r**3).sum() / (ramp * r).sum()
+    blur = F_PX * 6e-3 * (1 / 0.15 - 1 / 1.2)
+    size, edge = np.sqrt(body**2 + 1.0**2 + blur**2), np.sqrt((0.9 * body) ** 2 + 2.0**2 + (0.5 * blur) ** 2)
+    for name, value in (("radius", size), ("edge", edge)):
+        assert snowing.splats[name][0] == pytest.approx(value, rel=5e-3)  # a pixel is no square across a slanted ray
+    r = np.linspace(0, size + 0.5 * edge, 4001)
+    soft = soft_edge(r - size, edge)
+    variance = 0.5 * (soft * r**3).sum() / (soft * r).sum()
     np.testing.assert_allclose(centre, image_of(PLACE), atol=0.05)
     np.testing.assert_allclose(2 * np.sqrt(np.diag(spread)), 2 * np.sqrt(variance), atol=0.05)
 

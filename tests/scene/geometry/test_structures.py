@@ -30,6 +30,7 @@ STRUCTURES = {
     "concrete block": {"kind": "concrete_block"},
     "panel": {"kind": "wellhead_panel", "fittings": [["bucket", "t_bar"], ["valve_stem", "hot_stab"]]},
     "rov": {"kind": "rov", "lamps": [[-0.33, 0.38, 0.0], [0.2, 0.45, 0.05]]},
+    "rov with a tether": {"kind": "rov", "tether_m": 3.0},
 }
 SMOOTH_HULL = {"kind": "hull_section", "only": ["plating"], "dent_m": 0, "seam_m": 0}
 
@@ -254,6 +255,18 @@ def test_panes_of_an_rov_lie_where_its_lamps_are_said_to():
     surface = Surface(np.array(mesh.vertices), np.array(mesh.faces, np.int32))
     t = surface.distances(np.array([[-0.33, 1.38, 0.0]]), np.array([[0.0, -1.0, 0.0]]))
     assert t == pytest.approx([1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("length", [0.5, 9.0])
+def test_a_tether_is_as_long_as_asked_and_begins_at_the_stern(length):
+    """Its volume is a cable's of 15 mm; no two of its ends meet, and it leaves the body upwards."""
+    mesh = make({"kind": "rov", "tether_m": length, "only": ["tether"]})
+    assert mesh.volume == pytest.approx(np.pi * 0.0075**2 * length, rel=0.03)
+    assert np.linalg.norm(mesh.vertices - [0.0, -0.315, 0.189], axis=1).min() < 0.01
+    assert mesh.vertices[:, 2].min() > 0.18
+    assert mesh.vertices[:, 2].max() > 0.18 + 0.5 * length
+    with pytest.raises(InputError):
+        make_asset(block_of({"kind": "rov", "only": ["tether"]}))
 
 
 # ------------------------------------------------------------------------------------------------------------- fittings

@@ -24,6 +24,7 @@ from varos_warp.kernels.particles.splat import (
     ROUND_PX,
     Splat,
     SplatList,
+    edge_of,
     list_splat,
     profile_sum,
     tiles_of,
@@ -236,7 +237,10 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         splat.radius = wp.sqrt(size * size + image.blur * image.blur + OPTICS_PX * OPTICS_PX)
         sharp = size / splat.radius
         splat.uneven = wp.clamp(size / ROUND_PX - 1.0, 0.0, 1.0) * sharp * sharp
-        splat.radius = wp.min(splat.radius, LARGEST_PX)
+        splat.edge = edge_of(size, image.blur)
+        if splat.radius > LARGEST_PX:
+            splat.edge *= LARGEST_PX / splat.radius
+            splat.radius = LARGEST_PX
         splat.x = image.x
         splat.y = image.y
         splat.t = image.t
@@ -244,6 +248,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         if wp.length(splat.along) > splat.radius:
             splat.uneven = 0.0  # the outline of a long streak is straight
         splat.turn = wp.tau * body.u[3] + particles.turn
+        splat.phases = wp.tau * wp.vec3(body.u[0], body.u[1], body.u[2])
         splat.cover = drawn * wp.pi * size * size
         if wp.static(channels > 1):
             if channel != GREEN:

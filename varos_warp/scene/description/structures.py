@@ -10,7 +10,7 @@ from varos_warp.scene.description.placed import Measure, Parametric
 HullPiece = Literal["plating", "stiffeners", "bilge_keel", "marks"]
 QuayPiece = Literal["piles", "coping", "fenders", "ladder"]
 PanelPiece = Literal["panel", "receptacles", "stems", "handles", "marks"]
-RovPiece = Literal["foam", "frame", "housings", "lamps", "thrusters"]
+RovPiece = Literal["foam", "frame", "housings", "lamps", "thrusters", "tether"]
 FITTINGS_LIMIT = 400
 """Fittings on a panel."""
 
@@ -204,5 +204,8 @@ class Rov(Parametric):
     a few centimetres before each, so that no housing shades it."""
     lamp_radius_m: Annotated[float, Field(ge=0.01, le=0.5)] = 0.045
     """Radius of a lamp's housing [m]."""
+    tether_m: Annotated[float, Field(ge=0.5, le=100.0)] | None = Field(default=None, examples=[8.0])
+    """Length of the tether that leaves its stern upwards in bights [m]; it is stiff, and moves with the vehicle.
+    Absent: none."""
     only: Annotated[list[RovPiece], Field(min_length=1)] | None = Field(default=None, examples=[["foam"]])
-    """Which pieces are made: foam, frame, housings, lamps, thrusters. Absent: all."""
+    """Which pieces are made: foam, frame, housings, lamps, thrusters, tether. Absent: all."""

@@ -3,23 +3,27 @@
 import numpy as np
 
 from varos_warp.scene.description.structures import Rov
-from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, lathe, rounded
+from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, lathe, loft, rounded
 from varos_warp.scene.geometry.assets.slabs import box, rectangle, slab
 from varos_warp.scene.geometry.assets.structures.pieces import ALONG_X, Mesh, Piece, chosen, placed
 
 YELLOW, BLACK, GREY, BARE = (0.36, 0.23, 0.02), (0.035, 0.035, 0.037), (0.14, 0.145, 0.15), (0.26, 0.26, 0.25)
+CABLE = (0.30, 0.14, 0.02)
 GLASS, PANE = (0.03, 0.032, 0.035), (0.45, 0.45, 0.43)
 ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """From the axes of a drawing (right, up, towards the viewer) to x, -z, y: what is turned about z lies along y."""
 PLATE_M = 0.012
 """Thickness of the side plates."""
+TETHER_RADIUS_M, TETHER_STEP_M = 0.0075, 0.02
+"""Of the tether, and between the rings that it is made of at most."""
 
 
 def rov(block: Rov, key: str, detail: Detail) -> list[Piece]:
     """Pieces of an ROV, each a closed solid."""
     pieces = {"foam": _foam(block, detail), "frame": _frame(block, detail), "housings": _housings(block, detail),
               "lamps": [part for at in block.lamps for part in _lamp(block, at, detail)],
-              "thrusters": [part for x in (-1.0, 1.0) for part in _thruster(block, x, detail)]}
+              "thrusters": [part for x in (-1.0, 1.0) for part in _thruster(block, x, detail)],
+              "tether": [(CABLE, _tether(block, detail))] if block.tether_m else []}
     return chosen(pieces, block.only)
 
 
@@ -97,6 +101,23 @@ def _thruster(block, side, detail):
              for a in 2.0 * np.pi / 3.0 * np.arange(3)]
     return [(BLACK, placed(duct, ALONG_Y, at)), (GREY, placed(hub, ALONG_Y, at)),
             *((BLACK, placed(placed(blade, turn), ALONG_Y, at)) for turn in turns)]
+
+
+def _tether(block, detail):
+    """A cable from the stern up: it leans back and to the sides in bights, as slack lies in the water."""
+    edge = min(TETHER_STEP_M, detail.edge)
+    s = np.linspace(0.0, block.tether_m, 1 + max(8, int(np.ceil(block.tether_m / edge))))
+    # angles from the vertical aft and to starboard; the slack grows from the clamp on
+    aft = 0.25 + 0.75 * np.sin(1.1 * s + 0.3) * np.minimum(s, 1.0)
+    side = 0.55 * np.sin(0.8 * s) * np.minimum(s, 1.0)
+    along = np.stack([np.sin(side), -np.cos(side) * np.sin(aft), np.cos(side) * np.cos(aft)], axis=-1)
+    middle = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * np.diff(s)[:, None] * (along[1:] + along[:-1]), axis=0)])
+    middle += [0.0, -0.42 * block.length_m, 0.45 * block.height_m]
+    up = np.cross(along, [1.0, 0.0, 0.0])
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    turn = 2.0 * np.pi * np.arange(count := circle_points(TETHER_RADIUS_M, detail)) / count
+    across = np.cos(turn)[:, None] * np.cross(up, along)[:, None] + np.sin(turn)[:, None] * up[:, None]
+    return loft(middle[:, None] + TETHER_RADIUS_M * across, detail)
 
 
 def _ring(radius, thick):
