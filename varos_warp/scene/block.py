@@ -29,13 +29,13 @@ def _is_unit(value):
 
 
 Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_is_unit)]
-"""Hamilton, w, x, y, z; its length is made 1 where it is used."""
+"""A Hamilton quaternion w, x, y, z; its length is made 1 where it is used."""
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
 UnitRgb = tuple[Unit, Unit, Unit]
 Coefficient = Annotated[float, Field(ge=0.0, le=1e6)]
-"""Of scattering or absorption [1/m]: beyond, light ends within a micrometre."""
+"""A scattering or absorption coefficient [1/m]; beyond the bound, light ends within a micrometre."""
 CoefficientRgb = tuple[Coefficient, Coefficient, Coefficient]
 
 
@@ -59,7 +59,10 @@ Rectangle = Annotated[tuple[float, float, float, float], AfterValidator(_has_are
 
 
 def outside(low: float, high: float, problem: str) -> AfterValidator:
-    """For a number that must not lie between two values, such as one that single precision takes for 0 but is not."""
+    """Return a validator that refuses numbers between two values.
+
+    Such are, for example, those that single precision takes for 0 but are not.
+    """
     def check(value: float) -> float:
         if low < value < high:
             raise ValueError(problem)
@@ -126,7 +129,10 @@ def keys_without_effect(block: Block, path: str = "") -> dict[str, str]:
 
 
 def kind_by_default(kind: str) -> BeforeValidator:
-    """For a union of blocks: one without ``kind`` is of this kind, so ``{file: x.dae}`` may be short for a mesh."""
+    """Return a validator for a union of blocks that gives a block without ``kind`` this kind.
+
+    So ``{file: x.dae}`` may be short for a mesh.
+    """
     def with_kind(block: Any):
         return {"kind": kind, **block} if isinstance(block, dict) and "kind" not in block else block
 

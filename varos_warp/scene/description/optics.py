@@ -16,7 +16,7 @@ Size = Annotated[float, Field(gt=0.0, le=100.0)]
 Thickness = Annotated[float, Field(ge=0.0, le=100.0)]
 """[m]"""
 SHORTEST_S = 1e-9
-"""Times are counted in nanoseconds."""
+"""Shortest time above 0 [s]: times are counted in nanoseconds."""
 Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is 0 or at least 1e-9 s, a nanosecond")]
 """[s]"""
 
@@ -42,7 +42,7 @@ class FlatPort(Block):
 
     kind: Literal["flat"]
     distance_m: Annotated[float, Field(ge=1e-6, le=100.0)] = Field(examples=[0.02])
-    """From the lens (its entrance pupil) to the glass, along the normal [m]."""
+    """Distance from the lens (its entrance pupil) to the glass, along the normal [m]."""
     thickness_m: Thickness = 0.0
     """Thickness of the glass [m]."""
     n_glass: Index = 1.49

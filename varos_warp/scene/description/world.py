@@ -244,14 +244,14 @@ class CalibrationBoard(Movable):
     """What is printed on it: squares, with a margin of one square; or tags with a black border of two of their cells
     and black squares between their corners, as Kalibr prints them."""
     rows: Annotated[int, Field(ge=2, le=100)] = 6
-    """Along its height: of a checkerboard inner corners, as OpenCV and Kalibr count them, one less than squares; of an
-    AprilGrid tags."""
+    """Count along the board's height: of a checkerboard its inner corners, as OpenCV and Kalibr count them, one less
+    than squares; of an AprilGrid its tags."""
     columns: Annotated[int, Field(ge=2, le=100)] = 9
-    """Likewise along its width."""
+    """Count along the board's width, of the same things as ``rows``."""
     square_m: Measure | None = Field(default=None, examples=[0.05])
     """Side of a square of a checkerboard [m]; a checkerboard needs it."""
     family: Literal["36h11"] | None = Field(default=None, examples=["36h11"])
-    """Of the tags of an AprilGrid; absent: 36h11. It has 587, so rows times columns are at most that."""
+    """Family of the tags of an AprilGrid; absent: 36h11. It has 587 tags, so rows times columns are at most that."""
     tag_m: Measure | None = Field(default=None, examples=[0.088])
     """Side of a tag of an AprilGrid with its border [m], Kalibr's tagSize; an AprilGrid needs it."""
     spacing: Annotated[Positive, Field(le=1.0)] | None = Field(default=None, examples=[0.3])

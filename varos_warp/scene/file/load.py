@@ -30,7 +30,7 @@ class Change(NamedTuple):
     key: str
     """Its path, with dots."""
     value: Any
-    """As YAML has it."""
+    """Its new value, in the types that YAML gives."""
     where: str
     """What messages name, such as that file and the line."""
 
@@ -105,7 +105,7 @@ def path_of(key: str) -> tuple[str | int, ...]:
 
 
 def _choose_form(data: dict[str, Any], key: str) -> None:
-    """Where a key of one form of the water is to be set, leave out its other forms: only one may be given."""
+    """Leave out the other forms of the water if a key of one form is to be set: only one may be given."""
     block, *inner = path_of(key)
     if block == "water" and inner and inner[0] in Water.model_fields:
         there = data.get("water")

@@ -82,13 +82,13 @@ class MeshFacts:
     """Whether neither the file nor the scene says which way is up."""
     unit_m: float
     triangles: int
-    """In the file, with all copies of its nodes."""
+    """Number of triangles in the file, with all copies of its nodes."""
     lost: int
-    """Of these, triangles without area, which are left out."""
+    """Number of the file's triangles without area, which are left out."""
     area_m2: float
-    """Of all faces in the file, before equal vertices are merged."""
+    """Area of all faces in the file [m^2], before equal vertices are merged."""
     area_lost: float
-    """Share of it that is not built."""
+    """Share of the area that is not built."""
     textures: dict[str, float]
     """Its textures, and the share of the triangles with each whose coordinates reach outside of 0..1."""
     constant: tuple[str, ...] = ()
@@ -138,7 +138,7 @@ class Shape:
         return len(self.faces) - (np.count_nonzero(self.skin.cut) if self.has_holes else 0)
 
     def whole_first(self) -> Self:
-        """The same shape, its faces that masks may cut behind all others."""
+        """Return the shape with the faces that masks may cut behind all others."""
         if not self.has_holes:
             return self
         order = np.argsort(self.skin.cut, kind="stable")
@@ -195,12 +195,12 @@ class Instances(Shape):
 
     @property
     def numbers(self) -> np.ndarray:
-        """Of the copies within their block, int [N]."""
+        """Numbers of the copies within their block, int [N]."""
         return np.arange(len(self)) if self.numbers_in_block is None else self.numbers_in_block
 
     @property
     def first_name(self) -> str:
-        """Of the first of the copies; no other part or group has it."""
+        """Name of the first of the copies, which no other part or group has."""
         return f"{self.name}.{self.numbers[0]}"
 
     def some(self, chosen: np.ndarray | slice) -> Self:
@@ -214,7 +214,7 @@ class Instances(Shape):
 
     @property
     def names(self) -> list[str]:
-        """Of every copy, ``scatter.0.17``."""
+        """Name of every copy, such as ``scatter.0.17``."""
         return [f"{self.name}.{i}" for i in self.numbers]
 
     def parts(self) -> list[Part]:
@@ -245,7 +245,7 @@ class Instances(Shape):
         return points @ self.T_w_o[:, :3, :3].swapaxes(1, 2) + self.T_w_o[:, None, :3, 3]
 
     def _corners(self) -> np.ndarray:
-        """Of the prototype's bounding box [8, 3]."""
+        """Corners [8, 3] [m] of the prototype's bounding box."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
@@ -259,7 +259,7 @@ class Grown(Instances):
     host: np.ndarray
     """int32 [N]: which of ``hosts`` carries each copy."""
     facts: dict = field(default_factory=dict)
-    """Of the whole block, with its first shape, for `varos-warp info`."""
+    """Facts of the whole block, for `varos-warp info`; only its first shape has them."""
 
     def some(self, chosen: np.ndarray | slice) -> Self:
         """Some of the copies, with their hosts."""

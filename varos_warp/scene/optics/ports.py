@@ -189,7 +189,7 @@ class DomePort:
 
 
 def _to_sphere(o: np.ndarray, d: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays from within a sphere around the origin leave it, and its outward normals there."""
+    """Points where rays from within a sphere around the origin leave it, and its outward normals there."""
     along = _dot(o, d)
     p = o + (np.sqrt(along * along - _dot(o, o) + radius * radius) - along) * d
     return p, p / radius

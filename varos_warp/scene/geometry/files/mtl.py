@@ -47,14 +47,14 @@ class Map:
     path: Path
     """Its name may hold <UDIM>."""
     name: str
-    """For messages."""
+    """Keyword and name of the picture, for messages."""
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: str = "repeat"
     channel: str = ""
-    """Of a mask: -imfchan."""
+    """Channel of a mask (-imfchan); empty if it names none."""
     inverted: bool = False
-    """Of a mask: it is a map_Tr, of transparency."""
+    """Whether a mask is a map_Tr, which has transparency instead of opacity."""
 
     @property
     def placing(self) -> tuple:

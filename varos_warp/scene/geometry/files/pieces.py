@@ -88,13 +88,13 @@ class MeshFile:
     notes: list[str] = field(default_factory=list)
     """Whole sentences about what was not read as it may be meant."""
     triangles: int = 0
-    """In the pieces so far."""
+    """Number of triangles in the pieces so far."""
     colours_multiply: bool = False
     """Colours of vertices multiply textures and colours of materials, as in glTF; else only the one of them counts."""
     why_empty: str = ""
     """Why it may have no triangles, for the message that says so."""
     copies: int = 0
-    """Places where meshes stand, so far."""
+    """Number of places where meshes stand, so far."""
 
     def note(self, words: str) -> None:
         """Add a note, once."""

@@ -37,7 +37,7 @@ EIGHT = np.indices((2, 2, 2)).reshape(3, -1).T
 """The halves of a block."""
 
 MOST_VERTICES = 16_600_000
-"""Of a surface whose resolution is left to us (paper 3.1.1)."""
+"""Most vertices of a surface whose resolution is left to us (paper 3.1.1)."""
 
 PER_CELL = 1.5
 """Vertices on the area of a square of one step: 1 where it lies in a plane of the grid, sqrt(3) where most oblique."""
@@ -214,7 +214,10 @@ def _grid_values(model, axes, step, threshold):
 
 
 def _jumps(value, distance):
-    """Where a signed distance changes by more than the way between two middles: its sign changes in the open."""
+    """Blocks around which a signed distance changes by more than the distance of two middles, bool.
+
+    Its sign changes in the open there.
+    """
     jumps = np.zeros(value.shape, bool)
     for axis in range(3):
         far = np.abs(np.diff(np.moveaxis(value, axis, 0), axis=0)) > 1.001 * distance

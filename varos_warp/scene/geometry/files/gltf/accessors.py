@@ -70,7 +70,7 @@ def _rows(document, view, offset, count, width, kind, key):
 
 
 def _with_sparse(document, sparse, rows, kind, key):
-    """The same rows with those replaced that ``sparse`` names."""
+    """A copy of the rows, in which those that ``sparse`` names are replaced."""
     count, where, values = sparse["count"], sparse["indices"], sparse["values"]
     if not isinstance(count, int) or not 0 <= count <= len(rows):
         raise document.damaged("has more sparse values than elements", key)

@@ -10,7 +10,7 @@ from varos_warp.scene.geometry.files.pieces import FileMaterial, Texture
 WRAPPING = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 NEAREST = 9728
 ROUNDING = 1e-6
-"""Of a factor that was meant as 1, in single precision."""
+"""Largest rounding error, in single precision, of a factor that was meant as 1."""
 
 
 class Look:
