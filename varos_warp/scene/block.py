@@ -12,10 +12,10 @@ CameraId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
 VehicleId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")]
 Vec3 = tuple[float, float, float]
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
-"""[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
+"""A coordinate [m]; float64 is finer than 0.2 micrometres up to the bound, and rays are no longer."""
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""[degrees]; much larger ones would lose all digits to whole turns."""
+"""An angle [degrees]; much larger ones would lose all digits to whole turns."""
 EulerAngles = tuple[Angle, Angle, Angle]
 QUATERNION_SLACK = 1e-3
 """How far the length of a quaternion may be from 1: three decimals of each part, and no more."""

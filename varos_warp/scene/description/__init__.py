@@ -31,7 +31,7 @@ from varos_warp.scene.description.world import Material, Object, Scatter
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
 """Profiles of lamps that come with the package, by their names."""
 TO_BE_CHOSEN = Trajectory(poses=[Pose(position=(0.0, 0.0, 0.0))])
-"""Stands for the observer's until it is known who that is."""
+"""Stands for the observer's trajectory until it is known which vehicle that is."""
 
 
 class Scene(Block):
@@ -42,7 +42,7 @@ class Scene(Block):
     sequence: SequenceId = "01"
     """Two letters or digits that name the sequence in the dataset's file names (paper, table 5)."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Every random choice depends on it: the same scene with the same seed gives the same bytes."""
+    """Seed of every random choice: the same scene with the same seed gives the same bytes."""
     terrain: AnyTerrain | None = None
     """The sea floor: from mesh files (``kind: file``), from survey files (``kind: heights``), or generated from a seed
     (``kind: procedural``). Absent: none."""
@@ -294,7 +294,7 @@ class Scene(Block):
 
     @property
     def numbered(self) -> list[str]:
-        """Keys in the order of their numbers in image S, from 1; the copies of `scatter` follow.
+        """Keys of what has a number in image S, in the order of the numbers, from 1; the copies of `scatter` follow.
 
         The body of `vehicle` has a number too, so that all have the same whichever vehicle sees them.
         """

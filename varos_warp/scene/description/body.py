@@ -48,7 +48,8 @@ Inertia = Annotated[float, Field(gt=0.0, le=1e15)]
 """Moment of inertia [kg m^2]."""
 Load = Annotated[float, Field(ge=0.0, le=1e12)]
 Loads = tuple[Load, Load, Load, Load, Load, Load]
-"""Along and about the vehicle's axes: sway (x), surge (y), heave (z), then pitch (about x), roll (y), yaw (z)."""
+"""Six values along and about the axes of the vehicle: sway (x), surge (y), heave (z), then pitch (about x), roll (y),
+yaw (z)."""
 
 
 class RigidBody(Block):

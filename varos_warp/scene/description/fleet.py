@@ -29,7 +29,7 @@ class FleetVehicle(Vehicle):
 
     @property
     def key(self) -> str:
-        """Names its body and its poses: ``vehicles.ID``."""
+        """Key that names its body and its poses: ``vehicles.ID``."""
         return f"vehicles.{self.id}"
 
     @property

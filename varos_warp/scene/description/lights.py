@@ -104,7 +104,7 @@ class SpotLight(Shining):
     """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
     shadows. Absent: a point."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
     _written = _unwritten_of_light("port", "radius_m", "strobe")
@@ -143,7 +143,7 @@ class ProfileLight(Shining):
     """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
     shadows. Absent: a point."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
 
@@ -166,7 +166,7 @@ class PointLight(Shining):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """Radiant intensity in every direction for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _written = _unwritten_of_light("strobe")
 
@@ -191,7 +191,7 @@ class SheetLight(Shining):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """Radiant intensity inside the sheet for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
 

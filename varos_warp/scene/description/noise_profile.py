@@ -36,7 +36,7 @@ class CameraNoise(Block):
     row_noise_electrons: NonNegative = 0.0
     """Standard deviation of an offset that a row of all channels shares [e-]"""
     bits: Annotated[int, Field(ge=4, le=16)] = 12
-    """Resolution of the analogue-to-digital converter [bits]"""
+    """Number of bits of the analogue-to-digital converter"""
     black_level: Annotated[int, Field(ge=0)] = 0
     """DN of no light; noise below it is kept until it is taken off"""
     vignetting: Vignetting | None = None

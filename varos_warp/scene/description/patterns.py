@@ -19,7 +19,7 @@ MOST_LANES = 500
 Pitch = Annotated[float, Field(ge=-90.0, le=90.0)]
 """Pitch angle of the vehicle, positive with the nose up [degrees]."""
 Length = Annotated[float, Field(gt=0.0, le=1e6)]
-"""[m]"""
+"""A length [m]."""
 
 
 def compass(angle_deg) -> np.ndarray:
@@ -59,7 +59,7 @@ class LawnMower(Block):
 
     @property
     def lanes(self) -> int:
-        """How many lanes there are."""
+        """Number of lanes."""
         return ceil(round(self.width_m / self.spacing_m, 9)) + 1
 
     def waypoints(self) -> list[dict]:
@@ -154,7 +154,7 @@ class ThereAndBack(Block):
 
 
 class HullFollowing(Block):
-    """From point to point along a surface, at a distance from it that does not change, the vehicle facing it."""
+    """A course from point to point along a surface, at a constant distance from it, the vehicle facing it."""
 
     kind: Literal["hull_following"]
     surface: Annotated[str, Field(pattern=r"^(terrain|objects\.\d+)$")] = Field(examples=["objects.0"])

@@ -27,7 +27,7 @@ class Placed(Block):
     rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
     """Rotation about the world's fixed axes x, then y, then z [degrees]."""
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
-    """Multiplies its size: one number, or one for each of its own axes; 0.001 if a file is in millimetres."""
+    """Factor of its size: one number, or one for each of its own axes; 0.001 if a file is in millimetres."""
     material: str | None = Field(default=None, examples=["rusty"])
     """Name of one of ``materials``; absent: the colours that a mesh file or a structure brings along,
     else grey."""

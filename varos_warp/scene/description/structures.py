@@ -48,7 +48,7 @@ class HullSection(Parametric):
     stiffeners: Literal["inside", "outside", "none"] = "inside"
     """Side of the plates on which longitudinal stiffeners and web frames stand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The depth of each dent follows from it."""
+    """Seed of the depth of each dent."""
     bilge_keel_m: Annotated[float, Field(ge=0.05, le=3.0)] | None = Field(default=None, examples=[0.3])
     """Depth of the bilge keel, a flat bar that stands on the bilge [m]; absent: there is none."""
     marks: bool = True
@@ -83,7 +83,7 @@ class MooringChain(Parametric):
     roll_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 45.0
     """Links are turned about the chain by this angle and this less 90 degrees, in turn [degrees]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Small turns of the links follow from it."""
+    """Seed of the small turns of the links."""
 
     @property
     def length(self) -> float:
@@ -126,7 +126,7 @@ class QuayWall(Parametric):
     coping_m: Annotated[float, Field(ge=0.1, le=10.0)] = 1.2
     """Height of the coping [m]."""
     fender_m: Annotated[float, Field(ge=0.5, le=50.0)] | None = Field(default=2.4, examples=[2.4])
-    """From one rubber fender to the next [m]; null: there are none."""
+    """Distance from one rubber fender to the next [m]; null: there are none."""
     fender_length_m: Measure = 3.0
     """Length of a fender, from 0.2 m below the top of the coping down [m]."""
     ladder_m: float | None = Field(default=0.6, examples=[0.6])

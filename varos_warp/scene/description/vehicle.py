@@ -39,7 +39,7 @@ from varos_warp.scene.description.recorded import KEYS, Columns, Of, Read, check
 
 
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
-"""[mm]; within these bounds every field of view is representable in single precision."""
+"""A length in a camera [mm]; within these bounds every field of view is representable in single precision."""
 
 
 class Camera(Block):

@@ -28,11 +28,11 @@ class Change(NamedTuple):
     """A key of a scene that another file sets."""
 
     key: str
-    """Its path, with dots."""
+    """Path of the key, with dots."""
     value: Any
     """Its new value, in the types that YAML gives."""
     where: str
-    """What messages name, such as that file and the line."""
+    """Name in messages of what sets it, such as that file and the line."""
 
 
 def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str] | Change] = ()) -> Scene:

@@ -19,11 +19,11 @@ class Page:
     factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear reflectance that multiplies the image."""
     wrap: tuple[str, str] = ("repeat", "repeat")
-    """What is outside of 0..1 along u and along v: repeat, clamp or mirror."""
+    """Wrapping outside of 0..1 along u and along v: repeat, clamp or mirror."""
     alpha: np.ndarray | None = None
     """uint8 [h, w], rows from the top: alpha of a mask; None: there are no holes."""
     cutoff: float = 0.0
-    """There are holes where the alpha, as a share of 255, is below."""
+    """Alpha, as a share of 255, below which there are holes."""
 
     @property
     def masks(self) -> bool:
@@ -109,7 +109,7 @@ class Shape:
     material: Material
     _: KW_ONLY
     smooth_angle: float = np.pi / 6
-    """[rad]"""
+    """Largest angle between the faces of an edge that is smoothed [rad]."""
     smooth_shading: bool = False
     """Whether A and B are lit with the smoothed normals."""
     skin: Skin | None = None
@@ -176,7 +176,7 @@ class Moving(Part):
     """An object that moves along a path, or the body of a vehicle; its vertices are where it begins."""
 
     path: tuple[Stop, ...] = ()
-    """All that it takes to know where it is (sim/poses.py); none of a body, which is where its vehicle is."""
+    """Stops of the path, by which its poses are known (sim/poses.py); none of a body, which is where its vehicle is."""
     R_w_o: np.ndarray
     """float64 [3, 3]: its attitude where it begins; its place there is ``origin``."""
 
@@ -188,7 +188,7 @@ class Instances(Shape):
     T_w_o: np.ndarray
     """float64 [N, 4, 4]: poses of the copies in the world, their uniform scale folded in."""
     numbers_in_block: np.ndarray | None = None
-    """int [N]: copies of the same block's other prototypes have other numbers. None: from 0."""
+    """Numbers of the copies, int [N]: those of the same block's other prototypes have other numbers. None: from 0."""
 
     def __len__(self):
         return len(self.T_w_o)

@@ -13,7 +13,7 @@ from varos_warp.scene.optics.ports import DomePort, FlatPort, Port
 from varos_warp.scene.optics.seawater import CHANNELS_NM, SEA, seawater_index
 
 CHANNELS = ("red", "green", "blue")
-"""Each may have an index of its own; geometry (C, D, S, T) follows green."""
+"""Channels, each of which may have an index of its own; geometry (C, D, S, T) follows green."""
 GREEN = 1
 
 

@@ -19,7 +19,7 @@ class WaterRays(NamedTuple):
     """Rays behind a port, NaN and transmittance 0 where there is none."""
 
     origin: np.ndarray
-    """On the outer surface [..., 3] [m]."""
+    """Points on the outer surface [..., 3] [m]."""
     direction: np.ndarray
     """Unit vectors [..., 3]."""
     transmittance: np.ndarray

@@ -19,9 +19,9 @@ class Look:
     def __init__(self, material: FileMaterial, coordinates: int = 0, transform: np.ndarray | None = None):
         self.material = material
         self.coordinates = coordinates
-        """The number of the set."""
+        """Number of the set of texture coordinates."""
         self.transform = np.eye(3)[:2] if transform is None else transform
-        """float64 [2, 3], of coordinates with v down."""
+        """Transform of coordinates with v down, float64 [2, 3]."""
 
     def uv(self, stored: np.ndarray) -> np.ndarray:
         """Coordinates [..., 2], v up, of those that the mesh has, v down."""
