@@ -12,10 +12,10 @@ CameraId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
 VehicleId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]$")]
 Vec3 = tuple[float, float, float]
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
-"""[m]; float64 is finer than 0.2 micrometres up to there, and rays are no longer."""
+"""A coordinate [m]; float64 is finer than 0.2 micrometres up to the bound, and rays are no longer."""
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-1e6, le=1e6)]
-"""[degrees]; much larger ones would lose all digits to whole turns."""
+"""An angle [degrees]; much larger ones would lose all digits to whole turns."""
 EulerAngles = tuple[Angle, Angle, Angle]
 QUATERNION_SLACK = 1e-3
 """How far the length of a quaternion may be from 1: three decimals of each part, and no more."""
@@ -29,13 +29,13 @@ def _is_unit(value):
 
 
 Quaternion = Annotated[tuple[float, float, float, float], AfterValidator(_is_unit)]
-"""Hamilton, w, x, y, z; its length is made 1 where it is used."""
+"""A Hamilton quaternion w, x, y, z; its length is made 1 where it is used."""
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0)]
 UnitRgb = tuple[Unit, Unit, Unit]
 Coefficient = Annotated[float, Field(ge=0.0, le=1e6)]
-"""Of scattering or absorption [1/m]: beyond, light ends within a micrometre."""
+"""A scattering or absorption coefficient [1/m]; beyond the bound, light ends within a micrometre."""
 CoefficientRgb = tuple[Coefficient, Coefficient, Coefficient]
 
 
@@ -59,7 +59,10 @@ Rectangle = Annotated[tuple[float, float, float, float], AfterValidator(_has_are
 
 
 def outside(low: float, high: float, problem: str) -> AfterValidator:
-    """For a number that must not lie between two values, such as one that single precision takes for 0 but is not."""
+    """Return a validator that refuses numbers between two values.
+
+    Such are, for example, those that single precision takes for 0 but are not.
+    """
     def check(value: float) -> float:
         if low < value < high:
             raise ValueError(problem)
@@ -126,7 +129,10 @@ def keys_without_effect(block: Block, path: str = "") -> dict[str, str]:
 
 
 def kind_by_default(kind: str) -> BeforeValidator:
-    """For a union of blocks: one without ``kind`` is of this kind, so ``{file: x.dae}`` may be short for a mesh."""
+    """Return a validator for a union of blocks that gives a block without ``kind`` this kind.
+
+    So ``{file: x.dae}`` may be short for a mesh.
+    """
     def with_kind(block: Any):
         return {"kind": kind, **block} if isinstance(block, dict) and "kind" not in block else block
 

@@ -357,7 +357,7 @@ def _place(point):
 
 
 def _check_path(scene, parts, path, told):
-    """Where the vehicle goes, or was asked to go, through anything or nearer to it than its radius.
+    """Return warnings where the vehicle goes, or was asked to go, through a part or nearer to it than its radius.
 
     One warning per part, of the nearest place. A path that gets inside comes near the surface on its way, so only the
     nearest places are asked whether they are inside. Places next to stops in ``told`` [n, 3] are known already.

@@ -81,7 +81,7 @@ def foretold_spec(scene: Scene, device: str) -> SceneSpec:
 
 
 def _whole_first(shapes: list) -> list:
-    """The same surfaces, what masks may cut apart and at the end."""
+    """The surfaces, with what masks may cut as surfaces of its own at the end."""
     divided = [some for shape in shapes for some in (
         shape.divided(_smooth_normals(shape)) if shape.has_holes else [shape])]
     return sorted(divided, key=lambda shape: shape.has_holes)
@@ -128,7 +128,7 @@ class DeviceScene:
         self.lights = Lights(scene, device)
         self.moving = [part for part in parts if isinstance(part, Moving)]
         self.part_names = self._names(parts)
-        """Of all that S numbers, in the order of their numbers, which begin at 1."""
+        """Names of all that S numbers, in the order of their numbers, which begin at 1."""
         self._numbers, self.segment_of = self._numbered(parts)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         fit = copied_faces <= MOST_JOINED_FACES[self.kind]
@@ -141,13 +141,13 @@ class DeviceScene:
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
         self.poses: Poses = lambda offset_ns: {}
-        """Of everything that moves but the vehicle, while a shutter is open: known of a frame (`moved`) only."""
+        """Poses of everything that moves but the vehicle, while a shutter is open: known of a frame (`moved`) only."""
         self._spectra: list[KnownSpectra] = []
         if parts:
             self._upload_geometry(parts)
 
     def relit(self, scene: Scene, bands: BandPass | None = None) -> "DeviceScene":
-        """The same terrain, objects and materials in the water and with the lights and cameras of another scene.
+        """Return the same terrain, objects and materials in the water and with the lights and cameras of another scene.
 
         Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
 
@@ -214,7 +214,7 @@ class DeviceScene:
         return self._array(self._placed(self.poses_at(offset_ns)), InstanceData)
 
     def _names(self, parts: list[Part | Instances]) -> list[str]:
-        """Of all that has a number, in their order; the observer's own body, which nobody sees here, among them."""
+        """Names of all that has a number, in its order; among them the observer's own body, which nobody sees here."""
         names = [part.name for part in parts if isinstance(part, Part)]
         groups = [group for group in parts if isinstance(group, Instances) and self._has_numbers(group)]
         for block in dict.fromkeys(group.name for group in groups):
@@ -367,7 +367,7 @@ class DeviceScene:
         return records
 
     def _record(self, meshes: tuple[wp.Mesh, wp.Mesh | None], first_face: int, number: int) -> InstanceData:
-        """Of an instance that is not placed yet."""
+        """Record of an instance that is not placed yet."""
         record = InstanceData()
         record.mesh, record.whole = (_id(mesh) for mesh in meshes)
         record.first_face, record.part, record.scale = first_face, number, 1.0

@@ -60,7 +60,7 @@ def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Pi
 
 @contextlib.contextmanager
 def _readable(source: Path | bytes, key: str) -> Iterator[Image.Image]:
-    """As `open_image`, for a picture that can be used; all that is wrong with it is an `InputError`."""
+    """Open an image as `open_image` does, for use as a picture; all that is wrong with it is an `InputError`."""
     file = None if isinstance(source, bytes) else source
     try:
         with open_image(source, key) as image:
@@ -137,7 +137,7 @@ def _texels(image: Image.Image) -> np.ndarray:
 
 
 def _of_8_bits(image: Image.Image) -> Image.Image:
-    """The same image; grey of 16 bits, which Pillow would cut off, with 8."""
+    """Return the image, scaled to 8 bits if it is grey of 16 bits, which Pillow would cut off."""
     if not image.mode.startswith("I"):
         return image
     values = np.asarray(image, np.float32)

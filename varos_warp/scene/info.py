@@ -71,7 +71,7 @@ def _mesh_info(parts):
 
 
 def _growth_info(parts):
-    """Of every block of growth that placed any: kind, copies, their triangles in all, on what, what is too small."""
+    """Facts of every block of growth with copies: kind, copies, their triangles in all, on what, what is too small."""
     facts = [part.facts for part in parts if isinstance(part, Grown) and part.facts]
     return {"growth": facts} if facts else {}
 

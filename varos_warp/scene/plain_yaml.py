@@ -12,9 +12,9 @@ import yaml
 from varos_warp.errors import InputError
 
 MOST_NODES = 1_000_000
-"""Values of a file, each alias counted with all that it stands for; a scene of 100 000 poses has 800 000."""
+"""Most values of a file, each alias counted with all that it stands for; a scene of 100 000 poses has 800 000."""
 DEEPEST = 100
-"""Blocks within blocks."""
+"""Most levels of blocks within blocks."""
 BOOL, TEXT = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:str"
 
 

@@ -38,22 +38,22 @@ def split(text: str, separator: str | None) -> list[str]:
 
 @dataclass(frozen=True)
 class Cells:
-    """Where in a table's rows the numbers are that are wanted."""
+    """Columns and units of the numbers to read from the rows of a table."""
 
     path: Path
     key: str
     """The key of the scene that names the file."""
     separator: str | None
     count: int
-    """Cells of a row."""
+    """Number of cells in a row."""
     time: int
     """Column of the time."""
     unit: str
-    """Unit of the time, of `NANOSECONDS`."""
+    """Unit of the time, a key of `NANOSECONDS`."""
     columns: tuple[int, ...]
     """Columns of all other numbers."""
     factors: tuple[float, ...]
-    """What each of them is multiplied by: metres, or radians or degrees, in the unit of its column."""
+    """Factor of each of ``columns``: metres, or radians or degrees, in the unit of the column."""
     names: dict[int, str]
     """What columns are called in messages."""
 

@@ -18,7 +18,7 @@ UPSIDE_DOWN = -0.5
 
 
 def gaps(seconds: np.ndarray, usual: float, lines: np.ndarray) -> list[str]:
-    """Where the way from one pose to the next takes much longer than it usually does [s]."""
+    """Return a remark on gaps between poses that are much longer than the usual step [s], if there are any."""
     steps = np.diff(seconds)
     wide = np.flatnonzero(steps > GAP * usual)
     if not wide.size:

@@ -20,7 +20,7 @@ FRAMES = {"enu": ("east", "north", "up"), "ned": ("north", "east", "down")}
 TURNS = {"roll": "roll", "pitch": "pitch", "yaw": "yaw", "heading": "yaw", "hdg": "yaw", "azimuth": "yaw"}
 """Which of the three angles one is, by a word of its name."""
 GREEK = {"phi": "roll", "theta": "pitch", "psi": "yaw"}
-"""The same by its whole name."""
+"""Which of the three angles one is, by the Greek letter that is its whole name."""
 ABOUT = {"flu": {"roll": "x", "pitch": "y", "yaw": "z"}, "rfu": {"roll": "y", "pitch": "x", "yaw": "z"}}
 ABOUT["frd"] = ABOUT["flu"]
 """About which axis of a body an angle turns."""

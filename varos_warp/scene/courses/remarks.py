@@ -14,7 +14,7 @@ class Used(NamedTuple):
     """The units that a table is read in."""
 
     time: str
-    """Of `NANOSECONDS`."""
+    """Unit of the times, a key of `NANOSECONDS`."""
     time_is_stated: bool
     """Whether a name of the column, a row of units or the scene says so."""
     lengths: tuple[float, ...]

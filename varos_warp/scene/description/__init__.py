@@ -31,7 +31,7 @@ from varos_warp.scene.description.world import Material, Object, Scatter
 LAMPS = {path.stem: path for path in (Path(__file__).parents[2] / "data" / "lamps").glob("*.csv")}
 """Profiles of lamps that come with the package, by their names."""
 TO_BE_CHOSEN = Trajectory(poses=[Pose(position=(0.0, 0.0, 0.0))])
-"""Stands for the observer's until it is known who that is."""
+"""Stands for the observer's trajectory until it is known which vehicle that is."""
 
 
 class Scene(Block):
@@ -42,7 +42,7 @@ class Scene(Block):
     sequence: SequenceId = "01"
     """Two letters or digits that name the sequence in the dataset's file names (paper, table 5)."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Every random choice depends on it: the same scene with the same seed gives the same bytes."""
+    """Seed of every random choice: the same scene with the same seed gives the same bytes."""
     terrain: AnyTerrain | None = None
     """The sea floor: from mesh files (``kind: file``), from survey files (``kind: heights``), or generated from a seed
     (``kind: procedural``). Absent: none."""
@@ -67,8 +67,7 @@ class Scene(Block):
     vehicle: Vehicle = Vehicle()
     """The vehicle with its lights, cameras and sensors."""
     trajectory: Trajectory
-    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. Required, unless there are
-    ``vehicles``."""
+    """Course of the vehicle: waypoints, a pattern of them, or exact poses. Required, unless there are ``vehicles``."""
     vehicles: Annotated[list[FleetVehicle], Field(min_length=1)] | None = None
     """Several vehicles instead of ``vehicle`` and ``trajectory``, each with its own ``id`` (docs/vehicles.md). A run
     makes a dataset of each. Absent: the one ``vehicle``."""
@@ -81,7 +80,7 @@ class Scene(Block):
     _base_dir: Path = PrivateAttr(default=Path("."))
     """Folder of the scene file: relative paths are relative to it."""
     _source: Any = PrivateAttr(default=None)
-    """Where its keys stand in the file (scene/file/source.py)."""
+    """File and line of every key (scene/file/source.py)."""
     _written = written_otherwise(
         lambda scene: [*(("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer")),
                        *(() if scene.growth else ("growth",)), *(() if scene.particles else ("particles",))])
@@ -219,7 +218,7 @@ class Scene(Block):
 
     @model_validator(mode="after")
     def _sensor_fits_shutters(self):
-        """As `noise_pass` asks of a dataset: a time of exposure is that of the camera's shutter, in every frame."""
+        """Check what `noise_pass` asks of a dataset: every frame's exposure time is that of the camera's shutter."""
         noise, exposure = self.render.noise, self.render.exposure.A
         if noise is None or WATER not in self.render.outputs:
             return self
@@ -299,7 +298,7 @@ class Scene(Block):
 
     @property
     def numbered(self) -> list[str]:
-        """Keys in the order of their numbers in image S, from 1; the copies of `scatter` follow.
+        """Keys of what has a number in image S, in the order of the numbers, from 1; the copies of `scatter` follow.
 
         The body of `vehicle` has a number too, so that all have the same whichever vehicle sees them.
         """
@@ -318,12 +317,12 @@ class Scene(Block):
         return self.numbered.index(key) + 1
 
     def key_of_light(self, light: Light) -> str:
-        """Where the scene file has one of `lights`, this one and not what equals it."""
+        """Key in the scene file of one of `lights`: of this very light, not of an equal one."""
         return next(f"{place}.lights.{i}" for place, vehicle in self._places.items()
                     for i, own in enumerate(vehicle.lights) if own is light)
 
     def key_of_camera(self, camera: Camera) -> str:
-        """Where the scene file has one of the cameras; of another, its id."""
+        """Key in the scene file of one of its cameras; of any other camera, the words ``camera ID``."""
         return next((f"{place}.cameras.{i}" for place, vehicle in self._places.items()
                      for i, own in enumerate(vehicle.cameras) if own is camera), f"camera {camera.id}")
 

@@ -8,9 +8,9 @@ from pydantic import Field, field_validator
 from varos_warp.scene.block import Block, Position, Vec3
 
 Rms = Annotated[float, Field(ge=0.0, le=10.0)]
-"""Of a turbulent velocity [m/s]."""
+"""Standard deviation of a turbulent velocity [m/s]."""
 EddyTime = Annotated[float, Field(ge=0.1, le=1e6)]
-"""[s]; at least 20 ticks."""
+"""Time constant of turbulence [s]; at least 20 ticks."""
 
 
 class Turbulence(Block):
@@ -30,9 +30,9 @@ class Thruster(Block):
     """A thruster that is fixed to the vehicle and pushes either way along ``direction``."""
 
     position: Position = Field(examples=[[0.11, 0.16, 0.0]])
-    """Where it pushes, in vehicle axes [m]."""
+    """Point at which the thruster pushes, in vehicle axes [m]."""
     direction: Vec3 = Field(examples=[[-1.0, 1.0, 0.0]])
-    """Where to, in vehicle axes, of any length."""
+    """Direction of the thrust in vehicle axes, a vector of any length."""
     max_force: Annotated[float, Field(gt=0.0, le=1e6)] = Field(examples=[40])
     """Most force either way [N]."""
 
@@ -45,10 +45,11 @@ class Thruster(Block):
 
 
 Inertia = Annotated[float, Field(gt=0.0, le=1e15)]
-"""[kg m^2]"""
+"""Moment of inertia [kg m^2]."""
 Load = Annotated[float, Field(ge=0.0, le=1e12)]
 Loads = tuple[Load, Load, Load, Load, Load, Load]
-"""Along and about the vehicle's axes: sway (x), surge (y), heave (z), then pitch (about x), roll (y), yaw (z)."""
+"""Six values along and about the axes of the vehicle: sway (x), surge (y), heave (z), then pitch (about x), roll (y),
+yaw (z)."""
 
 
 class RigidBody(Block):

@@ -7,7 +7,7 @@ from varos_warp.errors import same_name
 from varos_warp.scene.block import Block
 
 TERRAIN_CLASS, WATER_CLASS = "terrain", "water"
-"""Of the sea floor, unless it has another, and of where nothing is hit."""
+"""Class of the sea floor, unless it has another, and class of places where nothing is hit."""
 SURFACES = frozenset((TERRAIN_CLASS, WATER_CLASS))
 
 

@@ -19,7 +19,7 @@ class Anode(Parametric):
 
     kind: Literal["anode"]
     form: Literal["bar", "bracelet"] = "bar"
-    """What it is fitted to: bar (plates), bracelet (a pipe)."""
+    """Form of the anode: bar (fitted to plates) or bracelet (around a pipe)."""
     length_m: Annotated[float, Field(ge=0.1, le=5.0)] = 0.6
     """Length of the zinc, at its foot [m]."""
     width_m: Annotated[float, Field(ge=0.03, le=1.0)] = 0.13
@@ -64,9 +64,9 @@ class HandWheel(Parametric):
     radius: Annotated[float, Field(ge=0.03, le=5.0)] = 0.25
     """Outer radius of the rim [m]."""
     spokes: Annotated[int, Field(ge=2, le=24)] = 5
-    """How many spokes."""
+    """Number of spokes."""
     stem_m: Annotated[float, Field(ge=0.0, le=20.0)] = 0.3
-    """How far its stem reaches below the hub [m]; 0: there is none."""
+    """Length of the stem below the hub [m]; 0: there is none."""
 
 
 class ConcreteBlock(Parametric):
@@ -78,7 +78,7 @@ class ConcreteBlock(Parametric):
     chamfer_m: Annotated[float, Field(ge=0.0, le=0.2)] = 0.02
     """Radius of its edges [m]; at most a fifth of the least size is made of it."""
     eyes: Annotated[int, Field(ge=0, le=8)] = 2
-    """How many lifting eyes stand along its top."""
+    """Number of lifting eyes along its top."""
     only: Annotated[list[BlockPiece], Field(min_length=1)] | None = Field(default=None, examples=[["eyes"]])
     """Which pieces are made: block, eyes; several objects at one place give each its own material. Absent: all."""
 

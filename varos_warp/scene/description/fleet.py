@@ -13,7 +13,7 @@ class FleetVehicle(Vehicle):
     """One of several vehicles: as ``vehicle`` is, with its ``trajectory`` and its ``body``."""
 
     trajectory: Trajectory
-    """Where the vehicle goes: waypoints, a pattern of them, or exact poses. All begin at time 0."""
+    """Course of the vehicle: waypoints, a pattern of them, or exact poses. All vehicles begin at time 0."""
     body: Object | None = None
     """What the other vehicles see of it: a mesh or an object made from its measures, placed in vehicle axes. Its own
     cameras do not see it, nor does it shade its own lights. Absent: nothing."""
@@ -29,12 +29,12 @@ class FleetVehicle(Vehicle):
 
     @property
     def key(self) -> str:
-        """Names its body and its poses: ``vehicles.ID``."""
+        """Key that names its body and its poses: ``vehicles.ID``."""
         return f"vehicles.{self.id}"
 
     @property
     def start(self) -> Waypoint | Pose:
-        """Where it begins; of a course along a surface, about."""
+        """First waypoint or pose of the course; only an approximate one for a course along a surface."""
         pattern = self.trajectory.pattern
         if isinstance(pattern, HullFollowing):
             return Waypoint(position=pattern.through[0])  # the first waypoint is near, but only the meshes tell

@@ -19,15 +19,15 @@ class Growth(Block):
     """Copies of one kind of animal, plant or stone on surfaces of the scene, by chance and in clusters."""
 
     on: Annotated[list[str], Field(min_length=1)] = Field(examples=[["objects.0", "terrain"]])
-    """What carries it: ``terrain``, objects (``objects.0``) and blocks of scatter (``scatter.0``, on each copy)."""
+    """Hosts that it grows on: ``terrain``, objects (``objects.0``), blocks of scatter (``scatter.0``, on each copy)."""
     kind: GrowthKind = Field(examples=["barnacle"])
-    """What it is: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp, seagrass,
-    turf."""
+    """Kind of growth: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp,
+    seagrass, turf."""
     per_m2: Annotated[NonNegative, Field(le=1e5)] | None = Field(default=None, examples=[230])
-    """How many there are on a square metre of the surface where they may be, in the mean; fewer are left where
-    bodies would overlap. Absent: the kind's own (docs/growth.md)."""
+    """Mean number of copies on a square metre of the surface where they may be; fewer are left where bodies would
+    overlap. Absent: the kind's own (docs/growth.md)."""
     cluster: Annotated[NonNegative, Field(le=20.0)] | None = Field(default=None, examples=[11])
-    """How much they keep together: 0 is even chance everywhere, 11 is dense clumps and bare places between them.
+    """Degree of clustering: 0 is even chance everywhere, 11 is dense clumps and bare places between them.
     Absent: the kind's own."""
     up: tuple[Cosine, Cosine] | None = Field(default=None, examples=[[-1, 1]])
     """Least and largest vertical part of the surface's normal where they may be: -1 is an underside, 0 a wall, 1 level
@@ -36,9 +36,9 @@ class Growth(Block):
     """Smallest and largest size [m]: how wide it is, of anemones, hydroids and plants how high. Absent: the kind's
     own."""
     depth_m: tuple[Depth, Depth] | None = Field(default=None, examples=[[0, 20]])
-    """Only between these depths below the sea surface [m]. Absent: at all depths."""
+    """Least and greatest depth below the sea surface at which it grows [m]. Absent: at all depths."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The places depend on it and on the scene's seed."""
+    """Seed of the places, together with that of the scene."""
 
     @model_validator(mode="after")
     def _ranges_ascend(self):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 WATER, AMBIENT, NORMALS, DEPTH, SEGMENTS, TWIN, FLOW, SNOW = "ABCDSPFN"
 """Letters of the types that code outside of products/images means in particular."""
 OF_NEXT_FRAME = {FLOW, SNOW}
-"""Those that tell where things are seen in the next frame, which is simulated for them."""
+"""Letters of the types that tell where things are seen in the next frame, which is simulated for them."""
 
 
 class ImageType(NamedTuple):
@@ -32,7 +32,7 @@ IMAGE_TYPES = {
     SNOW: ImageType("snow.SNOW_IMAGE", "bodies in the water: marine snow"),
     "U": ImageType("purity.PURITY_IMAGE", "purity: share of the pixel that shows its object of S"),
 }
-"""By letter, in the order in which images are made, written and listed."""
+"""The image types by letter, in the order in which images are made, written and listed."""
 
 if TYPE_CHECKING:
     ImageLetter = str

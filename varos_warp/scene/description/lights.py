@@ -17,7 +17,7 @@ from varos_warp.scene.block import (
 from varos_warp.scene.description.optics import SHORTEST_S, Index
 
 Intensity = Annotated[float, Field(ge=0.0, le=1e20), outside(0.0, 1e-20, "an intensity is 0 or at least 1e-20 W/sr")]
-"""[W/sr]; beyond, single precision over- or underflows on the way of the light."""
+"""Radiant intensity [W/sr]; beyond these bounds, single precision over- or underflows on the way of the light."""
 IntensityRgb = tuple[Intensity, Intensity, Intensity]
 
 
@@ -29,16 +29,16 @@ def _check_direction(value):
 
 
 Radius = Annotated[float, Field(gt=0.0, le=100.0)]
-"""Of a lamp [m]: a disk across its axis, each point of which shines as the whole lamp does."""
+"""Radius of a lamp [m]: a disk across its axis, each point of which shines as the whole lamp does."""
 
 
 class Strobe(Block):
     """A light that flashes with every frame instead of shining all the time."""
 
     on_s: Annotated[float, Field(ge=SHORTEST_S, le=60.0, examples=[0.002])]
-    """How long [s]."""
+    """Duration of the flash [s]."""
     delay_s: Annotated[float, Field(ge=-60.0, le=60.0)] = 0.0
-    """From the frame's time stamp to the middle of the flash [s]."""
+    """Time from the frame's time stamp to the middle of the flash [s]."""
 
 
 class LampPort(Block):
@@ -75,7 +75,7 @@ class Shining(Block):
 
 
 def _unwritten_of_light(*keys: str) -> Any:
-    """Serializer of a light: not what is absent, nor the intensity where a spectrum stands instead."""
+    """Serializer of a light that leaves out absent keys, and the intensity where a spectrum stands instead."""
     keys = (*keys, "spectrum", "power_W", "lumen")
     return written_otherwise(lambda light: [*(key for key in keys if getattr(light, key) is None),
                                             *(["intensity"] if light.spectrum else [])])
@@ -88,7 +88,7 @@ class SpotLight(Shining):
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
-    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
+    """Direction of the light's axis, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     cone_deg: Annotated[float, Field(ge=1.0, le=360.0), outside(
         359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one")] = 65.0
     """Full angle of the cone [degrees], at most 359.9, or 360 for a light without one; single precision cannot
@@ -104,7 +104,7 @@ class SpotLight(Shining):
     """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
     shadows. Absent: a point."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
     _written = _unwritten_of_light("port", "radius_m", "strobe")
@@ -128,7 +128,7 @@ class ProfileLight(Shining):
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
-    """Where its axis points, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
+    """Direction of the light's axis, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     up: Position | None = Field(default=None, examples=[[0, 0, 1]])
     """The lamp's own upward direction, in vehicle axes, of any length, for lamps that are not the same all around.
     There are C = 0 of type C, V = 90 of types B and A, and azimuth_deg = 0; along the direction is the angle 0 of all.
@@ -143,7 +143,7 @@ class ProfileLight(Shining):
     """Radius of the lamp, a disk across its axis each point of which shines as the whole lamp does [m]; it softens
     shadows. Absent: a point."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
 
@@ -166,7 +166,7 @@ class PointLight(Shining):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """Radiant intensity in every direction for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _written = _unwritten_of_light("strobe")
 
@@ -181,7 +181,7 @@ class SheetLight(Shining):
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
-    """To the middle of the fan, in vehicle axes, of any length."""
+    """Direction of the middle of the fan, in vehicle axes, of any length."""
     normal: Position = Field(examples=[[0, 0.6, 1]])
     """Normal of the sheet in vehicle axes, of any length; what of it lies along the direction is left out."""
     fan_deg: Annotated[float, Field(ge=0.1, le=170.0)] = Field(examples=[60])
@@ -191,7 +191,7 @@ class SheetLight(Shining):
     intensity: IntensityRgb = (100.0, 100.0, 100.0)
     """Radiant intensity inside the sheet for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
-    """Flashes with every frame. Absent: it shines all the time."""
+    """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
     _has_direction = field_validator("direction")(_check_direction)
 

@@ -12,9 +12,9 @@ LOOKS_OF_WATER = (
     "name", "water", "particles", "vehicle.lights", "vehicles.*.lights", "render.tolerance",
     "render.max_seconds_per_frame", "render.spp", "render.max_scatterings", "render.max_bounces", "render.layers",
     "render.integrator", "render.denoise", "render.exposure.A", "render.noise", "render.linear_exr")
-"""The name, from which nothing follows, and what only light in water follows from; ``*`` stands for any item."""
+"""Keys from which only light in water follows, and the name, from which nothing does; ``*`` is any item."""
 LOOKS = (*LOOKS_OF_WATER, "render.spp_b", "render.denoise_b", "render.exposure.B", "render.dither")
-"""And those of light without water."""
+"""The keys of `LOOKS_OF_WATER`, and those from which only light without water follows."""
 
 
 def without(described: dict[str, Any], keys: Iterable[str]) -> dict[str, Any]:

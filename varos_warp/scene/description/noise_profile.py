@@ -29,14 +29,14 @@ class CameraNoise(Block):
     shot_noise: bool = True
     """Poisson noise of the electrons"""
     read_noise_electrons: NonNegative = 0.0
-    """Standard deviation, per pixel [e-]"""
+    """Standard deviation of the read noise, per pixel [e-]"""
     dark_current_electrons_per_s: NonNegative | None = Field(default=None, examples=[20])
     """Electrons that gather without light while a pixel is exposed [e-/s]; for cameras whose ``shutter`` has an
     ``exposure_s``"""
     row_noise_electrons: NonNegative = 0.0
     """Standard deviation of an offset that a row of all channels shares [e-]"""
     bits: Annotated[int, Field(ge=4, le=16)] = 12
-    """Of the analogue-to-digital converter"""
+    """Number of bits of the analogue-to-digital converter"""
     black_level: Annotated[int, Field(ge=0)] = 0
     """DN of no light; noise below it is kept until it is taken off"""
     vignetting: Vignetting | None = None

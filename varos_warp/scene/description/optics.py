@@ -12,17 +12,17 @@ from varos_warp.scene.optics.distortion import DOUBLE_SPHERE, FISHEYES
 Index = Annotated[float, Field(ge=1.0, le=3.0)]
 """Refractive index, relative to air."""
 Size = Annotated[float, Field(gt=0.0, le=100.0)]
-"""[m]"""
+"""A size above 0 [m]."""
 Thickness = Annotated[float, Field(ge=0.0, le=100.0)]
-"""[m]"""
+"""A thickness, which may be 0 [m]."""
 SHORTEST_S = 1e-9
-"""Times are counted in nanoseconds."""
+"""Shortest time above 0 [s]: times are counted in nanoseconds."""
 Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is 0 or at least 1e-9 s, a nanosecond")]
-"""[s]"""
+"""A duration: 0, or a nanosecond or more [s]."""
 
 
 class Shutter(Block):
-    """While it is open A and B are blurred by the vehicle's motion; C, D, S, F and T are of the middle of it."""
+    """Shutter of a camera: while it is open, the vehicle's motion blurs A and B; C, D, S, F and T show the middle."""
 
     exposure_s: Duration = 0.0
     """How long each pixel is exposed [s]; 0 is an instant."""
@@ -98,10 +98,10 @@ class Vignetting(Block):
     """
 
     kind: Literal["cos4", "polynomial"] = "cos4"
-    """``cos4``: as cos^4 of the angle to the axis; ``polynomial``: by ``coefficients``."""
+    """Law of the fall: ``cos4``, as cos^4 of the angle to the axis, or ``polynomial``, by ``coefficients``."""
     coefficients: tuple[float, ...] = ()
-    """a1, a2, ... of a polynomial 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals of the image;
-    for ``kind: polynomial`` only."""
+    """Coefficients a1, a2, ... of a polynomial 1 + a1 r^2 + a2 r^4 + ..., r from the principal point in half diagonals
+    of the image; for ``kind: polynomial`` only."""
 
     @model_validator(mode="after")
     def _coefficients_belong_to_the_polynomial(self):
@@ -111,7 +111,7 @@ class Vignetting(Block):
 
 
 LENS = ("distortion", "port", "n_water", "vignetting")
-"""What bends or dims a camera's rays."""
+"""Keys of what bends or dims a camera's rays."""
 
 
 def resized(camera: Any, width: int, height: int) -> Any:
@@ -238,7 +238,7 @@ def _of_rim(camera: Any) -> str | None:
 
 
 BRIGHTEST = 10.0
-"""Most that a polynomial makes of the light."""
+"""Most that a polynomial may multiply the light by."""
 
 
 def _farthest_corner(camera: Any) -> float:

@@ -41,7 +41,7 @@ class Particles(Block):
     least_px: Annotated[float, Field(ge=0.005, le=10.0)] = 0.06
     """Radius in the image [pixels] below which a body stays a part of the water. Lower is slower."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The places and sizes depend on it and on the scene's seed."""
+    """Seed of the places and sizes, together with that of the scene."""
 
     @model_validator(mode="before")
     @classmethod

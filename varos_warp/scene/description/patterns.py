@@ -14,12 +14,12 @@ from varos_warp.scene.block import Angle, Block, Coordinate, Position, kind_by_d
 STEP_DEG = 5.0
 """Turn from one waypoint to the next on arcs: chords are within 0.1 % of the radius of their circle."""
 MOST_LANES = 500
-"""Of a lawn mower; 20 000 waypoints."""
+"""Most lanes of a lawn mower; they have nearly 20 000 waypoints."""
 
 Pitch = Annotated[float, Field(ge=-90.0, le=90.0)]
-"""Of the vehicle, positive with the nose up [degrees]."""
+"""Pitch angle of the vehicle, positive with the nose up [degrees]."""
 Length = Annotated[float, Field(gt=0.0, le=1e6)]
-"""[m]"""
+"""A length [m]."""
 
 
 def compass(angle_deg) -> np.ndarray:
@@ -43,7 +43,7 @@ class LawnMower(Block):
     length_m: Length = Field(examples=[10])
     """Length of a lane [m]."""
     width_m: Length = Field(examples=[6])
-    """From the first lane to the last [m]."""
+    """Distance from the first lane to the last [m]."""
     spacing_m: Length = Field(examples=[1.5])
     """Largest distance of neighbouring lanes [m]; they share the width evenly."""
     pitch_deg: Pitch = 0.0
@@ -59,7 +59,7 @@ class LawnMower(Block):
 
     @property
     def lanes(self) -> int:
-        """How many lanes there are."""
+        """Number of lanes."""
         return ceil(round(self.width_m / self.spacing_m, 9)) + 1
 
     def waypoints(self) -> list[dict]:
@@ -84,15 +84,15 @@ class Orbit(Block):
 
     kind: Literal["orbit"]
     centre: Position = Field(examples=[[0, 5, 0.2]])
-    """What is looked at [m]."""
+    """Centre of the circle, which the vehicle looks at [m]."""
     radius_m: Length = Field(examples=[4])
     """Horizontal distance of the vehicle from the centre [m]."""
     height_m: Coordinate = 0.0
     """Height of the vehicle above the centre [m]."""
     bearing_deg: Angle = 0.0
-    """Where it begins, seen from the centre: clockwise from +y [degrees]."""
+    """Start of the circle: its bearing from the centre, clockwise from +y [degrees]."""
     turns: Annotated[float, Field(ge=-100.0, le=100.0)] = 1.0
-    """How often around, clockwise seen from above; negative: the other way."""
+    """Number of turns, clockwise seen from above; negative: the other way."""
 
     @field_validator("turns")
     @classmethod
@@ -102,7 +102,7 @@ class Orbit(Block):
         return turns
 
     def waypoints(self) -> list[dict]:
-        """One every 5 degrees or a little less."""
+        """Return the waypoints, one every 5 degrees or a little less."""
         return self._around(0.0)
 
     def _around(self, rise_m: float) -> list[dict]:
@@ -122,7 +122,7 @@ class Spiral(Orbit):
     """How far vehicle and centre rise from the beginning to the end, over all turns [m]; negative: they sink."""
 
     def waypoints(self) -> list[dict]:
-        """One every 5 degrees or a little less."""
+        """Return the waypoints, one every 5 degrees or a little less."""
         return self._around(self.rise_m)
 
 
@@ -131,11 +131,11 @@ class ThereAndBack(Block):
 
     kind: Literal["there_and_back"]
     start: Position = Field(examples=[[0, 0, 1]])
-    """Where it begins and returns to [m]."""
+    """Start of the course, to which the vehicle returns [m]."""
     end: Position = Field(examples=[[0, 5, 1]])
-    """Where it turns, and what it faces all the time [m]."""
+    """Point where the vehicle turns back, and which it faces all the time [m]."""
     times: Annotated[int, Field(ge=1, le=1000)] = 1
-    """How often there and back."""
+    """Number of times that the vehicle goes there and back."""
     pitch_deg: Pitch = 0.0
     """Pitch of the vehicle, positive with the nose up [degrees]."""
 
@@ -154,7 +154,7 @@ class ThereAndBack(Block):
 
 
 class HullFollowing(Block):
-    """From point to point along a surface, at a distance from it that does not change, the vehicle facing it."""
+    """A course from point to point along a surface, at a constant distance from it, the vehicle facing it."""
 
     kind: Literal["hull_following"]
     surface: Annotated[str, Field(pattern=r"^(terrain|objects\.\d+)$")] = Field(examples=["objects.0"])
@@ -168,10 +168,10 @@ class HullFollowing(Block):
     """Largest distance between waypoints [m]."""
 
     _found: list[dict] | None = PrivateAttr(default=None)
-    """Waypoints: what needs the mesh, by `scene.geometry.course`."""
+    """Waypoints, which `scene.geometry.course` finds, as that needs the mesh."""
 
     def waypoints(self) -> list[dict]:
-        """One at least every ``spacing_m``."""
+        """Return the waypoints, one at least every ``spacing_m``."""
         if self._found is None:
             raise ValueError("find_course(scene) comes first: the mesh of the surface is needed")
         return self._found

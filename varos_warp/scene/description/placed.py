@@ -16,18 +16,18 @@ from varos_warp.scene.block import (
 )
 
 ClassName = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^\S(.*\S)?$")]
-"""Of objects in labels."""
+"""Name of a class of objects in labels."""
 
 
 class Placed(Block):
     """Anything that stands in the world: position [m], rotation (about fixed x, then y, then z) and scale."""
 
     position: Position = (0.0, 0.0, 0.0)
-    """Where its origin stands, in world axes [m]."""
+    """Position of its origin, in world axes [m]."""
     rotation_euler_deg: EulerAngles = (0.0, 0.0, 0.0)
     """Rotation about the world's fixed axes x, then y, then z [degrees]."""
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
-    """Multiplies its size: one number, or one for each of its own axes; 0.001 if a file is in millimetres."""
+    """Factor of its size: one number, or one for each of its own axes; 0.001 if a file is in millimetres."""
     material: str | None = Field(default=None, examples=["rusty"])
     """Name of one of ``materials``; absent: the colours that a mesh file or a structure brings along,
     else grey."""
@@ -41,19 +41,19 @@ class Placed(Block):
 
 
 class Stop(Block):
-    """Where an object that moves is at a time. Attitude as for a pose of the vehicle."""
+    """Position and attitude of a moving object at a time. The attitude is given as for a pose of the vehicle."""
 
     time_s: Annotated[float, Field(ge=0.0, le=86_400.0)] = 0.0
     """When the object is here, from the start of the sequence [s]."""
     position: Position = Field(examples=[[2, 5, 1]])
-    """Where its origin is, in world axes [m]."""
+    """Position of the object's origin here, in world axes [m]."""
     look_at: Position | None = Field(default=None, examples=[[4, 5, 1]])
     """Point that its own y axis faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[0, 0, 90]])
     """Rotation about the world's fixed axes x, then y, then z [degrees]; without any of the three the attitude stays
     that of the stop before, at first the object's own."""
     quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
-    """The same as a Hamilton quaternion w, x, y, z, object to world."""
+    """Rotation as a Hamilton quaternion w, x, y, z, object to world; instead of ``rotation_euler_deg``."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
     _written = unwritten_if_absent("quaternion")
@@ -64,8 +64,8 @@ class Movable(Placed):
 
     path: Annotated[list[Stop], Field(min_length=2)] | None = Field(default=None, examples=[[
         {"time_s": 0, "position": [2, 5, 1]}, {"time_s": 10, "position": [4, 5, 1]}]])
-    """Where the object is at times; splines pass through these stops, as through the poses of a vehicle. After the
-    last it brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
+    """Stops of the object at given times; splines pass through them, as through the poses of a vehicle. After the last
+    it brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
 
     _written = unwritten_if_absent("path", "class_")
 
@@ -101,7 +101,7 @@ class Movable(Placed):
 
 
 Measure = Annotated[float, Field(ge=1e-4, le=100.0)]
-"""Of an object made from its measures [m]; its triangles stay few enough to be made in seconds."""
+"""A measure of a parametric object [m]; its triangles stay few enough to be made in seconds."""
 
 
 class Parametric(Movable):

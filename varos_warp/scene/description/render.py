@@ -46,7 +46,8 @@ class Exposure(Block):
     """``adaptive``: each frame by its own brightness, smoothed over time (paper 3.2.1); ``constant``: one gain for the
     sequence; the gain itself; or ``{meter: percentile}``: by the highlights, smoothed likewise."""
     B: Literal["adaptive", "constant"] | Positive | PercentileMeter = "constant"
-    """As for A; with ``constant``, a reflectance of 0.5 becomes the same grey in every frame."""
+    """Exposure of B, in the same forms as that of A; with ``constant``, a reflectance of 0.5 becomes the same grey in
+    every frame."""
 
 
 def field_by_old_name(name):

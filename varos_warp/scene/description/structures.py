@@ -12,7 +12,7 @@ QuayPiece = Literal["piles", "coping", "fenders", "ladder"]
 PanelPiece = Literal["panel", "receptacles", "stems", "handles", "marks"]
 RovPiece = Literal["foam", "frame", "housings", "lamps", "thrusters", "tether"]
 FITTINGS_LIMIT = 400
-"""Fittings on a panel."""
+"""Most fittings on a panel."""
 
 
 class HullSection(Parametric):
@@ -23,32 +23,32 @@ class HullSection(Parametric):
 
     kind: Literal["hull_section"]
     length_m: Measure = 8.0
-    """Along its own x axis [m]."""
+    """Length along its own x axis [m]."""
     height_m: Measure = 4.0
-    """From the bottom to the upper edge of the side [m]."""
+    """Height from the bottom to the upper edge of the side [m]."""
     breadth_m: Measure = 3.0
-    """From the side to the edge of the bottom [m]."""
+    """Breadth from the side to the edge of the bottom [m]."""
     bilge_radius_m: Measure = 1.0
     """Radius of the bilge, between side and bottom [m]."""
     plate_m: Annotated[float, Field(ge=0.003, le=0.1)] = 0.014
     """Thickness of the plates [m]."""
     strake_m: Annotated[float, Field(ge=0.2, le=20.0)] = 2.2
-    """From one longitudinal weld seam to the next, along the section [m]."""
+    """Distance from one longitudinal weld seam to the next, along the section [m]."""
     butt_m: Annotated[float, Field(ge=0.2, le=50.0)] = 3.0
-    """From one transverse weld seam to the next [m]."""
+    """Distance from one transverse weld seam to the next [m]."""
     seam_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.003
     """Height of the weld seams [m]; 0: ground flush."""
     spacing_m: Annotated[float, Field(ge=0.2, le=5.0)] = 0.7
-    """From one longitudinal stiffener to the next [m]."""
+    """Distance from one longitudinal stiffener to the next [m]."""
     frame_m: Annotated[float, Field(ge=0.4, le=20.0)] = 2.4
-    """From one web frame to the next [m]."""
+    """Distance from one web frame to the next [m]."""
     dent_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.004
     """How deep the plates are dented between stiffeners and frames at most, by the shrinking of welds [m]; IACS
     Recommendation 47 has 4 mm as standard and 8 mm as limit."""
     stiffeners: Literal["inside", "outside", "none"] = "inside"
-    """Where longitudinal stiffeners and web frames stand."""
+    """Side of the plates on which longitudinal stiffeners and web frames stand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The depth of each dent follows from it."""
+    """Seed of the depth of each dent."""
     bilge_keel_m: Annotated[float, Field(ge=0.05, le=3.0)] | None = Field(default=None, examples=[0.3])
     """Depth of the bilge keel, a flat bar that stands on the bilge [m]; absent: there is none."""
     marks: bool = True
@@ -74,15 +74,16 @@ class MooringChain(Parametric):
     link_m: Annotated[float, Field(ge=0.005, le=0.3)] = 0.076
     """Nominal diameter d of the links' bar [m]; a link is 6 d long and 3.6 d wide, and takes 4 d of the length."""
     links: Annotated[int, Field(ge=1, le=2000)] = 20
-    """How many links."""
+    """Number of links."""
     sag_m: NonNegative = 0.0
     """How far its middle hangs below its ends, which are level [m]; 0: straight."""
     end: Position | None = Field(default=None, examples=[[3, 0, 2]])
-    """Where it ends, in its own axes [m]; the chain hangs to there as it is long. Instead of ``sag_m``."""
+    """End of the chain, in its own axes [m]; the chain hangs from its origin to there, with all its length. Instead of
+    ``sag_m``."""
     roll_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 45.0
     """Links are turned about the chain by this angle and this less 90 degrees, in turn [degrees]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Small turns of the links follow from it."""
+    """Seed of the small turns of the links."""
 
     @property
     def length(self) -> float:
@@ -113,19 +114,19 @@ class QuayWall(Parametric):
 
     kind: Literal["quay_wall"]
     length_m: Measure = 9.6
-    """Along its own x axis [m]; made a whole number of piles."""
+    """Length along its own x axis [m]; made a whole number of piles."""
     height_m: Measure = 8.0
-    """From the foot to the top of the coping [m]."""
+    """Height from the foot to the top of the coping [m]."""
     pile_width_m: Annotated[float, Field(ge=0.2, le=2.0)] = 0.6
     """Width of a pile [m]: that of Larssen 603."""
     pile_depth_m: Annotated[float, Field(ge=0.1, le=1.0)] = 0.31
-    """From the outer faces of the wall to its inner ones [m]."""
+    """Depth from the outer faces of the wall to its inner ones [m]."""
     pile_plate_m: Annotated[float, Field(ge=0.004, le=0.04)] = 0.0097
     """Thickness of the piles [m]."""
     coping_m: Annotated[float, Field(ge=0.1, le=10.0)] = 1.2
     """Height of the coping [m]."""
     fender_m: Annotated[float, Field(ge=0.5, le=50.0)] | None = Field(default=2.4, examples=[2.4])
-    """From one rubber fender to the next [m]; null: there are none."""
+    """Distance from one rubber fender to the next [m]; null: there are none."""
     fender_length_m: Measure = 3.0
     """Length of a fender, from 0.2 m below the top of the coping down [m]."""
     ladder_m: float | None = Field(default=0.6, examples=[0.6])
@@ -159,9 +160,9 @@ class WellheadPanel(Parametric):
 
     kind: Literal["wellhead_panel"]
     width_m: Annotated[float, Field(ge=0.2, le=20.0)] = 1.6
-    """Along its own x axis [m]."""
+    """Width along its own x axis [m]."""
     height_m: Annotated[float, Field(ge=0.2, le=20.0)] = 1.2
-    """Along its own z axis [m]."""
+    """Height along its own z axis [m]."""
     plate_m: Annotated[float, Field(ge=0.004, le=0.1)] = 0.015
     """Thickness of the plate [m]."""
     fittings: Annotated[list[Annotated[list[Fitting], Field(min_length=1)]], Field(min_length=1)] = [
@@ -194,11 +195,11 @@ class Rov(Parametric):
 
     kind: Literal["rov"]
     length_m: Annotated[float, Field(ge=0.3, le=5.0)] = 0.75
-    """Along its own y axis, without lamps [m]."""
+    """Length along its own y axis, without lamps [m]."""
     width_m: Annotated[float, Field(ge=0.25, le=5.0)] = 0.55
-    """Along its own x axis, without lamps [m]."""
+    """Width along its own x axis, without lamps [m]."""
     height_m: Annotated[float, Field(ge=0.2, le=5.0)] = 0.42
-    """Along its own z axis [m]."""
+    """Height along its own z axis [m]."""
     lamps: Annotated[list[Position], Field(max_length=16)] = [(-0.2, 0.45, 0.05), (0.2, 0.45, 0.05)]
     """Middles of the front panes of its lamps, which look along +y, in its axes [m]; a light of the vehicle shines from
     a few centimetres before each, so that no housing shades it."""

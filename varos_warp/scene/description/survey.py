@@ -35,7 +35,8 @@ class Heights(Ground):
     """Survey file, or a list of tiles of one survey to join, relative to the scene file: TIF, ASC, PNG, NPY, XYZ, CSV,
     TSV, TXT, LAS or LAZ."""
     positive: Literal["up", "down"] | None = Field(default=None, examples=["down"])
-    """Where values grow: up for heights, down for depths. Absent: up, and files that speak of depth are refused."""
+    """Direction in which values grow: up for heights, down for depths. Absent: up, and files that speak of depth are
+    refused."""
     unit: LengthUnit | None = Field(default=None, examples=["us_ft"])
     """Unit of the file's coordinates and heights: metre, international or US survey foot. Absent: as the file says,
     else metres."""
@@ -47,9 +48,9 @@ class Heights(Ground):
     height_range_m: tuple[Coordinate, Coordinate] | None = Field(default=None, examples=[[-40, -20]])
     """Heights of black and of white in a picture of 8 or 16 bits [m], before the offset."""
     height_offset_m: Coordinate = 0.0
-    """Added to the heights, such as from chart datum to mean sea level [m]."""
+    """Offset that is added to the heights, such as from chart datum to mean sea level [m]."""
     nodata: float | None = Field(default=None, examples=[-9999])
-    """Value that stands for none. Absent: as the file says."""
+    """Value that stands for no height. Absent: as the file says."""
     region: Rectangle | None = Field(default=None, examples=[[400000, 6100000, 400200, 6100100]])
     """Read only what lies in xmin, ymin, xmax, ymax, in the axes of the file [m]. Absent: all."""
     resolution_m: Positive | None = Field(default=None, examples=[2.0])
@@ -68,8 +69,8 @@ class Heights(Ground):
     """Distance of neighbouring nodes of a grid that does not say where it lies, or both along x and y [m]; its middle
     is the origin."""
     first_row: Literal["north", "south"] | None = Field(default=None, examples=["south"])
-    """Where the first row of a grid lies that does not say so: north, as of pictures, or south, where y grows with the
-    row. Absent: north; NPY files need it."""
+    """Side of the first row of a grid that does not say where it lies: north, as of pictures, or south, where y grows
+    with the row. Absent: north; NPY files need it."""
     origin: Position | None = Field(default=None, examples=[[400000, 6100000, 0]])
     """Place in the axes of the file that becomes 0, 0, 0, before scale, rotation and position [m]. Absent: coordinates
     stay as they are."""

@@ -40,7 +40,7 @@ from varos_warp.scene.description.recorded import KEYS, Columns, Of, Read, check
 
 
 LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
-"""[mm]; within these bounds every field of view is representable in single precision."""
+"""A length in a camera [mm]; within these bounds every field of view is representable in single precision."""
 
 
 def _invertible(matrix):
@@ -229,14 +229,14 @@ class Waypoint(Block):
     """
 
     position: Position = Field(examples=[[0.5, 2.5, 1.0]])
-    """Where the vehicle passes, in world axes [m]."""
+    """Position of the vehicle at this waypoint, in world axes [m]."""
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
     """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
     """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without any of the three the
     attitude stays that of the waypoint before."""
     quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
-    """The same as a Hamilton quaternion w, x, y, z, vehicle to world."""
+    """Rotation as a Hamilton quaternion w, x, y, z, vehicle to world; instead of ``rotation_euler_deg``."""
     speed: Positive | None = Field(default=None, examples=[0.3])
     """Speed of the leg that ends here [m/s]; absent: that of the trajectory."""
     strict: bool = False
@@ -254,14 +254,14 @@ class Pose(Block):
     time_s: NonNegative = 0.0
     """When the vehicle is here, from the start of the sequence [s]."""
     position: Position = Field(examples=[[0.5, 2.5, 1.0]])
-    """Where the vehicle is, in world axes [m]."""
+    """Position of the vehicle, in world axes [m]."""
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
     """Point that the vehicle faces here, in world axes [m]; instead of ``rotation_euler_deg``."""
     rotation_euler_deg: EulerAngles | None = Field(default=None, examples=[[-10, 0, 5]])
     """Rotation of the vehicle about the world's fixed axes x, then y, then z [degrees]; without any of the three the
     attitude stays that of the pose before."""
     quaternion: Quaternion | None = Field(default=None, examples=[[0.966, 0.0, 0.0, 0.259]])
-    """The same as a Hamilton quaternion w, x, y, z, vehicle to world."""
+    """Rotation as a Hamilton quaternion w, x, y, z, vehicle to world; instead of ``rotation_euler_deg``."""
 
     _looks_somewhere = model_validator(mode="after")(check_look_at)
     _written = unwritten_if_absent("quaternion")
@@ -294,7 +294,7 @@ class Trajectory(Block):
     """Attitude of the vehicle: that of ``file``, or that it looks where it goes, level across, or straight north all
     the time. Absent: recorded, and a file without attitudes is refused."""
     origin: Position | None = Field(default=None, examples=[[569000.0, 7033000.0, 0.0]])
-    """Where the scene's origin lies in the coordinates of ``file``, along their axes [m]. Absent: at theirs."""
+    """Position of the scene's origin in the coordinates of ``file``, along their axes [m]. Absent: their own origin."""
     start_s: NonNegative | None = Field(default=None, examples=[12.0])
     """When the sequence begins, from the first pose of ``file`` [s]. Absent: with it."""
     smoothing_s: Positive | None = Field(default=None, examples=[0.5])

@@ -15,7 +15,8 @@ from varos_warp.scene.block import (
 )
 
 MeanCosine = Annotated[float, Field(ge=-0.99, le=0.999)]
-"""Of a phase function; beyond, single precision does not hold the angles of its peak (docs/stability.md)."""
+"""Mean cosine of a phase function; beyond these bounds, single precision does not hold the angles of its peak
+(docs/stability.md)."""
 
 
 class HenyeyGreenstein(Block):
@@ -74,7 +75,7 @@ class Weighted(Block):
 
 
 class WeightedHenyeyGreenstein(HenyeyGreenstein, Weighted):
-    """Henyey and Greenstein's as a part of a mixture."""
+    """Phase function of Henyey and Greenstein as a part of a mixture."""
 
     g: Annotated[float, Field(ge=-0.6, le=0.999)] = 0.0
     """Mean cosine of the scattering angle. A mixture becomes a table, which does not hold sharper peaks behind: at -0.6
@@ -82,19 +83,19 @@ class WeightedHenyeyGreenstein(HenyeyGreenstein, Weighted):
 
 
 class WeightedFournierForand(FournierForand, Weighted):
-    """Fournier and Forand's as a part of a mixture."""
+    """Phase function of Fournier and Forand as a part of a mixture."""
 
 
 class WeightedPetzold(Petzold, Weighted):
-    """Petzold's as a part of a mixture."""
+    """Petzold's phase function as a part of a mixture."""
 
 
 class WeightedRayleigh(Rayleigh, Weighted):
-    """Pure water's as a part of a mixture."""
+    """Phase function of pure water as a part of a mixture."""
 
 
 class WeightedTabulated(Tabulated, Weighted):
-    """A table as a part of a mixture."""
+    """Phase function from a table as a part of a mixture."""
 
 
 Part = Annotated[
@@ -127,7 +128,7 @@ class Principled(Block):
     """Blender's Principled Volume (paper, table 1)."""
 
     density: Coefficient = Field(examples=[0.125])
-    """Multiplies scattering and absorption [1/m]."""
+    """Density, which multiplies scattering and absorption [1/m]."""
     color: CoefficientRgb = Field(examples=[[0.014, 0.146, 0.345]])
     """Scattering, as a share of the density, for red, green and blue."""
     absorption_color: UnitRgb = Field(examples=[[0.0, 0.394, 1.0]])
@@ -198,7 +199,7 @@ class SpectralWater(Block):
 
 
 class Water(Block):
-    """Exactly one of the four forms."""
+    """The water, in exactly one of four forms."""
 
     principled: Principled | None = None
     """Blender's Principled Volume, as in the VAROS paper."""

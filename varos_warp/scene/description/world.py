@@ -71,7 +71,7 @@ class Detail(Block):
     rockiness: Unit = 0.4
     """Share of the area that is rock; the rest is smooth, as sand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The shape follows from it."""
+    """Seed of the shape."""
 
 
 class Ground(Placed):
@@ -122,7 +122,7 @@ class ProceduralTerrain(Ground):
     rockiness: Unit = 0.4
     """Share of the area that is rock; the rest is smooth, as sand."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The shape follows from it."""
+    """Seed of the shape."""
     shading: Literal["flat", "smooth"] = "smooth"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
@@ -166,7 +166,7 @@ class Elbow(Parametric):
     bend_radius: Measure = Field(examples=[0.4])
     """Radius of the bend, to the pipe's axis [m]."""
     angle_deg: Annotated[float, Field(ge=0.1, le=360.0)] = 90.0
-    """How far it bends [degrees]; 360 is a closed ring."""
+    """Angle of the bend [degrees]; 360 is a closed ring."""
     wall: Measure | None = Field(default=None, examples=[0.012])
     """Wall thickness [m]; absent: 8 % of the radius. The radius or more makes a solid rod."""
 
@@ -186,7 +186,7 @@ class PipeSupport(Parametric):
     radius: Measure = Field(examples=[0.15])
     """Outer radius of the pipe [m]."""
     height: Measure | None = Field(default=None, examples=[0.6])
-    """From the pipe's axis down to the foot [m]; absent: twice the radius."""
+    """Height from the foot up to the pipe's axis [m]; absent: twice the radius."""
     cradle_deg: Annotated[float, Field(ge=60.0, le=165.0)] | None = Field(default=None, examples=[120])
     """Angle over which the groove holds the pipe [degrees]: with 120 the block ends well below the pipe's axis.
     Absent: 157, up to the axis."""
@@ -223,9 +223,9 @@ class Boulder(Parametric):
 
     kind: Literal["boulder"]
     diameter: Measure = 0.6
-    """About how wide it is [m]."""
+    """Width of the boulder, about [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """Its shape follows from it."""
+    """Seed of the boulder's shape."""
     form: Literal["rounded", "joints"] | None = Field(default=None, examples=["joints"])
     """``rounded``: as weather and water leave a stone; ``joints``: a block between three sets of joints, with chipped
     corners, as broken rock lies at the foot of a slope. Absent: rounded."""
@@ -244,14 +244,14 @@ class CalibrationBoard(Movable):
     """What is printed on it: squares, with a margin of one square; or tags with a black border of two of their cells
     and black squares between their corners, as Kalibr prints them."""
     rows: Annotated[int, Field(ge=2, le=100)] = 6
-    """Along its height: of a checkerboard inner corners, as OpenCV and Kalibr count them, one less than squares; of an
-    AprilGrid tags."""
+    """Count along the board's height: of a checkerboard its inner corners, as OpenCV and Kalibr count them, one less
+    than squares; of an AprilGrid its tags."""
     columns: Annotated[int, Field(ge=2, le=100)] = 9
-    """Likewise along its width."""
+    """Count along the board's width, of the same things as ``rows``."""
     square_m: Measure | None = Field(default=None, examples=[0.05])
     """Side of a square of a checkerboard [m]; a checkerboard needs it."""
     family: Literal["36h11"] | None = Field(default=None, examples=["36h11"])
-    """Of the tags of an AprilGrid; absent: 36h11. It has 587, so rows times columns are at most that."""
+    """Family of the tags of an AprilGrid; absent: 36h11. It has 587 tags, so rows times columns are at most that."""
     tag_m: Measure | None = Field(default=None, examples=[0.088])
     """Side of a tag of an AprilGrid with its border [m], Kalibr's tagSize; an AprilGrid needs it."""
     spacing: Annotated[Positive, Field(le=1.0)] | None = Field(default=None, examples=[0.3])
@@ -321,7 +321,7 @@ class Scatter(Block):
     object: Object
     """The object to copy, its own scale and rotation applied first; it has no position."""
     count: Annotated[int, Field(ge=1, le=20000)] = Field(examples=[200])
-    """How many copies."""
+    """Number of copies."""
     area: Rectangle | None = Field(default=None, examples=[[-5, 0, 5, 10]])
     """Rectangle xmin, ymin, xmax, ymax to strew copies on [m]; without ``area``, ``circle`` and ``polygon`` the whole
     terrain."""
@@ -331,12 +331,12 @@ class Scatter(Block):
         default=None, examples=[[[0, 0], [5, 0], [0, 5]]])
     """Corners x, y, in order, of a polygon to strew copies on [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    """The places depend on it and on the scene's seed; raising ``count`` keeps the places of the first copies."""
+    """Seed of the places, together with that of the scene; raising ``count`` keeps the places of the first copies."""
     clearance_m: float = 0.0
     """Least gap between the circles around two copies, seen from above, and to any object [m]; below zero they
     overlap."""
     sink_m: float = 0.0
-    """How deep the lowest point lies under the ground [m], times the copy's scale; negative: above it."""
+    """Depth of the lowest point under the ground [m], times the copy's scale; negative: above it."""
     buried: tuple[Unit, Unit] | None = Field(default=None, examples=[[0.1, 0.5]])
     """Least and largest share of a copy's height that lies under the ground, beside ``sink_m``; chance decides. Absent:
     0.1 to 0.5 of boulders of a layered material, which stones on the sea floor are; 0 of all else."""
@@ -345,14 +345,14 @@ class Scatter(Block):
     max_tilt_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
     """Copies lean with the terrain by at most this angle [degrees]: 0 stands upright, 90 follows every slope."""
     max_slope_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
-    """Only where the terrain is no steeper than this [degrees]."""
+    """Steepest slope of the terrain on which copies stand [degrees]."""
     scale_range: tuple[Positive, Positive] = (1.0, 1.0)
     """Smallest and largest scale; all between are equally likely, unless ``size_exponent`` says otherwise."""
     size_exponent: Annotated[float, Field(ge=0.0, le=10.0)] | None = Field(default=None, examples=[2.0])
     """The number of copies of more than a scale s falls as s to the minus this, within ``scale_range``: few are large,
     as of broken rock, whose exponent is 2 to 3. Absent: all scales are equally likely."""
     shapes: Annotated[int, Field(ge=1, le=64)] | None = Field(default=None, examples=[12])
-    """How many shapes of a boulder there are, of seeds that follow its own; copies have them in turn. Absent: 1."""
+    """Number of shapes of a boulder, of seeds that follow its own; copies have them in turn. Absent: 1."""
 
     _written = unwritten_if_absent("shapes", "buried", "size_exponent")
 
@@ -399,7 +399,7 @@ class Texture(Block):
     texture: Annotated[str, Field(min_length=1)] = Field(examples=["sand"])
     """``sand``, ``rock`` or an image file, relative to the scene file."""
     tiles: Positive = 50.0
-    """How many tiles fit along the surface's longer side."""
+    """Number of tiles along the surface's longer side."""
     size_m: Positive | None = Field(default=None, examples=[1.5])
     """Width of a tile [m], instead of ``tiles``; 1 to 2 m suit sand and rock."""
 

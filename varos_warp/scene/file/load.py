@@ -28,11 +28,11 @@ class Change(NamedTuple):
     """A key of a scene that another file sets."""
 
     key: str
-    """Its path, with dots."""
+    """Path of the key, with dots."""
     value: Any
-    """As YAML has it."""
+    """Its new value, in the types that YAML gives."""
     where: str
-    """What messages name, such as that file and the line."""
+    """Name in messages of what sets it, such as that file and the line."""
 
 
 def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str] | Change] = ()) -> Scene:
@@ -105,7 +105,7 @@ def path_of(key: str) -> tuple[str | int, ...]:
 
 
 def _choose_form(data: dict[str, Any], key: str) -> None:
-    """Where a key of one form of the water is to be set, leave out its other forms: only one may be given."""
+    """Leave out the other forms of the water if a key of one form is to be set: only one may be given."""
     block, *inner = path_of(key)
     if block == "water" and inner and inner[0] in Water.model_fields:
         there = data.get("water")

@@ -1,4 +1,4 @@
-"""Where a scene stands: file and line of every key, for messages, also about what is found long after it was loaded."""
+"""File and line of every key of a scene, for messages, also about what is found long after it was loaded."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Where the course of a scene leads among its meshes; and hull-following, whose waypoints only the meshes tell.
+"""The course of a scene among its meshes; and hull-following, whose waypoints only the meshes tell.
 
 Hull-following keeps a constant distance from a surface, of which the vehicle faces the nearest point. The places at a
 distance from a mesh are a smooth surface of their own, rounded about convex edges. Given points are moved onto it,
@@ -54,7 +54,7 @@ def find_course(scene: Scene, parts: list[Part | Instances] | None = None) -> No
 
 
 def standpoints(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
-    """Where the vehicle's course bends and where cameras stand in the world, float64 [N, 3] [m]."""
+    """Places where the vehicle's course bends or a camera stands in the world, float64 [N, 3] [m]."""
     find_course(scene, parts)
     fixed = [camera.position for camera in scene.vehicle.cameras if camera.mount == "world"]
     passed = places(scene.trajectory)[used_stops(scene.trajectory)]
@@ -74,7 +74,7 @@ def places(trajectory: Trajectory) -> np.ndarray:
 
 
 def turns(trajectory: Trajectory) -> Rotation:
-    """Their attitudes, N."""
+    """Attitudes, N, of the stops of a course that is found."""
     stops = trajectory.stops
     return stops.attitude if isinstance(stops, RecordedCourse) else Rotation.concatenate(attitudes(stops))
 

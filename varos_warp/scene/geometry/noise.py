@@ -95,9 +95,9 @@ class Patterns:
     """The noises above at the vertices of one mesh, limited to what its edges show."""
 
     p: np.ndarray
-    """float64 [N, 3] [m]."""
+    """Places of the vertices, float64 [N, 3] [m]."""
     edge: np.ndarray
-    """float64 [N] [m]."""
+    """Length of the edges at the vertices, float64 [N] [m]."""
     seed: int
     device: str = "cpu"
 

@@ -20,11 +20,11 @@ class Page:
     factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear reflectance that multiplies the image."""
     wrap: tuple[str, str] = ("repeat", "repeat")
-    """What is outside of 0..1 along u and along v: repeat, clamp or mirror."""
+    """Wrapping outside of 0..1 along u and along v: repeat, clamp or mirror."""
     alpha: np.ndarray | None = None
     """uint8 [h, w], rows from the top: alpha of a mask; None: there are no holes."""
     cutoff: float = 0.0
-    """There are holes where the alpha, as a share of 255, is below."""
+    """Alpha, as a share of 255, below which there are holes."""
 
     @property
     def masks(self) -> bool:
@@ -101,13 +101,13 @@ class MeshFacts:
     """Whether neither the file nor the scene says which way is up."""
     unit_m: float
     triangles: int
-    """In the file, with all copies of its nodes."""
+    """Number of triangles in the file, with all copies of its nodes."""
     lost: int
-    """Of these, triangles without area, which are left out."""
+    """Number of the file's triangles without area, which are left out."""
     area_m2: float
-    """Of all faces in the file, before equal vertices are merged."""
+    """Area of all faces in the file [m^2], before equal vertices are merged."""
     area_lost: float
-    """Share of it that is not built."""
+    """Share of the area that is not built."""
     textures: dict[str, float]
     """Its textures, and the share of the triangles with each whose coordinates reach outside of 0..1."""
     constant: tuple[str, ...] = ()
@@ -128,7 +128,7 @@ class Shape:
     material: Material
     _: KW_ONLY
     smooth_angle: float = np.pi / 6
-    """[rad]"""
+    """Largest angle between the faces of an edge that is smoothed [rad]."""
     smooth_shading: bool = False
     """Whether A and B are lit with the smoothed normals."""
     skin: Skin | None = None
@@ -157,7 +157,7 @@ class Shape:
         return len(self.faces) - (np.count_nonzero(self.skin.cut) if self.has_holes else 0)
 
     def whole_first(self) -> Self:
-        """The same shape, its faces that masks may cut behind all others."""
+        """Return the shape with the faces that masks may cut behind all others."""
         if not self.has_holes:
             return self
         order = np.argsort(self.skin.cut, kind="stable")
@@ -195,7 +195,7 @@ class Moving(Part):
     """An object that moves along a path, or the body of a vehicle; its vertices are where it begins."""
 
     path: tuple[Stop, ...] = ()
-    """All that it takes to know where it is (sim/poses.py); none of a body, which is where its vehicle is."""
+    """Stops of the path, by which its poses are known (sim/poses.py); none of a body, which is where its vehicle is."""
     R_w_o: np.ndarray
     """float64 [3, 3]: its attitude where it begins; its place there is ``origin``."""
 
@@ -207,19 +207,19 @@ class Instances(Shape):
     T_w_o: np.ndarray
     """float64 [N, 4, 4]: poses of the copies in the world, their uniform scale folded in."""
     numbers_in_block: np.ndarray | None = None
-    """int [N]: copies of the same block's other prototypes have other numbers. None: from 0."""
+    """Numbers of the copies, int [N]: those of the same block's other prototypes have other numbers. None: from 0."""
 
     def __len__(self):
         return len(self.T_w_o)
 
     @property
     def numbers(self) -> np.ndarray:
-        """Of the copies within their block, int [N]."""
+        """Numbers of the copies within their block, int [N]."""
         return np.arange(len(self)) if self.numbers_in_block is None else self.numbers_in_block
 
     @property
     def first_name(self) -> str:
-        """Of the first of the copies; no other part or group has it."""
+        """Name of the first of the copies, which no other part or group has."""
         return f"{self.name}.{self.numbers[0]}"
 
     def some(self, chosen: np.ndarray | slice) -> Self:
@@ -233,7 +233,7 @@ class Instances(Shape):
 
     @property
     def names(self) -> list[str]:
-        """Of every copy, ``scatter.0.17``."""
+        """Name of every copy, such as ``scatter.0.17``."""
         return [f"{self.name}.{i}" for i in self.numbers]
 
     def parts(self) -> list[Part]:
@@ -264,7 +264,7 @@ class Instances(Shape):
         return points @ self.T_w_o[:, :3, :3].swapaxes(1, 2) + self.T_w_o[:, None, :3, 3]
 
     def _corners(self) -> np.ndarray:
-        """Of the prototype's bounding box [8, 3]."""
+        """Corners [8, 3] [m] of the prototype's bounding box."""
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
@@ -278,7 +278,7 @@ class Grown(Instances):
     host: np.ndarray
     """int32 [N]: which of ``hosts`` carries each copy."""
     facts: dict = field(default_factory=dict)
-    """Of the whole block, with its first shape, for `varos-warp info`."""
+    """Facts of the whole block, for `varos-warp info`; only its first shape has them."""
 
     def some(self, chosen: np.ndarray | slice) -> Self:
         """Some of the copies, with their hosts."""

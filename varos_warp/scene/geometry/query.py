@@ -12,11 +12,11 @@ from varos_warp.scene.geometry.topology import compact, extents
 
 
 def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where vertical lines through the points ``xy`` [N, 2] cross the mesh: number of the line, of the face, height z.
+    """Crossings of vertical lines through the points ``xy`` [N, 2] with the mesh: numbers of line and face, height z.
 
-    Sorted by line, then by height [m]. A line through an edge or a vertex crosses one of the faces that meet there
-    (half-open edges), so that the number of crossings above a point tells inside from outside. Triangles are sorted
-    into trees by size, so that few large ones do not spoil the search among many small ones.
+    They are sorted by line, then by height [m]. A line through an edge or a vertex crosses one of the faces that meet
+    there (half-open edges), so that the number of crossings above a point tells inside from outside. Triangles are
+    sorted into trees by size, so that few large ones do not spoil the search among many small ones.
     """
     xy = np.atleast_2d(np.asarray(xy, float))
     triangles = np.asarray(vertices, float)[faces]

@@ -28,16 +28,16 @@ PATIENCE = 4000
 
 @dataclass
 class Ground:
-    """Where copies may stand, and what is in their way."""
+    """The ground on which copies may stand, and what is in their way."""
 
     terrain: Part
-    """Where surfaces overlap, the highest counts."""
+    """The terrain; where its surfaces overlap, the highest counts."""
     objects: list[Part] = field(default_factory=list)
-    """Copies keep clear of them."""
+    """Objects that copies keep clear of."""
     centre: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    """float64 [N, 2] [m]: disks, seen from above, that copies take already."""
+    """Centres of the disks, seen from above, that copies take already, float64 [N, 2] [m]."""
     radius: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """float64 [N] [m]."""
+    """Radii of these disks, float64 [N] [m]."""
 
     def take(self, rows: np.ndarray, reach: float) -> None:
         """Take the ground under copies: rows x, y, z, scale ... of `_places`, and their radius at scale 1 [m]."""

@@ -58,7 +58,7 @@ def extents(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Without the vertices that no face uses."""
+    """Return a mesh without the vertices that no face uses."""
     used = np.zeros(len(vertices), bool)
     used[faces.ravel()] = True
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
@@ -66,7 +66,7 @@ def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def first_equal(rows: np.ndarray) -> np.ndarray:
-    """For every row [N, k] of numbers, the number of the first row that is equal to it."""
+    """Number of the first row that equals each of the rows [N, k], int [N]."""
     order = np.lexsort(rows.T)  # stable: of equal rows the first comes first
     new = np.ones(len(rows), bool)
     for part in chunks(len(rows) - 1):

@@ -50,7 +50,7 @@ class Profile:
     source: str
     """The file and format that the profile was read from, in words."""
     uneven: float = 0.0
-    """By how much the intensities of one angle to the axis differ around it in the file, at most, over the peak."""
+    """Largest difference around the axis of the file's intensities at one angle to it, over the peak."""
     opening_m: tuple[float, float, float] | None = None
     """Width, length and height of the lamp's opening [m], where the file tells."""
     notes: tuple[str, ...] = ()

@@ -90,7 +90,7 @@ def radius_of(light: Light) -> float:
 
 
 def light_position(light: Light, T_w_v: np.ndarray) -> np.ndarray:
-    """Where a light of the vehicle at ``T_w_v`` [..., 4, 4] is in the world [..., 3] [m]."""
+    """Position in the world [..., 3] [m] of a light of the vehicle at ``T_w_v`` [..., 4, 4]."""
     return T_w_v[..., :3, :3] @ light.position + T_w_v[..., :3, 3]
 
 

@@ -91,9 +91,9 @@ class Pyramid:
     width: int
     height: int
     colours: np.ndarray | None = None
-    """Of a tile: float32 [levels, VALUES, 3]."""
+    """Colours that the values of a tile map to, float32 [levels, VALUES, 3]; None for a texture map."""
     basis: np.ndarray | None = None
-    """Of a tile: [3, 3]."""
+    """Matrix [3, 3] from the values of ``colours`` to reflectances; None for a texture map."""
 
     def upload(self, device: str) -> Image:
         """The record of the image; it keeps its arrays alive."""
@@ -228,7 +228,7 @@ def _levels_all(texels):
 
 
 def _levels_shown(texels, shown):
-    """As `_levels_all`, as means over the texels that are shown; of none of them, over what is there."""
+    """The levels of `_levels_all` as means over the texels that are shown; where none is, over all that are there."""
     if min(texels.shape[:2]) == 1:
         return []
     share = shown.astype(np.float32)

@@ -14,7 +14,7 @@ from varos_warp.scene.optics.ports import DomePort, FlatPort, Port
 from varos_warp.scene.optics.seawater import CHANNELS_NM, SEA, seawater_index
 
 CHANNELS = ("red", "green", "blue")
-"""Each may have an index of its own; geometry (C, D, S, T) follows green."""
+"""Channels, each of which may have an index of its own; geometry (C, D, S, T) follows green."""
 GREEN = 1
 
 
@@ -66,7 +66,7 @@ class Rays(NamedTuple):
 
 
 class LensEnd(NamedTuple):
-    """Where a lens ends within an image."""
+    """The place where a lens ends within an image."""
 
     pixels: int
     """Pixels whose centres see nothing for it, whatever a port hides."""
@@ -156,7 +156,7 @@ class CameraModel:
         return self.lens.reach((np.array([[0.0, 0.0], [width, height]]) - self.K[:2, 2]) / self.K[[0, 1], [0, 1]])
 
     def lens_end(self, width: int, height: int) -> LensEnd | None:
-        """Where its lens ends within an image; None if it does not."""
+        """The place where its lens ends within an image; None if it does not."""
         if not self.lens_ends_within(width, height):
             return None
         edge = self.lens.edge(np.linspace(0.0, 2.0 * np.pi, 721))

@@ -63,7 +63,7 @@ class Lens:
 
     @property
     def limit(self) -> float:
-        """Where it ends: tangent (brown_conrady, rational) or angle [rad] of the axis."""
+        """End of the lens: tangent (brown_conrady, rational) or angle [rad] to the axis."""
         return np.inf if self.model == "none" else self._law.limit
 
     @property

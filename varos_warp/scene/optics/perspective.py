@@ -49,7 +49,7 @@ class Perspective(ABC):
         return self._first_fold()
 
     def _first_fold(self) -> float:
-        """Where the Jacobian is first singular, in whichever direction.
+        """Tangent at which the Jacobian is first singular, in whichever direction.
 
         With p = |(p1, p2)|, f = r s and c the cosine of the azimuth against (p2, p1), its determinant is
         (f' + 6 p r c)(f/r + 2 p r c) - 4 p^2 r^2 (1 - c^2). That vanishes first at c = -1, in one factor or the other,

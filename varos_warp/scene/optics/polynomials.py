@@ -16,7 +16,7 @@ def odd_polynomial(coefficients: Sequence[float], x: np.ndarray) -> tuple[np.nda
 
 
 def first_fold(coefficients: Sequence[float], end: float) -> float:
-    """Where x + c1 x^3 + c2 x^5 + ... first ceases to rise, or ``end`` if that is nearer."""
+    """Least x above 0 at which x + c1 x^3 + c2 x^5 + ... ceases to rise, or ``end`` if that is nearer."""
     c = np.array(coefficients)
     odd = np.arange(3, 3 + 2 * len(c), 2)
     roots = np.roots([*(odd * c)[::-1], 1.0])

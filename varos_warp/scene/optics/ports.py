@@ -19,7 +19,7 @@ class WaterRays(NamedTuple):
     """Rays behind a port, NaN and transmittance 0 where there is none."""
 
     origin: np.ndarray
-    """On the outer surface [..., 3] [m]."""
+    """Points on the outer surface [..., 3] [m]."""
     direction: np.ndarray
     """Unit vectors [..., 3]."""
     transmittance: np.ndarray
@@ -189,7 +189,7 @@ class DomePort:
 
 
 def _to_sphere(o: np.ndarray, d: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays from within a sphere around the origin leave it, and its outward normals there."""
+    """Points where rays from within a sphere around the origin leave it, and its outward normals there."""
     along = _dot(o, d)
     p = o + (np.sqrt(along * along - _dot(o, o) + radius * radius) - along) * d
     return p, p / radius

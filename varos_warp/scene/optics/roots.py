@@ -1,4 +1,4 @@
-"""Where increasing functions take given values."""
+"""Roots: the arguments at which increasing functions take given values."""
 
 from collections.abc import Callable
 
@@ -10,15 +10,15 @@ STEPS = 100
 
 def solve_increasing(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], target: np.ndarray,
                      low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Where in [low, high] an increasing function is ``target``, to the rounding of float64.
+    """Arguments [N] in [low, high] at which an increasing function is ``target``, to the rounding of float64.
 
     Newton's steps; where one leaves the interval that is known to hold the root, the interval is halved.
 
     Args:
         function: Gives values [N] and slopes [N] at x [N].
         target: [N]; where it lies beyond the function's values at an end, that end is the result.
-        low: Ends of the intervals, [N] or numbers.
-        high: The others.
+        low: Lower ends of the intervals, [N] or numbers.
+        high: Upper ends of the intervals, likewise.
     """
     low, high = (np.broadcast_to(end, target.shape).astype(float) for end in (low, high))
     x, size = 0.5 * (low + high), np.maximum(np.abs(low), np.abs(high))
@@ -37,7 +37,7 @@ def solve_increasing(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarr
 
 def solve_shortly(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], target: np.ndarray, high: float,
                   halvings: int, steps: int) -> np.ndarray:
-    """What a fixed number of halvings of [0, high], then of Newton's steps, makes of the same, in float32 [N].
+    """The root in [0, high] that a fixed number of halvings, then of Newton's steps, finds, in float32 [N].
 
     Args:
         function: Gives values [N] and slopes [N] at x [N].

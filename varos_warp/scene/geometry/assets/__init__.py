@@ -68,7 +68,7 @@ def make_asset(block: world.ParametricObject, key: str = "object", *,
 
 def make_coloured(block: world.ParametricObject, key: str = "object", *, max_edge_m: float | None = None
                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """As `make_asset`, with colours of the faces, linear reflectances float32 [F, 3]; None where it has none."""
+    """Return what `make_asset` does, and the linear reflectances of the faces, float32 [F, 3]; None if it has none."""
     scale = float(np.max(block.scale))
     chord_error = (block.chord_error_m or default_chord_error(block, key)) / scale
     longest = block.max_edge_m if max_edge_m is None else max_edge_m

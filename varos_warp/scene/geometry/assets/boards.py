@@ -67,9 +67,10 @@ def checkerboard(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def aprilgrid(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `checkerboard`, of what Kalibr's ``kalibr_create_target_pdf`` prints: tag 0 at the lower left, 1 beside it.
+    """Edges and black cells, as `checkerboard` gives them, of what Kalibr's ``kalibr_create_target_pdf`` prints.
 
-    Squares as wide as the gaps lie between the corners of tags, also at the outer ones; the margin is a gap wide.
+    Tag 0 is at the lower left, 1 beside it. Squares as wide as the gaps lie between the corners of tags, also at the
+    outer ones; the margin is a gap wide.
     """
     gap = (block.spacing or SPACING) * block.tag_m
     cell = block.tag_m / (BITS + 2 * BORDER)

@@ -112,7 +112,7 @@ def split_long(vertices: np.ndarray, faces: np.ndarray, longest: float) -> tuple
 
 
 def _following(loops):
-    """For every point of the outlines, one after the other, the number of the next one on its outline."""
+    """Number of the next point on the same outline, for every point of all outlines, one outline after the other."""
     starts = np.cumsum([0, *(len(loop) for loop in loops)])
     return np.concatenate([start + np.roll(np.arange(len(loop)), -1)
                            for loop, start in zip(loops, starts, strict=False)])

@@ -17,11 +17,11 @@ LEAST_AROUND = 16
 FINEST = 4e-6
 """Smallest chord error, as a share of a radius: 1100 points around; finer ones make millions of triangles."""
 SUPPORT = 1.5
-"""Where the ring beside a rounding lies, in tangent lengths from the edge."""
+"""Distance from the edge to the ring beside a rounding, in tangent lengths."""
 
 
 MOST_TRIANGLES = 20_000_000
-"""Of a grid; they take 5 GB on a device."""
+"""Most triangles of an object; they take 5 GB on a device."""
 SLENDER = 1.4
 """How many times longer than wide the quads of a grid are at most, where rings have as many points as another needs."""
 
@@ -35,7 +35,7 @@ class Detail:
     edge: float = np.inf
     """Sides of the quads of its grids are no longer [m]; inf: as long as the chord error lets them be."""
     key: str = "object"
-    """Where the object stands in the scene file."""
+    """Key of the object in the scene file."""
 
     @property
     def is_grid(self) -> bool:
@@ -43,7 +43,7 @@ class Detail:
         return bool(np.isfinite(self.edge))
 
     def finer(self, share: float) -> "Detail":
-        """The same with a share of the chord error."""
+        """Return this detail with only a share of its chord error."""
         return Detail(share * self.chord_error, self.edge, self.key)
 
     def allow(self, triangles: float) -> None:

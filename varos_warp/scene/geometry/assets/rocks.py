@@ -15,7 +15,7 @@ LEVELS = {2: 0.06, 3: 0.024, 4: 0.0115, 5: 0.0047, 6: 0.0019, 7: 0.0009}
 """Distance of a boulder of this many subdivisions from the finest one, as a share of its radius: the largest distance
 measured on 24 of them, and a seventh more."""
 JOINT_LEVELS = {2: 0.123, 3: 0.048, 4: 0.0183, 5: 0.0044, 6: 0.0012, 7: 0.0006}
-"""Likewise for a boulder between joints."""
+"""Distances as in `LEVELS`, for a boulder between joints."""
 CHIPS = 9
 """Corners that are broken off a boulder between joints."""
 FARTHEST = 1.15

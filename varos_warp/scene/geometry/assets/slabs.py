@@ -63,7 +63,7 @@ def box(low, high, bevel: float, detail: Detail) -> tuple[np.ndarray, np.ndarray
 
 
 def rectangle(low, high) -> np.ndarray:
-    """Its corners [4, 2], counter-clockwise."""
+    """Corners [4, 2] of a rectangle, counter-clockwise."""
     return np.array([low, (high[0], low[1]), high, (low[0], high[1])], float)
 
 

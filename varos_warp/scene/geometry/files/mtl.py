@@ -45,16 +45,16 @@ class Map:
     """A picture that a material names, with the options that are read."""
 
     path: Path
-    """Its name may hold <UDIM>."""
+    """Path of the picture, whose name may hold <UDIM>."""
     name: str
-    """For messages."""
+    """Keyword and name of the picture, for messages."""
     scale: tuple[float, float] = (1.0, 1.0)
     offset: tuple[float, float] = (0.0, 0.0)
     wrap: str = "repeat"
     channel: str = ""
-    """Of a mask: -imfchan."""
+    """Channel of a mask (-imfchan); empty if it names none."""
     inverted: bool = False
-    """Of a mask: it is a map_Tr, of transparency."""
+    """Whether a mask is a map_Tr, which has transparency instead of opacity."""
 
     @property
     def placing(self) -> tuple:
@@ -77,9 +77,9 @@ class MtlMaterial:
 
     kd: tuple[float, float, float] | None = None
     colour: Map | None = None
-    """Its map_Kd."""
+    """Map of the colour, map_Kd."""
     mask: Map | None = None
-    """Its map_d or map_Tr."""
+    """Map of the mask, map_d or map_Tr."""
     opaque: float = 1.0
     ignored: list[str] = field(default_factory=list)
 
@@ -90,7 +90,7 @@ class MtlMaterial:
 
     @property
     def picture(self) -> Map | None:
-        """The map whose options place both on the surface; None without any."""
+        """The map whose options place colour and mask on the surface; None without any."""
         return self.colour or self.mask
 
     def uv(self, stored: np.ndarray) -> np.ndarray:

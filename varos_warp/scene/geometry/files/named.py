@@ -19,7 +19,7 @@ from varos_warp.scene.geometry.files.ply import read_header
 from varos_warp.scene.geometry.files.wavefront import name_of, text_of
 
 MOST_BYTES = 1 << 24
-"""Of a file's text that is searched for names."""
+"""Most bytes of a file that are searched for names."""
 
 
 def mesh_textures(scene: Scene) -> list[Path]:

@@ -24,7 +24,7 @@ from varos_warp.scene.images import srgb_to_linear
 FREE_FORM = {b"curv", b"curv2", b"surf", b"cstype", b"trim", b"deg"}
 KEYWORDS = re.compile(rb"^[ \t]*(v|vt|f|fo|usemtl|mtllib|l|p|curv2?|surf|cstype|deg|trim)[ \t]([^\n]*)", re.M)
 ROUNDING = 1e-3
-"""Of a colour that was meant as 1, or as 0, in a text of few digits."""
+"""Largest rounding error of a colour that was meant as 1, or as 0, in a text of few digits."""
 CAPITALS = re.compile(rb"^[ \t]*(V|VT|Vt|F|FO|USEMTL|MTLLIB)[ \t]", re.M)
 
 
@@ -91,12 +91,12 @@ class _Text:
             raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export text.")
         data = without_comments(joined(data, GEOMETRY), GEOMETRY)
         self.names: list[str] = [""]
-        """Of the materials, in the order of their first use; the first has none."""
+        """Names of the materials, in the order of their first use; the first, empty, is that of faces without any."""
         self._libraries: list[str] = []
         self._rows: dict[bytes, list[bytes]] = {b"v": [], b"vt": [], b"f": []}
         self._counted: dict[bytes, np.ndarray] = {}
         self._events: list[tuple[int, int, int, int]] = []
-        """Of each run of faces with one material: its first face, the material, and how many v and vt came before."""
+        """Runs of faces with one material: the first face, the material, and how many v and vt came before, of each."""
         self._sort(data)
         if (capital := CAPITALS.search(data)) is not None:
             self._note_capitals(capital[1].decode())

@@ -20,9 +20,10 @@ class Mask:
 
     path: Path
     channel: str = ""
-    """r, g, b, m (alpha) or l (brightness) of it; empty: its alpha, or where that is opaque throughout, brightness."""
+    """Channel of the picture: r, g, b, m (alpha) or l (brightness); empty: its alpha, or where that is opaque
+    throughout, its brightness."""
     inverted: bool = False
-    """It is transparency, 1 - alpha."""
+    """Whether the picture is transparency, 1 - alpha."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Texture:
     """A picture that a mesh file names or holds."""
 
     source: Path | bytes | None
-    """Its file, or the bytes of one; None: it is white, and there for its mask."""
+    """File of the picture, or its bytes; None: it is white, and there for its mask."""
     name: str
     """What the mesh file calls it, for messages."""
     wrap: tuple[str, str] = ("repeat", "repeat")
@@ -45,10 +46,10 @@ class FileMaterial:
     base: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Linear reflectance; it multiplies the texture and the colours of vertices."""
     alpha: float = 1.0
-    """It multiplies the alpha of the texture and of the vertices."""
+    """Opacity, which multiplies the alpha of the texture and of the vertices."""
     texture: Texture | None = None
     cutoff: float | None = None
-    """The surface has holes where its alpha is below; None: it has none, whatever its alpha."""
+    """Alpha below which the surface has holes; None: it has none, whatever its alpha."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Piece:
     faces: np.ndarray
     """int [F, 3], counter-clockwise seen from outside."""
     material: FileMaterial | None = None
-    """None: the file says nothing."""
+    """Material of the piece; None: the file says nothing."""
     uv: np.ndarray | None = None
     """float [F, 3, 2]: texture coordinates of the corners, v up."""
     colours: np.ndarray | None = None
@@ -88,13 +89,13 @@ class MeshFile:
     notes: list[str] = field(default_factory=list)
     """Whole sentences about what was not read as it may be meant."""
     triangles: int = 0
-    """In the pieces so far."""
+    """Number of triangles in the pieces so far."""
     colours_multiply: bool = False
     """Colours of vertices multiply textures and colours of materials, as in glTF; else only the one of them counts."""
     why_empty: str = ""
     """Why it may have no triangles, for the message that says so."""
     copies: int = 0
-    """Places where meshes stand, so far."""
+    """Number of places where meshes stand, so far."""
 
     def note(self, words: str) -> None:
         """Add a note, once."""

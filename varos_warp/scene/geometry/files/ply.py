@@ -33,7 +33,7 @@ class Property:
     name: str
     kind: str
     count_kind: str | None = None
-    """Of a list: the type of its length."""
+    """Type of the length of a list; None if it is a single number."""
 
 
 @dataclass
@@ -269,7 +269,7 @@ def _read_binary(data, at, order, element, path):
 
 
 def _read_even(data, at, order, element):
-    """As `_read_binary` where all lists are as long as in the first row; None where they are not."""
+    """Return what `_read_binary` does, if all lists are as long as in the first row; None if they are not."""
     fields, place = [], at
     for i, p in enumerate(element.properties):
         if p.count_kind is None:
@@ -299,7 +299,7 @@ def _read_even(data, at, order, element):
 
 
 def _read_uneven(data, at, order, element, path):
-    """As `_read_binary`, row by row."""
+    """Return what `_read_binary` does, reading row by row."""
     kinds = [(np.dtype(order + p.kind), None if p.count_kind is None else np.dtype(order + p.count_kind))
              for p in element.properties]
     pieces, lengths = [[] for _ in kinds], [[] for _ in kinds]

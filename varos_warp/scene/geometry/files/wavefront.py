@@ -9,7 +9,7 @@ STATEMENTS = rb"(?!newmtl)[^\s#\\]+"
 
 
 def text_of(data: bytes) -> bytes:
-    """The same without a byte order mark, whose lines end with line feeds alone."""
+    """The text of a file without a byte order mark, its lines ended by line feeds alone."""
     return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 

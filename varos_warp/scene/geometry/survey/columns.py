@@ -175,7 +175,7 @@ class Table:
 
 
 def _is_number(word: str) -> bool:
-    """As `is_number`, of a word in quotes or with a decimal comma too."""
+    """Whether a word is a number, for which quotes and a decimal comma are allowed."""
     return is_number(word.strip('"').replace(",", "."))
 
 

@@ -39,7 +39,7 @@ class Reference:
     unknown_unit: str | None = None
     """What it names in place of a unit that we know, or a system whose unit it leaves open; None if neither."""
     unknown_height_unit: str | None = None
-    """The same for the heights."""
+    """What it names in place of a unit of the heights that we know; None if it names no such thing."""
 
 
 @dataclass

@@ -104,7 +104,7 @@ def _pixels(page, request) -> np.ndarray:
 
 
 def _mask(page, request) -> np.ndarray:
-    """Where a mask says that there is nothing, bool [rows, columns]."""
+    """Whether a mask says that there is nothing, bool [rows, columns]."""
     if page.samplesperpixel != 1:
         raise request.error(f"its mask has {page.samplesperpixel} bands", REWRITE)
     _check_pixels(page, request)
@@ -112,7 +112,7 @@ def _mask(page, request) -> np.ndarray:
 
 
 def _mask_beside(request: Request, shape: tuple[int, ...]) -> np.ndarray:
-    """Where GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
+    """Whether GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
     import tifffile
 
     try:

@@ -22,7 +22,7 @@ class Holes(NamedTuple):
 
     count: int
     area_m2: float
-    """Seen from above."""
+    """Area seen from above [m^2]."""
 
 
 def spacing(T: np.ndarray) -> tuple[float, float]:

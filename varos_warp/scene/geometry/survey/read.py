@@ -178,7 +178,7 @@ def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
 
 
 def _checked(read, heights, request):
-    """The same, if all of it lies where a sea floor can."""
+    """Return what was read, if all of it lies where a sea floor can; else refuse it."""
     far = float(np.nanmax(np.abs(heights)))
     if far > FARTHEST_M:
         raise request.error(f"a height is {far:.3g} m", "Give nodata if this stands for none, or the unit.", "nodata")

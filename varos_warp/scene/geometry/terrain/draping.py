@@ -8,7 +8,7 @@ from varos_warp.scene.geometry.procedural import grid_mesh
 from varos_warp.scene.geometry.topology import chunks, extents
 
 ROUNDING = 1e-7
-"""In grid steps and barycentric coordinates: what float64 loses at UTM coordinates on a grid of centimetres."""
+"""What float64 loses at UTM coordinates on a grid of centimetres, in grid steps and barycentric coordinates."""
 
 
 def drape(vertices, faces, resolution: int, region=None):

@@ -19,7 +19,7 @@ SMALLEST_M, LARGEST_M = 0.05, 20_000.0
 
 
 def drop_not_finite(vertices, faces):
-    """Without vertices that are NaN, infinite or farther out than any unit of length explains, and their faces."""
+    """A mesh without vertices that are NaN, infinite or too far out for any unit of length, and without their faces."""
     with np.errstate(invalid="ignore"):
         bad = ~(np.abs(vertices) < topology.FARTHEST).all(axis=1)
     if not bad.any():
@@ -30,7 +30,7 @@ def drop_not_finite(vertices, faces):
 
 
 def drop_useless(vertices, faces):
-    """Without degenerate faces (no area), faces with the same corners as another, and vertices that no face uses."""
+    """A mesh without faces of no area, faces with the same corners as another, and vertices that no face uses."""
     area = np.empty(len(faces), bool)
     for part in topology.chunks(len(faces)):
         area[part] = (topology.area_normals(vertices, faces[part]) != 0.0).any(axis=1)

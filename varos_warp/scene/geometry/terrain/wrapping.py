@@ -28,16 +28,16 @@ BASE = 512
 """Most vertices along the longer side of the first surface."""
 
 BASE_NODES = 40_000_000
-"""Most nodes of its grid: 160 MB."""
+"""Most nodes of the grid of the first surface: 160 MB."""
 
 BLOCK = 8
 """Nodes along a side of the largest blocks; a power of 2."""
 
 EIGHT = np.indices((2, 2, 2)).reshape(3, -1).T
-"""The halves of a block."""
+"""Offsets of the eight halves of a block, int [8, 3]."""
 
 MOST_VERTICES = 16_600_000
-"""Of a surface whose resolution is left to us (paper 3.1.1)."""
+"""Most vertices of a surface whose resolution is left to us (paper 3.1.1)."""
 
 PER_CELL = 1.5
 """Vertices on the area of a square of one step: 1 where it lies in a plane of the grid, sqrt(3) where most oblique."""
@@ -128,7 +128,7 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
 
 
 def _sound(vertices, faces):
-    """Without the few faces that lost their area where the rim was drawn to a corner of the outline."""
+    """The surface without the few faces that lost their area where the rim was drawn to a corner of the outline."""
     if not all((area_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
         vertices, faces = clean(*merge_equal(vertices, faces))
     if len(faces) == 0:
@@ -214,7 +214,10 @@ def _grid_values(model, axes, step, threshold):
 
 
 def _jumps(value, distance):
-    """Where a signed distance changes by more than the way between two middles: its sign changes in the open."""
+    """Blocks around which a signed distance changes by more than the distance of two middles, bool.
+
+    Its sign changes in the open there.
+    """
     jumps = np.zeros(value.shape, bool)
     for axis in range(3):
         far = np.abs(np.diff(np.moveaxis(value, axis, 0), axis=0)) > 1.001 * distance

@@ -13,7 +13,7 @@ from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
 NEAR_ONE = 1e-5
-"""Where |1 - delta| is smaller, both the closed form's digits and the series' error are some 1e-10."""
+"""Largest |1 - delta| of the series; there, both the closed form's digits and the series' error are some 1e-10."""
 
 
 class FournierForand(PhaseFunction):

@@ -27,7 +27,7 @@ class HenyeyGreenstein(PhaseFunction):
 
     @cached_property
     def integral(self) -> float:
-        """It is normalised."""
+        """Integral over the sphere: the density is normalised."""
         return 1.0
 
     def cdf(self, s) -> np.ndarray:
@@ -42,7 +42,7 @@ class HenyeyGreenstein(PhaseFunction):
         return 1.0 - 2.0 * (1.0 - u) * (1.0 + g * u) * (1.0 - g) ** 2 / (1.0 - g + 2.0 * g * u) ** 2
 
     def moments(self, n: int) -> np.ndarray:
-        """chi_l = g^l."""
+        """Legendre moments chi_l = g^l."""
         return self.g ** np.arange(n + 1)
 
     @cached_property

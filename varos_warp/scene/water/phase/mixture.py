@@ -27,7 +27,7 @@ class Mixture(PhaseFunction):
 
     @property
     def kinks(self) -> np.ndarray:
-        """Those of all parts."""
+        """Kinks of all parts."""
         return np.concatenate([phase.kinks for _, phase in self.parts])
 
     def describe(self) -> dict:

@@ -104,7 +104,7 @@ class PhaseFunction(ABC):
 
     @cached_property
     def integral(self) -> float:
-        """Of `density` over the sphere."""
+        """Integral of `density` over the sphere."""
         s, weights = self._quadrature
         return float(self.light_ahead + weights @ self.density(s))
 
@@ -147,7 +147,7 @@ class PhaseFunction(ABC):
         inner = self.light_ahead / self.integral / (4.0 * np.pi * S_CUT * p[1])
 
         def too_much(rise):
-            """With the first node e^rise times as high as the second."""
+            """Excess of light up to S_CUT with the first node e^rise times as high as the second."""
             m = LOG_STEP - rise
             bin_share = np.expm1(m) / m if abs(m) > 1e-12 else 1.0
             return np.exp(rise - LOG_STEP) * (1.0 + LOG_STEP * bin_share) - inner

@@ -9,10 +9,11 @@ S_CUT = float(np.sin(np.radians(0.5e-4)) ** 2)
 """s at 1e-4 degrees, the second node. Below the first one the density is constant: no camera, and no direction in
 float32, tells such angles apart."""
 NODES = 8192
-"""Of smooth phase functions the error is below 1e-5 (docs/phase_functions.md); 64 kB in all on a device."""
+"""Number of nodes: the error of smooth phase functions is below 1e-5 (docs/phase_functions.md). They take
+64 kB in all on a device."""
 LOG_STEP = -np.log(S_CUT) / (NODES - 2)
 LOG_S = np.linspace(np.log(S_CUT) - LOG_STEP, 0.0, NODES)
-"""Nodes."""
+"""Nodes in log s, [NODES]."""
 
 
 class PowerTable:
@@ -27,7 +28,7 @@ class PowerTable:
         slope = np.diff(log_p) + LOG_STEP
         share = np.concatenate([light[:1], light[:-1] * LOG_STEP * _expm1_over(slope)])
         self.integral = float(share.sum())
-        """Of what was given, before it was normalised."""
+        """Integral of the density as it was given, before it was normalised."""
         self.log_p = log_p - np.log(self.integral)
         self.cdf = np.cumsum(share) / self.integral
         self.cdf[-1] = 1.0

@@ -42,7 +42,7 @@ class Tabulated(PhaseFunction):
         self._digest = hashlib.sha256(rows.tobytes()).hexdigest()
 
     def _first_slope(self) -> float:
-        """Of the first two rows; 0 where the first is straight ahead."""
+        """Slope ahead by the first two rows, from STEEPEST to 0; 0 if the first row is straight ahead."""
         if self._log_angle[0] <= np.log(np.radians(SMALLEST_DEG)):
             return 0.0
         slope = (self._log_p[1] - self._log_p[0]) / (self._log_angle[1] - self._log_angle[0])
@@ -60,7 +60,7 @@ class Tabulated(PhaseFunction):
 
     @property
     def kinks(self) -> np.ndarray:
-        """The rows."""
+        """Values of s of the rows beyond S_CUT."""
         s = np.sin(0.5 * np.exp(self._log_angle)) ** 2
         return s[s > S_CUT]
 

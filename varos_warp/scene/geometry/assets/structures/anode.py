@@ -17,7 +17,7 @@ DRAFT = 0.4
 STRAP, STRAP_THICK, STRAP_REACH = 0.04, 0.006, 0.11
 """Width and thickness of straps, and how far they reach beyond a bar [m]."""
 GAP = 0.03
-"""Between the half shells of a bracelet [m]."""
+"""Gap between the half shells of a bracelet [m]."""
 TAPER = 0.8
 """How far the ends of a bracelet lean, as a share of its thickness: for nets and stingers to slide over."""
 OFF = 0.004

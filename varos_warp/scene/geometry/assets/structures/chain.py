@@ -9,7 +9,7 @@ from varos_warp.scene.geometry.assets.structures.pieces import Piece, placed
 
 STEEL = (0.11, 0.08, 0.06)
 LENGTH, WIDTH, PITCH = 6.0, 3.6, 4.0
-"""Of a common link (ISO 1704), in diameters of its bar: outer length, outer width, and what it takes of a chain."""
+"""Outer length and width of a common link (ISO 1704), and what it takes of a chain, all in diameters of its bar."""
 STUD, STUD_FOOT = 0.3, 0.45
 """Radius of the stud in its middle and at its feet, in the bars: drawn from catalogues, the standard leaves it free."""
 TURN_DEG = 4.0

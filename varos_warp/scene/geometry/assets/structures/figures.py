@@ -28,7 +28,7 @@ def raised(text: str, height: float, low: float, high: float, detail: Detail) ->
 
 @cache
 def _letters(text, height, chord_error):
-    """For every letter its outline, counter-clockwise, and those of its holes, clockwise."""
+    """Loops of every letter: its outline, counter-clockwise, and those of its holes, clockwise."""
     import matplotlib
     from matplotlib.font_manager import FontProperties
     from matplotlib.path import Path as Outline

@@ -42,7 +42,7 @@ def section_at(block: HullSection, s) -> tuple[np.ndarray, np.ndarray]:
 
 
 def seams(block: HullSection) -> tuple[np.ndarray, np.ndarray]:
-    """Where weld seams run: ``s`` of the longitudinal ones, and x of the transverse ones [m]."""
+    """Places of the weld seams: ``s`` of the longitudinal ones, and x of the transverse ones [m]."""
     total = _girth(block)
     along = np.arange(0.6 * block.strake_m, total, block.strake_m)
     across = block.butt_m * (np.arange(np.ceil(-0.5 * block.length_m / block.butt_m) - 1,

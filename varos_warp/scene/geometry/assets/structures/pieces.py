@@ -6,22 +6,23 @@ import numpy as np
 
 Mesh = tuple[np.ndarray, np.ndarray]
 FACING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""From the axes of a drawing (right, up, towards the viewer) to those of a structure that faces -y: x, z, -y."""
+"""Rotation from the axes of a drawing (right, up, towards the viewer) to those of a structure that faces -y: x, z, -y.
+"""
 ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""From the axes of a section (y, z, along the structure) to those of the structure."""
+"""Rotation from the axes of a section (y, z, along the structure) to those of the structure."""
 
 
 class Piece(NamedTuple):
     """A closed solid of a structure."""
 
     name: str
-    """One that the block's ``only`` knows."""
+    """Name of the piece, as the block's ``only`` has it."""
     colour: tuple[float, float, float]
     """Linear reflectance where the scene names no material."""
     vertices: np.ndarray
-    """float64 [V, 3] [m]"""
+    """Vertices float64 [V, 3] [m]."""
     faces: np.ndarray
-    """int32 [F, 3]"""
+    """Faces int32 [F, 3]."""
 
 
 def placed(mesh: Mesh, axes=None, at=(0.0, 0.0, 0.0)) -> Mesh:

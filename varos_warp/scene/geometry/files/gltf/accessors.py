@@ -8,11 +8,11 @@ from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.gltf.document import Document
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4", 5130: "<f8"}
-"""5130 is that of KHR_accessor_float64."""
+"""Types of components by their codes; 5130 is that of KHR_accessor_float64."""
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MOST_ROWS = 2**31
 MOST_ZEROS = 2**24
-"""Numbers of an accessor without bytes, which no size of a file bounds."""
+"""Most numbers of an accessor without bytes, which no size of a file bounds."""
 
 
 def read_accessor(document: Document, index: Any) -> np.ndarray:
@@ -70,7 +70,7 @@ def _rows(document, view, offset, count, width, kind, key):
 
 
 def _with_sparse(document, sparse, rows, kind, key):
-    """The same rows with those replaced that ``sparse`` names."""
+    """A copy of the rows, in which those that ``sparse`` names are replaced."""
     count, where, values = sparse["count"], sparse["indices"], sparse["values"]
     if not isinstance(count, int) or not 0 <= count <= len(rows):
         raise document.damaged("has more sparse values than elements", key)

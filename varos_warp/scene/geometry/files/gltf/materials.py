@@ -10,7 +10,7 @@ from varos_warp.scene.geometry.files.pieces import FileMaterial, Texture
 WRAPPING = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 NEAREST = 9728
 ROUNDING = 1e-6
-"""Of a factor that was meant as 1, in single precision."""
+"""Largest rounding error, in single precision, of a factor that was meant as 1."""
 
 
 class Look:
@@ -19,9 +19,9 @@ class Look:
     def __init__(self, material: FileMaterial, coordinates: int = 0, transform: np.ndarray | None = None):
         self.material = material
         self.coordinates = coordinates
-        """The number of the set."""
+        """Number of the set of texture coordinates."""
         self.transform = np.eye(3)[:2] if transform is None else transform
-        """float64 [2, 3], of coordinates with v down."""
+        """Transform of coordinates with v down, float64 [2, 3]."""
 
     def uv(self, stored: np.ndarray) -> np.ndarray:
         """Coordinates [..., 2], v up, of those that the mesh has, v down."""

@@ -21,7 +21,7 @@ from varos_warp.scene.geometry.files.polygons import strip
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 DEEPEST = 1000
-"""Nodes under each other."""
+"""Most nodes under each other."""
 ROUNDING = 1e-5
 """Share of an accessor's extent by which its values may leave its min and max: exporters round those."""
 
@@ -39,7 +39,7 @@ class _Reader:
         self.materials = Materials(document)
         self.pieces: dict[tuple, list[Piece]] = {}
         self.matrices: dict[int, np.ndarray] = {}
-        """Of the nodes of the scene, to its root."""
+        """Matrices [4, 4] from the nodes of the scene, by their numbers, to its root."""
 
     def read(self) -> MeshFile:
         if "trimesh" in str(self.document.json["asset"].get("generator", "")):
