@@ -55,7 +55,7 @@ class Field:
     single: AlongCamera
     """Radiance along a camera's rays, of light that is scattered once; without values where a table is not right."""
     multiple: AlongCamera
-    """And twice or more."""
+    """Radiance along a camera's rays, of light that is scattered twice or more."""
 
 
 # ---------------------------------------------------------------------------------------------------------- the nodes

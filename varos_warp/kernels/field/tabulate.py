@@ -87,7 +87,7 @@ class RayNode:
     t: float
     """Distance from the end of the ray."""
     weight: float
-    """Of the quadrature, over the distance from the light."""
+    """Weight in the quadrature over the distance from the light."""
     distance: float
     """Distance from the light."""
     col: float

@@ -26,7 +26,7 @@ decide, and a pilot of few samples cannot measure those. In the mean of the imag
 AROUND = 9
 """Side [pixels] of what is around."""
 COMPARED_ROWS = 96
-"""Of a tile in which images are compared: enough tiles for some cores, and few launches."""
+"""Rows of a tile in which images are compared: enough tiles for some cores, and few launches."""
 PRECISE = 0.2
 """Estimates tell the square of an error if its standard error is at most this share of it."""
 BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
@@ -58,7 +58,7 @@ class Made(NamedTuple):
     spp: float
     """Samples per pixel."""
     radiance: np.ndarray
-    """As it is sampled, without bias [H, W, 3]."""
+    """Radiance as it is sampled, without bias [H, W, 3]."""
     denoised: np.ndarray | None = None
     """After the denoiser, where its error is asked for."""
 
@@ -199,7 +199,8 @@ class Samples(NamedTuple):
     """Exponent of the error, at the least: by a low-discrepancy sequence, or by independent samples."""
 
     def in_multiples(self, step: int) -> "Samples":
-        """Where all pixels take equally many, in multiples of ``step``: one alone would not tell its noise."""
+        """These rules where all pixels take equally many, in multiples of ``step``: one alone would not tell its
+        noise."""
         return self._replace(fewest=max(step, 2), step=float(step)) if step else self
 
     def rounded(self, spp: float) -> float:
@@ -209,7 +210,7 @@ class Samples(NamedTuple):
 
 
 SAMPLES = {"field": Samples(1, 0.125, -0.75), "path": Samples(2, 1.0, -0.5), "reference": Samples(2, 1.0, -0.5)}
-"""By integrator."""
+"""`Samples` of each integrator."""
 
 
 @dataclass(frozen=True)

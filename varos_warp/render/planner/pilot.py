@@ -44,7 +44,7 @@ class Frames:
     time_ns: Sequence[int]
     """When each is [ns]."""
     motion: Callable[[int], Motion] | None = None
-    """Of the vehicle around a time, as `Simulation.motion`; None: it stands still in each."""
+    """Motion of the vehicle around a time, as `Simulation.motion`; None: it stands still in each frame."""
 
     @classmethod
     def of(cls, scene: Scene, renderer, poses: Sequence[np.ndarray], time_ns: Sequence[int] | None = None,
@@ -58,7 +58,7 @@ class Frames:
         return len(self.poses)
 
     def motion_at(self, frame: int) -> Motion | None:
-        """Of the vehicle around a frame."""
+        """Motion of the vehicle around a frame."""
         return self.motion(int(self.time_ns[frame])) if self.motion else None
 
     def render(self, frame: int, camera: Camera, letters: str, /, **how: Any):
@@ -73,13 +73,13 @@ class View:
 
     frame: int
     camera: Camera
-    """With the resolution of the scene."""
+    """Camera with the resolution of the scene."""
     images: tuple[Any, Any]
     """`RadianceImage` of A, with independent random numbers."""
 
     @property
     def label(self) -> str:
-        """In words."""
+        """Frame and camera in words."""
         return f"frame {self.frame}, camera {self.camera.id}"
 
     def noise(self, method: str, rare: float = RARE) -> np.ndarray:
@@ -98,7 +98,7 @@ class View:
 
 
 def pilot_camera(camera: Camera, pixels: int = SMALL) -> Camera:
-    """The same field of view with at most so many pixels."""
+    """A camera with the same field of view and at most so many pixels."""
     scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
     return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 

@@ -274,7 +274,7 @@ class Planner:
 
     @property
     def margin(self) -> float:
-        """By what factor errors are to be smaller than asked."""
+        """Factor by which errors are to be smaller than asked."""
         if self.denoiser == "none":
             return MARGIN
         pixels = pilot.pixels_tried(self.worst.camera, len(self.frames))
@@ -303,7 +303,7 @@ class Planner:
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
     def choose_by_frame(self, spp: float, target: float) -> float:
-        """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
+        """Give each frame the samples that it needs, where the worst view needs ``spp``; return the highest number."""
         worst, count = self.worst, len(self.frames)
         # all images have as many pixels as those in which errors were measured
         pixels = np.prod(self.test_camera.resolution)
@@ -362,7 +362,8 @@ class Planner:
         return law.samples(target) <= REACH * law.spp[-1] or law.spp[-1] >= MOST_TRIED
 
     def law_of(self, levels: list[float], made: list[Made], count: int) -> ErrorLaw:
-        """By the worst of ``count`` denoised images of each of the last numbers of samples, and all that were made."""
+        """Error law by the worst of ``count`` denoised images of each of the last numbers of samples, told by all that
+        were made."""
         last = levels[-LEVELS:]
         tried = [[one for one in made if one.spp == spp and one.denoised is not None][:count] for spp in last]
         return ErrorLaw(last, errors.worst_errors(tried, made), self.samples.steepest)
