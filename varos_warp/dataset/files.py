@@ -30,7 +30,7 @@ HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
 IN_THE_WAY = (errno.ENOTDIR, errno.EISDIR, errno.EEXIST)
 """Errors that mean: something else has the name."""
 OWNER = ".owner.lock"
-"""In a folder that is being made: held by the process that makes it."""
+"""Lock file in a folder that is being made, held by the process that makes it."""
 _counter = itertools.count()
 _watchers: list[Callable[[Path, Path], None]] = []
 

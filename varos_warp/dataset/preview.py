@@ -80,7 +80,7 @@ class Viewpoint:
     camera: str | None = None
     """Id of a camera; absent: the first."""
     width: int = 320
-    """Of the image [pixels], if the camera's own is not smaller."""
+    """Width of the image [pixels]; a camera with a smaller image keeps its own."""
 
 
 class View(NamedTuple):
@@ -94,7 +94,7 @@ class View(NamedTuple):
     time_ns: int = 0
     """When [ns]."""
     motion: Motion | None = None
-    """Of the vehicle around that time, where the camera has a shutter."""
+    """Motion of the vehicle around that time, where the camera has a shutter."""
 
     def render(self, letter: str, **options) -> Any:
         """An image of some type."""
@@ -300,7 +300,7 @@ def files_named(scene: Scene, content: Any) -> dict[Path, tuple | None]:
 
 
 def smaller(camera: Camera, width: int) -> Camera:
-    """The same field of view in no more than so many pixels across."""
+    """A camera with the same field of view, at most so many pixels wide."""
     scale = min(1.0, width / camera.resolution[0])
     return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 

@@ -96,7 +96,8 @@ def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
 
 
 def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = None) -> dict[str, Callable]:
-    """Where everything that moves is, by its name: poses [N, 4, 4] for times int64 [N] [ns]; along paths, or as others.
+    """Poses [N, 4, 4] over time of everything that moves, by its name: functions of times int64 [N] [ns]; along paths,
+    or as others.
 
     Args:
         parts: Everything solid.
@@ -108,7 +109,7 @@ def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = N
 
 def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
                     ) -> dict[str, np.ndarray]:
-    """The same at times int64 [N] [ns]: poses [N, 4, 4]."""
+    """Poses [N, 4, 4] of everything that moves at times int64 [N] [ns], by its name."""
     return {key: course(time_ns) for key, course in courses_of_moving(parts, others).items()}
 
 

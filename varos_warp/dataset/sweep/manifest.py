@@ -135,7 +135,7 @@ class Manifest:
                 "versions": [*versions.values()]}
 
     def _described(self, unit: Unit) -> dict[str, Any]:
-        """Of a dataset that is complete: whose course it has, and whose images, by letter, as the bytes say."""
+        """Entry of a complete dataset: whose course it has, and whose images, by letter, as the bytes say."""
         before = self.units[:self.units.index(unit)]
         shared = {}
         for letter in unit.scene.render.outputs:

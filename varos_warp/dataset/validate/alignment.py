@@ -44,7 +44,8 @@ MARGIN = 4.0
 or without texture, lies at 0.8 to 2.5, half or less of the limit with the floor."""
 UNKNOWNS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "roll": 1e-3, "pitch": 1e-3, "yaw": 1e-3, "f": 1e-3, "cx": 1.0, "cy": 1.0,
             "D": 1e-3}
-"""Of the camera's mounting [m, rad], focal length and scale of D [shares], principal point [px]; with small steps."""
+"""Unknowns with small steps: the camera's mounting [m, rad], focal length and scale of D [shares], principal point
+[px]."""
 
 
 @dataclass
@@ -77,7 +78,8 @@ class View:
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
-    """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
+    """Image points and depths u, v, z [N, 3] in a second view of what a first has at pixels (row, col) and depth
+    ``scale`` z [N]."""
     return project(points_at(first.model, first.T_w_c, row, col, scale * z), second.model, second.T_w_c)
 
 
@@ -138,7 +140,8 @@ def _moved(first: View, second: View, blocks: dict, name: str, size: float, ster
 
 def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
             ) -> tuple[np.ndarray, ...] | InputError | None:
-    """Of two views, both ways: shifts [2n] [px], their weights [2n], and what each of `UNKNOWNS` does to them.
+    """Shifts [2n] [px] between two views (of one camera: both ways), their weights [2n], and how far a step of each of
+    `UNKNOWNS` moves them.
 
     ``view`` reads that of a frame and a camera. None where one is blurred so that nothing is to be found out.
     """

@@ -196,7 +196,7 @@ def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet
 
 
 def _compare_chunk(data: Dataset, camera: str, frames: list[int], start: int) -> dict:
-    """By pair: what `_compare` finds for some frames and the two before each, or why one cannot be read."""
+    """Results of `_compare` by pair, for some frames and the two before each, or why one cannot be read."""
     letters = "".join(letter for letter in LEAST if letter in data.outputs)
     view, pairs = lru_cache(3)(lambda frame: _View(data, frame, camera, letters)), {}
     for i in range(start, min(start + CHUNK, len(frames))):

@@ -17,7 +17,7 @@ from varos_warp.scene.optics.camera import camera_model
 from varos_warp.sim.sensors.image_noise import frame_generator
 
 _EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
-"""By its bits; 0 for what is not a number, which no image has."""
+"""Every half float, indexed by its bits; 0 for what is not a number, which no image has."""
 
 
 def develop(half: np.ndarray, gain: float) -> np.ndarray:
@@ -29,7 +29,8 @@ def develop(half: np.ndarray, gain: float) -> np.ndarray:
 
 
 def dithered(half: np.ndarray, gain: float, dither: Dither, camera: str, letter: str, frame: int) -> np.ndarray:
-    """The same, with dither. The curve is computed in float64, so that every machine rounds the same to 8 bits."""
+    """Pixels as of `develop`, with dither. The curve is computed in float64, so that every machine rounds the same to 8
+    bits."""
     with np.errstate(over="ignore"):
         exposed = _EVERY_HALF.astype(np.float32) * np.float32(gain)
     curve = (255.0 * srgb_oetf(exposed.astype(np.float64))).astype(np.float32)

@@ -236,7 +236,7 @@ def describe_sensors(vehicle) -> dict[str, dict]:
 
 
 def versions() -> dict[str, str]:
-    """Of what shapes the numbers."""
+    """Versions of everything that affects numerical results."""
     return {"varos_warp": varos_warp.__version__, "python": platform.python_version(), **_installed(), "simd": simd()}
 
 

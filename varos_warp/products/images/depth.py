@@ -69,7 +69,7 @@ class Depth(ImageProduct):
         return DepthImage(hits.planes["depth"], hits.planes["distance"])
 
     def pixels(self, image: DepthImage, render: Any) -> np.ndarray:
-        """In 16 bits, of the kind that is asked for: `encode_depth`."""
+        """Depth in 16 bits, of the kind that is asked for: `encode_depth`."""
         return encode_depth(_of_kind(image, render), render.depth_range_m)
 
     def floats(self, image: DepthImage) -> dict[str, np.ndarray]:

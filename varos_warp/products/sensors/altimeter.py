@@ -23,7 +23,7 @@ from varos_warp.sim.motion import Trajectory
 SEED = 0x616C74
 """Parts its random numbers from those of other sensors."""
 BEAM = np.array([[1.0, 0.0, 0.0]])
-"""In the sensor's axes, where ROS has the beam of a Range."""
+"""Direction of the beam in the sensor's axes, where ROS has the beam of a Range."""
 EDGE = 1e-5
 """Angle [rad] about the beam within which an edge lets a ray that is traced anew miss what the first one met."""
 ULTRASOUND = 0

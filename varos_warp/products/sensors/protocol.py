@@ -45,7 +45,7 @@ class Curve:
 
     quantity: str
     title: str
-    """In the report."""
+    """Title in the report."""
     unit: str
     names: Sequence[str]
     """Names of the curves, one for each column."""
@@ -111,7 +111,8 @@ class Evidence(Protocol):
         """Name of the file of these states."""
 
     def met_by_beams(self, beams: np.ndarray, range_m: Sequence[float]) -> tuple[np.ndarray, np.ndarray] | None:
-        """As `Surroundings.met_by_beams` at the readings; None where the meshes of the scene are not at hand."""
+        """Distances and velocities of `Surroundings.met_by_beams` at the readings; None where the meshes of the scene
+        are not at hand."""
 
     @property
     def anything_moves(self) -> bool:

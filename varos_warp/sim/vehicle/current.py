@@ -77,7 +77,8 @@ class Turbulence:
 
 @cache
 def _transition(T: float, S: float, h: float) -> tuple[np.ndarray, ...]:
-    """Of (x, y, v), v with variance 1: the matrix of a step [3, 3], and square roots [3, 3] of two covariances.
+    """Linear system of (x, y, v), v with variance 1: the matrix of a step [3, 3], and square roots [3, 3] of two
+    covariances.
 
     The first is of what is added in a step, the second that of the state.
     """
@@ -113,9 +114,9 @@ class Current:
         self.drift = np.asarray(current.velocity, float)
         """Mean velocity [3] [m/s]."""
         self.amplitude = current.fluctuation * np.sqrt(2.0 / WAVES) * direction
-        """Of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed."""
+        """Amplitude of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed."""
         self.frequency = 2.0 * np.pi / max(current.period_s, SHORTEST_PERIOD_S) * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
-        """[WAVES] [rad/s], within an octave of the asked period on either side."""
+        """Angular frequency of each [WAVES] [rad/s], within an octave of the asked period on either side."""
         self.phase = rng.uniform(0.0, 2.0 * np.pi, WAVES)
         self.turbulence = Turbulence(current.turbulence, seed) if current.turbulence else None
 
