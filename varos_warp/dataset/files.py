@@ -351,7 +351,7 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def channels_of(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:
-    """Those of the ``channels`` of an EXR that have these names, in their order.
+    """Channels of an EXR that have these names, in their order.
 
     Raises:
         InputError: There is no such channel.

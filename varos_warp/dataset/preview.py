@@ -71,7 +71,7 @@ def _solid(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """From where to look."""
+    """Moment, camera and image width of a preview."""
 
     frame: int = 0
     """Number of a frame of the sequence."""
@@ -92,7 +92,7 @@ class View(NamedTuple):
     course: np.ndarray
     """Positions of the vehicle [N, 3] [m]."""
     time_ns: int = 0
-    """When [ns]."""
+    """Time of the image [ns]."""
     motion: Motion | None = None
     """Motion of the vehicle around that time, where the camera has a shutter."""
 

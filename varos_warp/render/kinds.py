@@ -57,11 +57,11 @@ class SampleKind(NamedTuple):
 
     kernel: wp.Kernel
     to_a_sample: int
-    """How many there are to a sample per pixel, where nothing else is known."""
+    """Number of these samples to a sample per pixel, where nothing else is known."""
     cost: float
     """Relative cost of one sample."""
     subpaths: bool
-    """Subpaths, or segments of the camera."""
+    """Whether they are subpaths, or segments of the camera."""
     sums: int = film.SUMS
     """Number of sums of each pixel of the film."""
 

@@ -23,7 +23,7 @@ class NextFrame(NamedTuple):
     T_w_v: ArrayLike
     """Pose [4, 4] of the vehicle."""
     camera: str | Camera | None = None
-    """If it is another one: with the same pose, F is the disparity of a pair."""
+    """Camera, if it is another one: with the same pose, F is the disparity of a pair."""
     motion: Motion | None = None
     """Motion of the vehicle around that frame, for a rolling shutter."""
     time_ns: int | None = None

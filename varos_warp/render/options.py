@@ -71,7 +71,7 @@ def of_scene(scene: Scene) -> dict[str, Any]:
 
 
 def of_run(device: str, denoisers: Mapping[str, str | None], linear_exr: bool) -> dict[str, Any]:
-    """Those of a run's images: a GPU denoises what it rendered, and what is not written stays there.
+    """Options for a run's images: a GPU denoises what it rendered, and what is not written stays there.
 
     Args:
         device: ``cpu`` or ``cuda:N``; a CPU denoises beside the next frame.

@@ -307,7 +307,7 @@ class FrameRenderer:
         return rows
 
     def _render_first_hits(self, here: Exposed, planes: Iterable[str], key: int = 0) -> FirstHits:
-        """Those planes of `FirstHits`; ``key`` is that of the random numbers of rays over a pixel."""
+        """First hits with these planes; ``key`` is that of the random numbers of rays over a pixel."""
         view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)

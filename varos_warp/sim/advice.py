@@ -30,7 +30,8 @@ LITTLE_TURN_DEG = 0.1
 """Angle that is not worth a word either."""
 
 FEW_FRAMES, SLOW = 10, 0.2
-"""Fewer frames are a look at a scene; sequences with less than this share of course and speed hardly move."""
+"""Number of frames below which a sequence is a look at a scene; share of course and speed below which it hardly
+moves."""
 
 ONE_G = 9.81
 """Acceleration [m/s^2] beyond which recorded poses probably have noise."""

@@ -41,7 +41,7 @@ class Step(Readings):
     """
 
     time_ns: int
-    """From 0; a tick is 5 000 000."""
+    """Time from 0 [ns]; a tick is 5 000 000."""
     position: np.ndarray
     """[3] [m], world axes, as are velocity and acceleration."""
     velocity: np.ndarray

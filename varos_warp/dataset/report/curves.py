@@ -17,7 +17,7 @@ from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.passes import BandWater
 
 ROUNDING = 1e-12
-"""Below it, a quantity in SI units is what rounding left of 0."""
+"""Value below which a quantity in SI units is what rounding left of 0."""
 INTERVALS = 1000
 """Number of time intervals, in each of which a curve's least and greatest value are kept."""
 

@@ -50,8 +50,7 @@ MOST_FRAMES = 50
 
 
 def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[dict]:
-    """Facts of each camera with a shutter: ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px``, as plain
-    types.
+    """Shutters of cameras: ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px`` of each, as plain types.
 
     The last two are how far what the middle of the image sees moves in it at most, of some frames, while a row is
     exposed, and while the rows are read out.

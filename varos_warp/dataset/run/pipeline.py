@@ -218,7 +218,7 @@ class Pipeline:
         return NextFrame(self.T_w_v(frame + 1), None, self.motion(frame + 1), self.time_ns(frame + 1))
 
     def time_ns(self, frame: int) -> int:
-        """When a frame is."""
+        """Time of a frame [ns]."""
         return frame_time_ns(frame, self.store.render.frame_rate_hz)
 
     def samples_of(self, job: ImageJob, image) -> dict:

@@ -98,8 +98,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
 def produce_sharing(scene, out, shared: Shared, *, device: str, frames: slice, shard: tuple[int, int] = (0, 1),
                     sensors: bool = True, images: bool = True, quiet: bool = False, workers: int | None = None
                     ) -> Summary:
-    """Do what `produce` does, with what earlier runs have made already, and keep what later ones can use; ``shared``
-    must suit the scene."""
+    """Do as `produce`, with what earlier runs have made already, and for later ones; ``shared`` must suit the scene."""
     start = time.monotonic()
     if workers is not None and (workers < 1 or shard[1] > 1):
         raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",

@@ -39,7 +39,7 @@ class Sweep:
         for i, unit in enumerate(self.manifest.units):
             first.setdefault(unit.course, i)
         self.units = sorted(self.manifest.units, key=lambda unit: first[unit.course])
-        """Its datasets in the order of the work: those with the same geometry and course one after another."""
+        """Datasets in the order of the work: those with the same geometry and course one after another."""
 
     def donors(self, unit: Unit) -> dict[str, Unit]:
         """Datasets from which one is to have its images, by letter: one that is done, else the first that is made."""

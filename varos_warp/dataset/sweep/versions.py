@@ -34,9 +34,9 @@ class Version(NamedTuple):
     """One version of a scene."""
 
     name: str
-    """Its folder."""
+    """Name of the version's folder."""
     changes: list[Change]
-    """What it sets."""
+    """Changes that it makes to the scene."""
 
     @property
     def overrides(self) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class SweepFile(Block):
     over: dict[str, Values] | None = None
     """Values of each key: a list, of all of which there is every combination; or what its values are drawn from."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
-    """All draws follow from it."""
+    """Seed that all draws follow from."""
     count: Annotated[int, Field(ge=1, le=MOST)] | None = None
     """How many versions are drawn."""
 

@@ -36,7 +36,7 @@ STARTS = 6
 SHARP_PX = 0.1
 """Standard error [px] above which a block has too little texture to tell."""
 FEWEST_BLOCKS = 48
-"""Fewer say nothing of the ten unknowns."""
+"""Fewest blocks that say something of the ten unknowns."""
 FLOOR_PX = 0.005
 """What interpolation of aliased texture may add: of B without noise, at 144x80 pixels, 0.002."""
 MARGIN = 4.0
@@ -78,8 +78,7 @@ class View:
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
-    """Image points and depths u, v, z [N, 3] in a second view of what a first has at pixels (row, col) and depth
-    ``scale`` z [N]."""
+    """Points (u, v, z) [N, 3] in a second view of pixels (row, col) of a first with depth ``scale`` z [N]."""
     return project(points_at(first.model, first.T_w_c, row, col, scale * z), second.model, second.T_w_c)
 
 
@@ -140,10 +139,10 @@ def _moved(first: View, second: View, blocks: dict, name: str, size: float, ster
 
 def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
             ) -> tuple[np.ndarray, ...] | InputError | None:
-    """Shifts [2n] [px] between two views (of one camera: both ways), their weights [2n], and how far a step of each of
-    `UNKNOWNS` moves them.
+    """Shifts [2n] [px] between two views, their weights [2n], and how far a step of each of `UNKNOWNS` moves them.
 
-    ``view`` reads that of a frame and a camera. None where one is blurred so that nothing is to be found out.
+    Two views of one camera are compared both ways. ``view`` reads that of a frame and a camera. None where one is
+    blurred so that nothing is to be found out.
     """
     try:
         first, second = (view(*which) for which in pair)

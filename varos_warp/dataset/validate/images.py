@@ -187,8 +187,7 @@ class _FrameImages:
                 self.tell(name, problem)
 
     def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
-        """Share of C that points away, cosines of C and the slopes of D, and `surfaces.slope_sums`, for a band of
-        rows."""
+        """Share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`; of a band of rows."""
         depth = self.planar[rows]
         # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
         model, T_w_c = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)

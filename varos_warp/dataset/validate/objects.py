@@ -37,7 +37,7 @@ EPS = np.finfo(float).eps
 MOST_POINTS = 20_000
 """Points of a frame that are looked at."""
 FEWEST_POINTS = 30
-"""Fewer of an object say nothing."""
+"""Fewest points of an object that say something."""
 INSTANTS = np.linspace(-0.5, 0.5, 5)
 """Instants at which it is looked, as shares of the time that a shutter is open, from its middle."""
 

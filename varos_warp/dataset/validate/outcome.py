@@ -57,7 +57,7 @@ class Validation:
         return path.relative_to(self.root).as_posix()
 
     def cell(self, path: Path, row: int, column: int | str) -> str:
-        """Such as ``vehicle0/imu0/imu0_data.csv:301: a_RS_S_y = 0.25``; line 1 is the header, row 0 is in line 2."""
+        """A cell: ``vehicle0/imu0/imu0_data.csv:301: a_RS_S_y = 0.25``; line 1 is the header, row 0 is in line 2."""
         table = files.read_csv(path)
         name = column if isinstance(column, str) else list(table)[column]
         return f"{self.name(path)}:{row + 2}: {files.plain_name(name)} = {table[name].tolist()[row]}"

@@ -1,4 +1,4 @@
-"""From the half floats of A, B and P to their 8 bit files: gain, curve, dither and the noise of a sensor."""
+"""Development of the half floats of A, B and P to their 8 bit files: gain, curve, dither and the noise of a sensor."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +29,7 @@ def develop(half: np.ndarray, gain: float) -> np.ndarray:
 
 
 def dithered(half: np.ndarray, gain: float, dither: Dither, camera: str, letter: str, frame: int) -> np.ndarray:
-    """Pixels as of `develop`, with dither. The curve is computed in float64, so that every machine rounds the same to 8
-    bits."""
+    """Dithered pixels of `develop`; the curve is in float64, so that every machine rounds the same to 8 bits."""
     with np.errstate(over="ignore"):
         exposed = _EVERY_HALF.astype(np.float32) * np.float32(gain)
     curve = (255.0 * srgb_oetf(exposed.astype(np.float64))).astype(np.float32)

@@ -194,7 +194,7 @@ def describe_optics(camera) -> dict:
 
 
 def describe_shutter(layout: Layout, camera) -> dict:
-    """When its rows are exposed, and where their poses are; nothing of a camera without a shutter."""
+    """Exposure of a camera's rows, and where their poses are; nothing of a camera without a shutter."""
     if camera.shutter is None:
         return {}
     about = {**camera.shutter.model_dump(mode="json"), "line_delay_s": camera.shutter.readout_s / camera.resolution[1],

@@ -57,7 +57,7 @@ class SceneData:
     masks: wp.array(dtype=Masks)
     """One record, for functions that are not inlined; none if no mask cuts anything."""
     instance_bvh: wp.uint64
-    """Over what moves, wherever it is while a shutter is open, and then over the copies."""
+    """BVH over the boxes of what moves, wherever it is while a shutter is open, and then of the copies."""
     moving: wp.array(dtype=Instance)
     """What moves, where it is at one instant."""
     instances: wp.array(dtype=Instance)
@@ -83,7 +83,7 @@ class SceneData:
     lobe_albedo: wp.array2d(dtype=float)
     """Table of a white metal's albedo (bsdf.lobe_albedo); empty without metals."""
     to_bands: wp.array(dtype=wp.mat33)
-    """From R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
+    """Matrices from R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
     medium: Medium
     lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)
@@ -99,7 +99,7 @@ class Hit:
     """Index in the arrays per face."""
     part: int
     instance: int
-    """Its number in the BVH of instances; -1 in the mesh of single objects."""
+    """Number of the instance in the BVH of instances; -1 in the mesh of single objects."""
     bary: wp.vec2
     p: wp.vec3
     """Point on the surface."""

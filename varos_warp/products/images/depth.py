@@ -22,9 +22,9 @@ class DepthImage:
     """Distances [m] of the pixel centres' first hits, float32 [H, W]; inf where nothing is hit."""
 
     depth: np.ndarray
-    """Planar, along the camera's z axis."""
+    """Planar depth, along the camera's z axis."""
     range: np.ndarray
-    """Along the ray."""
+    """Distance along the ray."""
 
 
 def encode_depth(depth: np.ndarray, depth_range_m: tuple[float, float]) -> np.ndarray:

@@ -128,7 +128,7 @@ class ImageProduct(Protocol):
     noise_key: str = ""
     """Key of ``render`` with the sensor that it is seen by (`CameraNoise`), so that its finished image is noisy."""
     constant_gain: float | None = None
-    """Its gain by ``constant`` exposure; None: that of the sequence's brightness."""
+    """Gain by ``constant`` exposure; None: that of the sequence's brightness."""
     blurs: bool = True
     """Whether the camera's shutter blurs it."""
     averages: bool = True

@@ -122,8 +122,7 @@ class Radiance(ImageProduct):
         return channels
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
-        """The EXR as rendered has its size, finite values and errors, and layers that sum to it; undenoised, the image
-        is that EXR."""
+        """The EXR has its size, finite values and errors, layers that sum to it; undenoised, the image is the EXR."""
         path = files.data.layout.linear(files.camera, files.frame, self.letter)
         if not path.is_file():
             return
@@ -191,7 +190,7 @@ class Twin(Radiance):
         "sensor); its gain is that of A times green.weight in the middle of the image")
 
     def seen_by(self, scene: Scene, camera: Camera) -> Camera:
-        """Without port, distortion and vignetting; strobes light it as they do A."""
+        """Camera without port, distortion and vignetting; strobes light its image as they do A."""
         strobes = any(light.strobe for light in scene.lights)
         return twin(camera).model_copy(update={"shutter": camera.shutter}) if strobes else twin(camera)
 

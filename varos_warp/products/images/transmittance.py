@@ -17,7 +17,7 @@ HALF_STEP = 0.51
 ROUNDING = 2.0**-22
 """Share by which one channel of T may be off by another: twice what their two roundings to float32 make."""
 LEAST = 1e-30
-"""Below it float32 loses the digits of T."""
+"""Value below which float32 loses the digits of T."""
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
                 "are nan")
 
     def describe(self, sensor: Altimeter) -> dict[str, Any]:
-        """How far it reads."""
+        """Farthest distance that it reads."""
         return {"max_range_m": sensor.max_range_m}
 
     def noisy(self, truth: Samples, about: dict[str, Any], model: AltimeterNoise, seed: int) -> tuple[Samples, None]:

@@ -26,7 +26,7 @@ SEED = 0x64766C
 AZIMUTHS_DEG = (45.0, 135.0, 225.0, 315.0)
 """Azimuths of the beams about the sensor's z, from its x towards its y."""
 FEWEST_BEAMS = 3
-"""That a velocity follows from."""
+"""Fewest beams that a velocity follows from."""
 
 
 def _check_reach(value: tuple[float, float]) -> tuple[float, float]:
@@ -133,7 +133,7 @@ true_...
         return {"beams": beam_directions(sensor).tolist(), "range_m": list(sensor.range_m)}
 
     def noisy(self, truth: Samples, about: dict[str, Any], model: DvlNoise, seed: int) -> tuple[Samples, None]:
-        """Each beam errs."""
+        """Readings with an error of each beam."""
         return vars(dvl_noise(model, DvlReadings(**truth), np.array(about["beams"]), seed)), None
 
     def check(self, found: Evidence) -> None:

@@ -195,7 +195,7 @@ class LightFieldSolver:
 
 
 class Refinement:
-    """From values at the nodes of a coarse grid to those of a fine one, by splines.
+    """Interpolation from values at the nodes of a coarse grid to those of a fine one, by splines.
 
     Args:
         coarse: The one grid.

@@ -42,14 +42,14 @@ class Frames:
     poses: Sequence[np.ndarray]
     """T_w_v [4, 4] of each."""
     time_ns: Sequence[int]
-    """When each is [ns]."""
+    """Time of each [ns]."""
     motion: Callable[[int], Motion] | None = None
     """Motion of the vehicle around a time, as `Simulation.motion`; None: it stands still in each frame."""
 
     @classmethod
     def of(cls, scene: Scene, renderer, poses: Sequence[np.ndarray], time_ns: Sequence[int] | None = None,
            motion: Callable[[int], Motion] | None = None) -> "Frames":
-        """Without ``time_ns``, those of a scene from its start."""
+        """Frames at these poses; without ``time_ns``, at the times of a scene's frames from its start."""
         if time_ns is None:
             time_ns = times_ns(len(poses), scene.render.frame_rate_hz).tolist()
         return cls(renderer, poses, time_ns, motion)

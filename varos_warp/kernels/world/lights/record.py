@@ -22,7 +22,7 @@ class Light:
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
     planes: int
-    """Over 1: how many such profiles there are, one after the other, in even steps around the axis."""
+    """Number of such profiles, if over 1: one after the other, in even steps around the axis."""
     sheet: int
     """1 if it shines only between four planes: those of x dot (axis +- right) = 0 and x dot (axis +- up) = 0, with x
     from the light."""
