@@ -129,8 +129,7 @@ def inner_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, step: float, reach: fl
 
 @wp.func
 def border_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, lock: wp.vec3, step: float, reach: float):
-    """Target of a vertex on a side of the region, within that side (along n, else near by), and whether there is
-    one."""
+    """Target of a vertex on a side of the region, within that side (along n, else near by), and whether it exists."""
     inside = p - 1.0e-3 * step * lock  # a ray in the model's own rim would miss it
     free = wp.vec3(1.0 - wp.abs(lock[0]), 1.0 - wp.abs(lock[1]), 1.0)
     d = wp.normalize(wp.cw_mul(n, free))
