@@ -71,7 +71,7 @@ class Contents(NamedTuple):
 
     @property
     def bytes(self) -> int:
-        """Of all entries."""
+        """Bytes of all entries."""
         return sum(size for _, size in self.entries)
 
 

@@ -23,7 +23,7 @@ class InputError(ValueError):
         super().__init__(self.message)
 
     def at(self, key: str) -> "InputError":
-        """The same of another key; none if it is empty."""
+        """This error with another key; with none if ``key`` is empty."""
         return InputError(self.problem, file=self.file, key=key or None, value=self.value, remedy=self.remedy,
                           line=self.line)
 

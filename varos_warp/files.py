@@ -9,7 +9,7 @@ from varos_warp.errors import InputError, did_you_mean
 from varos_warp.limits import check_limit
 
 MOST_NAMES = 10_000
-"""Of a folder that are looked at for one like another."""
+"""Most names in a folder that are searched for one like another."""
 
 
 def is_file(path: Path) -> bool:

@@ -139,7 +139,7 @@ def _brightness(light: dict) -> str:
 
 
 def _print_lights(lights: list[dict]) -> None:
-    """Where lights are and how bright, and what files say of them."""
+    """Positions, cones and intensities of lights, and what files say of them."""
     print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
                  [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
                    _brightness(light)] for i, light in enumerate(lights)])
@@ -257,7 +257,7 @@ def _print_profiles(lights: list[dict]) -> None:
 
 
 def _print_mounts(facts: dict) -> None:
-    """Where cameras are and look, how far apart the two of a pair are, and what was not asked for."""
+    """Positions and directions of cameras, baselines of stereo pairs, and what was not asked for."""
     print_table(["camera", "on", "position [m]", "looks along"],
                 [[c["id"], f"the {c['mount']}", _place(c["position"]), _place(c["looks_along"])]
                  for c in facts["cameras"]])

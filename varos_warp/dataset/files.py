@@ -30,7 +30,7 @@ HOST = re.sub(r"[^0-9a-zA-Z]", "", socket.gethostname()) or "host"
 IN_THE_WAY = (errno.ENOTDIR, errno.EISDIR, errno.EEXIST)
 """Errors that mean: something else has the name."""
 OWNER = ".owner.lock"
-"""In a folder that is being made: held by the process that makes it."""
+"""Lock file in a folder that is being made, held by the process that makes it."""
 _counter = itertools.count()
 _watchers: list[Callable[[Path, Path], None]] = []
 
@@ -351,7 +351,7 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def channels_of(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:
-    """Those of the ``channels`` of an EXR that have these names, in their order.
+    """Channels of an EXR that have these names, in their order.
 
     Raises:
         InputError: There is no such channel.

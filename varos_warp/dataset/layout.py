@@ -1,4 +1,4 @@
-"""Where everything lies in a dataset.
+"""Paths of everything in a dataset.
 
 Names and folders of the released VAROS sequence (paper 4.1.1, tables 5 and 6, figure 5)::
 
@@ -155,7 +155,7 @@ class Layout:
 
     @property
     def lights(self) -> Path:
-        """Where the lights are and point at every frame."""
+        """Table of the lights' positions and directions at every frame."""
         return self.vehicle_dir / "lights0" / "lights0_poses.csv"
 
 

@@ -72,7 +72,7 @@ def _solid(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """From where to look."""
+    """Moment, camera and image width of a preview."""
 
     frame: int = 0
     """Number of a frame of the sequence."""
@@ -81,7 +81,7 @@ class Viewpoint:
     camera: str | None = None
     """Id of a camera; absent: the first."""
     width: int = 320
-    """Of the image [pixels], if the camera's own is not smaller."""
+    """Width of the image [pixels]; a camera with a smaller image keeps its own."""
 
 
 class View(NamedTuple):
@@ -93,9 +93,9 @@ class View(NamedTuple):
     course: np.ndarray
     """Positions of the vehicle [N, 3] [m]."""
     time_ns: int = 0
-    """When [ns]."""
+    """Time of the image [ns]."""
     motion: Motion | None = None
-    """Of the vehicle around that time, where the camera has a shutter."""
+    """Motion of the vehicle around that time, where the camera has a shutter."""
 
     def render(self, letter: str, **options) -> Any:
         """An image of some type."""
@@ -302,7 +302,7 @@ def files_named(scene: Scene, content: Any) -> dict[Path, tuple | None]:
 
 
 def smaller(camera: Camera, width: int) -> Camera:
-    """The same field of view in no more than so many pixels across."""
+    """A camera with the same field of view, at most so many pixels wide."""
     scale = min(1.0, width / camera.resolution[0])
     return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 

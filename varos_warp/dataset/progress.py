@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 LINE_SECONDS = 15.0
-"""At most one line in this time where there is no terminal."""
+"""Seconds in which there is at most one line where there is no terminal."""
 
 
 class Progress:

@@ -1,4 +1,4 @@
-"""Where a preview is shown: a PNG file in a folder, or the viewer Rerun."""
+"""Screens on which a preview is shown: a PNG file in a folder, or the viewer Rerun."""
 
 from pathlib import Path
 

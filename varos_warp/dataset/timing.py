@@ -1,4 +1,4 @@
-"""Where the time of a run went."""
+"""Times that the stages of a run took."""
 
 import contextlib
 import threading

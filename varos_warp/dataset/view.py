@@ -191,7 +191,7 @@ class _Recorder:
                                                           labels=[entry["key"]]))
 
     def camera(self, camera: str, numbers: list[int]) -> None:
-        """Where a camera is at its frames, its frustum, and the exposure of its images."""
+        """Poses of a camera at its frames, its frustum, and the exposure of its images."""
         rr, data, entity, about = self.rr, self.data, f"world/cam{camera}", self.data.camera(camera)
         time_ns, T_w_c = data.views(camera)
         rows = np.searchsorted(data.frames, numbers)

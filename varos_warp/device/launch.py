@@ -86,7 +86,7 @@ class _Gate:
 
     @contextlib.contextmanager
     def passed(self) -> Iterator[bool]:
-        """For what a thread does inside, if the gate is open."""
+        """Enter the gate for what a thread does inside; yields whether it is open."""
         with self._change:
             is_open = self._is_open
             self._inside += is_open

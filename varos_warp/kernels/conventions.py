@@ -24,9 +24,9 @@ BLOCK_DIM = 128
 
 CPU_FLAGS = " ".join([wp.config.cpu_compiler_flags or "", "-fno-slp-vectorize", "-menable-no-nans",
                       "-Wno-nan-infinity-disabled"])
-"""For long kernels. Vectorising their scalars costs 5 to 10 % of the time on an EPYC. Rays are tested against boxes by
-minima and maxima, which are one instruction each where they need not provide for NaN: an eighth of the time.
-``wp.isfinite`` still finds it, as code of a library that is compiled apart."""
+"""Compiler flags of long kernels on a CPU. Vectorising their scalars costs 5 to 10 % of the time on an EPYC. Rays are
+tested against boxes by minima and maxima, which are one instruction each where they need not provide for NaN: an eighth
+of the time. ``wp.isfinite`` still finds it, as code of a library that is compiled apart."""
 
 LONG_KERNEL = {
     "module": "unique",
@@ -41,7 +41,7 @@ The launch bounds, threads per block and blocks resident at once on a multiproce
 hide the latency of rays. On a CPU neither has an effect."""
 
 RESIDENT_THREADS = 768
-"""Of an `in_step_kernel` on a multiprocessor of a GPU at once."""
+"""Threads of an `in_step_kernel` that are on a multiprocessor of a GPU at once."""
 
 
 def in_step_kernel(instances: bool) -> dict:

@@ -20,7 +20,7 @@ class Sampler:
     """Which sample of which pixel, and where on its path it is."""
 
     key: wp.uint32
-    """Of the image: combines seed, frame and camera."""
+    """Key of the image: combines seed, frame and camera."""
     pixel: int
     sample: int
     group: int

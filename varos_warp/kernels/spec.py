@@ -17,9 +17,9 @@ class SceneSpec:
     medium: bool = True
     """The water scatters."""
     surfaces: bool = True
-    """There are surfaces."""
+    """There are surfaces in the scene."""
     instances: bool = False
-    """Some are instances."""
+    """Some surfaces are instances."""
     textures: bool = True
     """Some material is more than one constant reflectance."""
     masks: bool = False
@@ -41,10 +41,10 @@ class SceneSpec:
     field: bool = False
     """The field of open water is known."""
     camera_field: bool = False
-    """It is also known along this camera's rays."""
+    """The field of open water is also known along this camera's rays."""
 
     def only(self, *names: str) -> "SceneSpec":
-        """These fields, and the defaults of all others."""
+        """A spec with these fields, and the defaults of all others."""
         return SceneSpec(**{name: getattr(self, name) for name in names})
 
     @property

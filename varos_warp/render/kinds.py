@@ -49,7 +49,7 @@ H100, 0.33 on a CPU (Munkholmen)."""
 
 
 COLOUR_CYCLE = 6
-"""Where each channel has its own rays, samples are a multiple of this, and all channels have equally many."""
+"""Samples are a multiple of this where each channel has its own rays, and all channels have equally many."""
 
 
 class SampleKind(NamedTuple):
@@ -57,13 +57,13 @@ class SampleKind(NamedTuple):
 
     kernel: wp.Kernel
     to_a_sample: int
-    """How many there are to a sample per pixel, where nothing else is known."""
+    """Number of these samples to a sample per pixel, where nothing else is known."""
     cost: float
-    """Of one of them."""
+    """Relative cost of one sample."""
     subpaths: bool
-    """Subpaths, or segments of the camera."""
+    """Whether they are subpaths, or segments of the camera."""
     sums: int = film.SUMS
-    """Of each pixel of the film."""
+    """Number of sums of each pixel of the film."""
 
 
 ALL_ALIKE = SampleKind(None, 1, 1.0, False)

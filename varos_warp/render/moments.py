@@ -23,11 +23,11 @@ class NextFrame(NamedTuple):
     T_w_v: ArrayLike
     """Pose [4, 4] of the vehicle."""
     camera: str | Camera | None = None
-    """If it is another one: with the same pose, F is the disparity of a pair."""
+    """Camera, if it is another one: with the same pose, F is the disparity of a pair."""
     motion: Motion | None = None
-    """Of the vehicle around it, for a rolling shutter."""
+    """Motion of the vehicle around that frame, for a rolling shutter."""
     time_ns: int | None = None
-    """For objects that move [ns]; absent: that of this frame, as for a pair."""
+    """Time at which to place objects that move [ns]; absent: that of this frame, as for a pair."""
 
 
 def checked_motion(name: str, motion: Motion | None) -> Motion | None:

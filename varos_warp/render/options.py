@@ -35,11 +35,11 @@ class RenderOptions:
     layers: Sequence[str] | None = None
     """Which of direct, single, multiple to render; absent: the scene's."""
     integrator: str | None = None
-    """Of A: auto, field, path or reference; absent: the scene's."""
+    """Integrator of A: auto, field, path or reference; absent: the scene's."""
     denoise: str | None = None
     """oidn, nlm or none: fill in ``denoised`` of A, on a GPU without a way over the host; absent: do not."""
     denoise_b: str | None = None
-    """The same for B."""
+    """oidn, nlm or none: fill in ``denoised`` of B, on a GPU without a way over the host; absent: do not."""
     snow: bool = True
     """Whether A and P show the bodies in the water that a scene has."""
     copied: Sequence[str] | None = None
@@ -71,7 +71,7 @@ def of_scene(scene: Scene) -> dict[str, Any]:
 
 
 def of_run(device: str, denoisers: Mapping[str, str | None], linear_exr: bool) -> dict[str, Any]:
-    """Those of a run's images: a GPU denoises what it rendered, and what is not written stays there.
+    """Options for a run's images: a GPU denoises what it rendered, and what is not written stays there.
 
     Args:
         device: ``cpu`` or ``cuda:N``; a CPU denoises beside the next frame.

@@ -37,9 +37,10 @@ from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import lit_of_rows
 
 DENOISED, DENOISED_PIXELS = 8.0, 96 * 56
-"""With the field, where images are denoised: samples are shared out as if that took away all but one part in so many of
-the correction's variance, in an image of so many pixels or fewer. In larger ones it is more, for more pixels show the
-same light: about 100 at 1280 x 720 (measured on Munkholmen). It grows with the root of the pixels."""
+"""Effect of a denoiser that is assumed with the field: samples are shared out as if it left only one part in DENOISED
+of the correction's variance, in an image of DENOISED_PIXELS pixels or fewer. In larger ones it takes away more, for
+more pixels show the same light: it leaves one part in about 100 at 1280 x 720 (measured on Munkholmen). The factor
+grows with the square root of the number of pixels."""
 VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
 """Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
 the rest does."""
@@ -55,15 +56,15 @@ class Shot(NamedTuple):
     view: Camera
     T_w_v: np.ndarray
     options: RenderOptions
-    """With everything that the scene has to say."""
+    """Options with everything that the scene has to say."""
     key: int
-    """Of its random numbers."""
+    """Key of its random numbers."""
     guides: Callable[[wp.Kernel], dict[str, wp.array]]
     """Albedo and normals, traced by a kernel once for all images of a frame."""
     world: DeviceScene
     """The scene, with what moves where it is at the frame's time."""
     motion: Motion | None = None
-    """Of the vehicle while the shutter is open; None: it stands still, and so does all else."""
+    """Motion of the vehicle while the shutter is open; None: it stands still, and so does all else."""
     snow: Callable[[], Snow] | None = None
     """Renders the bodies in the water that this image shows; None: it shows none."""
 

@@ -76,9 +76,9 @@ class Exposed(NamedTuple):
     T_w_v: np.ndarray
     motion: Motion | None
     world: DeviceScene
-    """With what moves where it is at the frame's time."""
+    """The scene, with what moves where it is at the frame's time."""
     time_ns: int
-    """Of the frame."""
+    """Time of the frame [ns]."""
 
     @property
     def rolls(self) -> bool:
@@ -90,7 +90,7 @@ class Exposed(NamedTuple):
         return poses_of_rows(self.view, self.T_w_v, self.motion)
 
     def cameras_of_rows(self) -> np.ndarray:
-        """And of the camera [H, 4, 4]."""
+        """Camera pose for each row, [H, 4, 4]."""
         return camera_pose(self.view, self.poses_of_rows())
 
     def row_times(self) -> np.ndarray:
@@ -307,7 +307,7 @@ class FrameRenderer:
         return rows
 
     def _render_first_hits(self, here: Exposed, planes: Iterable[str], key: int = 0) -> FirstHits:
-        """Those planes of `FirstHits`; ``key`` is that of the random numbers of rays over a pixel."""
+        """First hits with these planes; ``key`` is that of the random numbers of rays over a pixel."""
         view = here.view
         shape = view.resolution[::-1]
         normal = wp.zeros(shape, dtype=wp.vec3, device=self.device)
@@ -372,7 +372,7 @@ class FrameRenderer:
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
 
     def _moving_parts(self, here: Exposed, following: Exposed, hits: FirstHits) -> list[MovingPart]:
-        """Where each object that moves is seen, and its poses at both frames, for each row where rows differ."""
+        """Objects that move: where each is seen, and its poses at both frames, for each row where rows differ."""
         if not self.world.moving:
             return []
         now, then = (at.world.poses_at(at.row_times()) for at in (here, following))

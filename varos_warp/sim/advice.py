@@ -21,7 +21,7 @@ from varos_warp.sim.vehicle.rigid_body import RigidBody
 from varos_warp.sim.vehicle.thrusters import PITCH, ROLL
 
 SHARES = np.linspace(0.0, 1.0, 201)
-"""Of a leg's time, where its needs are looked at."""
+"""Shares of a leg's time at which its needs are looked at."""
 
 LITTLE_LESS = 0.98
 """Share of the speed asked for that is not worth a word."""
@@ -30,7 +30,8 @@ LITTLE_TURN_DEG = 0.1
 """Angle that is not worth a word either."""
 
 FEW_FRAMES, SLOW = 10, 0.2
-"""Fewer frames are a look at a scene; sequences with less than this share of course and speed hardly move."""
+"""Number of frames below which a sequence is a look at a scene; share of course and speed below which it hardly
+moves."""
 
 ONE_G = 9.81
 """Acceleration [m/s^2] beyond which recorded poses probably have noise."""
@@ -77,7 +78,7 @@ def on_course(scene: Scene, course: Course, body: Sphere, gains: Gains, current:
 
 
 def _on_speed(course: Course) -> Iterator[str]:
-    """Where a constant speed was asked for that no leg has: it is lost in turns and on the way from stop to stop."""
+    """Advice if no leg has the constant speed asked for: it is lost in turns and on the way from stop to stop."""
     leg = max(course.legs, key=lambda leg: leg.peak_speed / leg.speed)
     if leg.blends is not None and leg.peak_speed < LITTLE_LESS * leg.speed:
         bends = _bends(course)
@@ -137,7 +138,7 @@ def _is_half(turned: np.ndarray) -> bool:
 
 
 def on_poses(course: Trajectory, knots: Knots, motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:
-    """Where exact poses do not say what happens, or ask for what no underwater vehicle does.
+    """Advice if exact poses do not say what happens, or ask for what no underwater vehicle does.
 
     Args:
         course: Of the scene, of exact poses.
@@ -174,7 +175,7 @@ def on_poses(course: Trajectory, knots: Knots, motion: dict[str, np.ndarray], la
 
 
 def _place(course: Trajectory, pose: int) -> str:
-    """Where a pose stands, in words."""
+    """Place of a pose in the scene or its file, in words."""
     stops = course.stops
     return f"trajectory.file: line {stops.line[pose]}" if isinstance(stops, RecordedCourse) else course.key(pose)
 
@@ -194,7 +195,7 @@ def _on_heading(course: Trajectory, motion: dict[str, np.ndarray]) -> Iterator[s
 
 
 def on_pace(scene: Scene, course: Course, position: np.ndarray, frames: int) -> Iterator[str]:
-    """Where ``duration_s`` ends a sequence while the vehicle still gathers speed, so that it hardly moves.
+    """Advice if ``duration_s`` ends a sequence while the vehicle still gathers speed, so that it hardly moves.
 
     Args:
         scene: The scene.

@@ -13,7 +13,7 @@ LONGEST_S = 86_400
 """Longest sequence [s]: a day, whose trajectory is 17 million rows and takes 9 GB to make."""
 MAX_TICKS = LONGEST_S * TICK_RATE_HZ
 HIGHEST_RATE_HZ = 10_000.0
-"""Of frames and sensors: 50 to a tick, between which the motion has no more to tell."""
+"""Highest rate of frames and sensors [Hz]: 50 to a tick, between which the motion has no more to tell."""
 
 
 def check_rate(rate_hz: float, key: str) -> None:

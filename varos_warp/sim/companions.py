@@ -1,4 +1,4 @@
-"""Where the other vehicles of a scene are, and all else that moves besides the one that observes."""
+"""Poses over time of the other vehicles of a scene, and of all else that moves besides the one that observes."""
 
 import json
 from collections.abc import Callable, Collection, Iterator
@@ -20,7 +20,7 @@ PosesAt = Callable[[np.ndarray], np.ndarray]
 
 
 def companions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
-    """Where the other vehicles of a scene are: poses T_w_v [N, 4, 4] at times of the sequence int64 [N] [ns], by key.
+    """Poses T_w_v [N, 4, 4] of the other vehicles of a scene at times of the sequence int64 [N] [ns], by key.
 
     Each is where its own simulation has it, up to its last frame; there it stays. Keys may be ``left_out``.
     """
@@ -29,7 +29,7 @@ def companions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesA
 
 
 def motions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
-    """Where all of `Scene.tracked` are, by key, but those other vehicles that are ``left_out``."""
+    """Poses over time of all of `Scene.tracked`, by key, but those other vehicles that are ``left_out``."""
     found: dict[str, PosesAt] = {key: partial(poses_along, block.stops) for key, block in scene.moving.items()
                                 if block.path}
     return found | {key: poses for key, poses in companions(scene, left_out).items() if key in scene.tracked}
@@ -53,7 +53,7 @@ def _course_of(scene: str, folder: Path, stamp: tuple | None) -> tuple[Trajector
 
 
 def meetings(scene: Scene, frames: Trajectory, others: dict[str, PosesAt]) -> Iterator[str]:
-    """Where hulls of two vehicles touch at a frame, taken for spheres."""
+    """Messages about vehicles whose hulls, taken for spheres, touch at a frame."""
     for key, poses in others.items():
         gap = np.linalg.norm(poses(frames.time_ns)[:, :3, 3] - frames.position, axis=1)
         its, k = vehicle_radius(scene.observed_by(scene.companions[key].id)), int(gap.argmin())

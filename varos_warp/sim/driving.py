@@ -34,7 +34,7 @@ REPORT_TICKS = 200
 
 
 class Driven(NamedTuple):
-    """Where a vehicle went: what a `trajectory.Simulation` has but readings."""
+    """Motion of a vehicle over a sequence: what a `trajectory.Simulation` has but readings."""
 
     trajectory: Trajectory
     frames: Trajectory

@@ -178,7 +178,7 @@ def plan(trajectory: description.Trajectory, free: tuple[int, ...] = ()) -> Cour
 
 
 def level(turned: list[Rotation], free: tuple[int, ...]) -> list[Rotation]:
-    """The same attitudes without pitch or roll, or both, where these are `free`."""
+    """Attitudes without pitch or roll, or both, where these are `free`."""
     angles = Rotation.concatenate(turned).as_euler("ZXY")
     angles[:, [{PITCH: 1, ROLL: 2}[axis] for axis in free]] = 0.0
     return list(Rotation.from_euler("ZXY", angles))
@@ -323,7 +323,7 @@ class Window(NamedTuple):
     """Angular velocity and acceleration [n, 3], vehicle axes."""
 
     def rows(self) -> list[Reference]:
-        """The same as plain floats."""
+        """Rows of the reference as plain floats."""
         columns = self._replace(attitude=self.attitude.as_quat(scalar_first=True))
         return [Reference(*map(tuple, row)) for row in zip(*(c.tolist() for c in columns), strict=True)]
 

@@ -28,7 +28,7 @@ SPEED = CubicHermiteSpline([0.0, 1.0], [1.0, 0.0], [0.0, 0.0])
 """What is left of the speed at the last pose, by the share of the time to rest; it begins and ends without a jolt."""
 
 STEP_NS = 1_000_000
-"""Between the poses that a velocity is made of [ns]."""
+"""Time between the poses that a velocity is made of [ns]."""
 
 JOLT = CubicHermiteSpline([0.0, 1.0], [0.0, 0.0], [1.0, 0.0])
 """Speed that comes of a unit acceleration at the last pose, which fades away in a unit of time."""
@@ -70,7 +70,7 @@ class Knots:
 
     @classmethod
     def of(cls, poses: Sequence[description.Pose | Stop]) -> "Knots":
-        """Those of blocks, or of a recorded course.
+        """Knots from the poses of blocks, or of a recorded course.
 
         Raises:
             InputError: Their times do not increase.
@@ -96,7 +96,7 @@ def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
 
 
 def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = None) -> dict[str, Callable]:
-    """Where everything that moves is, by its name: poses [N, 4, 4] for times int64 [N] [ns]; along paths, or as others.
+    """Poses [N, 4, 4] of all that moves as functions of times int64 [N] [ns], by name: along paths, or as others.
 
     Args:
         parts: Everything solid.
@@ -108,7 +108,7 @@ def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = N
 
 def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
                     ) -> dict[str, np.ndarray]:
-    """The same at times int64 [N] [ns]: poses [N, 4, 4]."""
+    """Poses [N, 4, 4] of everything that moves at times int64 [N] [ns], by its name."""
     return {key: course(time_ns) for key, course in courses_of_moving(parts, others).items()}
 
 

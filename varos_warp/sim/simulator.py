@@ -41,7 +41,7 @@ class Step(Readings):
     """
 
     time_ns: int
-    """From 0; a tick is 5 000 000."""
+    """Time from 0 [ns]; a tick is 5 000 000."""
     position: np.ndarray
     """[3] [m], world axes, as are velocity and acceleration."""
     velocity: np.ndarray
@@ -205,7 +205,7 @@ class _Driven:
         return logged(row, self._flight.origin, self._flight.tick)
 
     def advance(self, command: tuple[Vector, Vector] | None) -> None:
-        """To the next tick, as the controller commands where nobody else does."""
+        """Advance to the next tick, as the controller commands where nobody else does."""
         if command is None:
             self._flight.advance()
         else:
@@ -228,7 +228,7 @@ class _Replayed:
         return Logged(self._block.trajectory.rows(row), self._block.reference[row], self._block.waypoint[row])
 
     def advance(self, command: tuple[Vector, Vector] | None) -> None:
-        """To the next tick; there is nothing to command."""
+        """Advance to the next tick; there is nothing to command."""
         if command is not None:
             raise InputError("exact poses move the vehicle, and no force does", key="trajectory",
                              remedy="Call step() without force and torque, or give the scene waypoints")

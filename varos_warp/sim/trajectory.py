@@ -27,7 +27,7 @@ class Simulation(Readings):
     """Motion of the vehicle, up to the first IMU sample after the last frame and the tick after that; for output F, up
     to one frame more."""
     frames: Trajectory
-    """The same at the frames' times, the first at 0."""
+    """Motion of the vehicle at the frames' times, the first at 0."""
     messages: list[str]
     """Warnings and events in plain words."""
     reference_position: np.ndarray
@@ -44,7 +44,7 @@ class Simulation(Readings):
 
 
 class PathSamples(NamedTuple):
-    """Where a vehicle is and was meant to be, densely enough to check clearances."""
+    """Positions that a vehicle has and was meant to have, densely enough to check clearances."""
 
     time_ns: np.ndarray
     position: np.ndarray

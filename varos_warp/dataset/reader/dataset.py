@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _CHECK, _ANEW = "Check it with `varos-warp validate`, then `run` again.", "`run` again to make it anew."
 CONVENTIONS = ("center_half", "opencv")
-"""Of intrinsics: where the centre of the top left pixel is."""
+"""Conventions of intrinsics: where the centre of the top left pixel is."""
 
 
 class Dataset:

@@ -47,7 +47,7 @@ class Frame:
 
     @cached_property
     def B(self) -> np.ndarray:
-        """The same without water, uint8 [H, W, 3], sRGB after exposure."""
+        """Image without water, uint8 [H, W, 3], sRGB after exposure."""
         return self.data.pixels(AMBIENT, self.number, self.camera)
 
     @cached_property
@@ -148,7 +148,7 @@ class Frame:
         return np.where(known, -np.log(np.where(known, T, 1.0)) / np.where(known, r, 1.0), np.nan)
 
     def colour_offsets(self, channel: str) -> np.ndarray:
-        """Where a channel shows what each pixel shows in green: so far right and down, float64 [H, W, 2] [pixels].
+        """Offset at which a channel shows what each pixel shows in green, right and down, float64 [H, W, 2] [pixels].
 
         Exact for the distances of D; 0 where all channels have one index, NaN where D has none.
         """

@@ -1,4 +1,4 @@
-"""From where each row of an image is seen: of a rolling shutter every row has a time and a pose of its own."""
+"""Poses from which each row of an image is seen: of a rolling shutter every row has a time and a pose of its own."""
 
 import contextlib
 from typing import Any
@@ -23,7 +23,7 @@ def exposure_s(about: dict) -> float:
 
 
 def offsets_ns(about: dict) -> np.ndarray:
-    """From a frame's time stamp to the middle of the exposure of each row, int64 [H]."""
+    """Time from a frame's time stamp to the middle of the exposure of each row, int64 [H] [ns]."""
     return in_ns(offsets_of_rows_s(about["height"], (about.get("shutter") or {"readout_s": 0.0})["readout_s"]))
 
 

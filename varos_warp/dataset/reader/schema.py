@@ -24,12 +24,12 @@ from varos_warp.scene.description.optics import Duration, Index, Port, Vignettin
 from varos_warp.scene.description.render import Integrator
 
 SCHEMA_VERSION = 1
-"""Of dataset.json; raised when a key changes its meaning."""
+"""Schema version of dataset.json; raised when a key changes its meaning."""
 Vec3 = tuple[float, float, float]
 Row4 = tuple[float, float, float, float]
 Rate = Annotated[float, Field(gt=0.0, strict=True)]
 Whole = Annotated[int, Field(strict=True)]
-"""Not 4.0, which no `range` takes."""
+"""A strict integer: 4.0 is refused, which no `range` takes."""
 Count = Annotated[Whole, Field(ge=0, le=10**8)]
 Side = Annotated[Whole, Field(ge=1, le=2**16)]
 Denoiser = Literal["oidn", "nlm", "none"] | None

@@ -17,9 +17,9 @@ from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.passes import BandWater
 
 ROUNDING = 1e-12
-"""Below it, a quantity in SI units is what rounding left of 0."""
+"""Value below which a quantity in SI units is what rounding left of 0."""
 INTERVALS = 1000
-"""Of time, in each of which a curve's least and greatest value are kept."""
+"""Number of time intervals, in each of which a curve's least and greatest value are kept."""
 
 
 def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> tuple[np.ndarray, np.ndarray]:

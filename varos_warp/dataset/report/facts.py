@@ -215,7 +215,7 @@ def provenance(data: Dataset) -> Raw:
 
 
 def _noise(data: Dataset) -> str:
-    """Of which profile, or of the scene."""
+    """Source of the noise in words: a profile, the scene, or none."""
     added = data.meta.get("noise")
     if added and not data.has_scene_noise:
         return f"of the profile {added['profile']['name']}, seed {added['seed']}"

@@ -23,34 +23,34 @@ if TYPE_CHECKING:
     from varos_warp.sim.trajectory import Simulation
 
 EXR_BYTES = {"linear_exr": 16.0, "depth_exr": 6.0}
-"""Of a pixel of A, and of D, with these keys of ``render``."""
+"""Bytes per pixel of A, and of D, with these keys of ``render``."""
 SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
-"""For a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
+"""Seconds for a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
-"""For a sample of a pixel of B."""
+"""Seconds for a sample of a pixel of B."""
 PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9},
            Source.PARTICLES: {"cpu": 8e-6, "cuda": 25e-9}}
-"""For a pixel of what first hits tell, all such images together, of F, and of bodies in the water: on one core
+"""Seconds for a pixel of what first hits tell, all such images together, of F, and of bodies in the water: on one core
 (3dab77d; bodies later); beside a GPU, where encoding takes longest, what that takes on 16 such cores."""
 RAY_S = {"cpu": 0.5e-6, "cuda": 1e-9}
-"""For each of the rays over a pixel that an image has of its own: on one core, and on a large GPU."""
+"""Seconds for each of the rays over a pixel that an image has of its own: on one core, and on a large GPU."""
 COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0,
              Source.PARTICLES: 10.0}
-"""To compile what each image needs, which is done side by side, and for A to solve for the field: seconds on one
+"""Seconds to compile what each image needs, which is done side by side, and for A to solve for the field: on one
 device, however many cores."""
 LOAD_S = 1.5
-"""To load a small scene."""
+"""Seconds to load a small scene."""
 TEST_SPP, COMPARED_SPP = 20, 16
 """Samples by which the planner often finds the samples of A: of a pixel of all test images; and of the small images by
 which two integrators are compared."""
 USUAL_SPP = 4
 """Samples of A that the planner often chooses."""
 MOST_FRAMES = 50
-"""At which streaks are looked for."""
+"""Most frames at which streaks are looked for."""
 
 
 def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[dict]:
-    """Of each camera with a shutter ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px``, as plain types.
+    """Shutters of cameras: ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px`` of each, as plain types.
 
     The last two are how far what the middle of the image sees moves in it at most, of some frames, while a row is
     exposed, and while the rows are read out.
@@ -113,7 +113,7 @@ def _samples(scene: Scene) -> dict:
 
 
 def _pixel_seconds(scene: Scene, device: str) -> float:
-    """For a pixel of all the images of a frame, on one core or a GPU."""
+    """Seconds for a pixel of all the images of a frame, on one core or a GPU."""
     sources = [OUTPUTS[letter].source for letter in scene.render.outputs]
     if scene.particles and Source.WATER in sources:
         sources.append(Source.PARTICLES)

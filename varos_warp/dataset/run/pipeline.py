@@ -84,7 +84,7 @@ class Rendered:
     empty: set[tuple[str, str, int]] = field(default_factory=set)
     """Images that show that no surface is in sight, by camera, letter and frame."""
     timings: list[dict] = field(default_factory=list)
-    """For the log: an entry for each image job."""
+    """Entries for the log, one for each image job."""
     failures: list[tuple[ImageJob, Exception]] = field(default_factory=list)
     """What could not be made, and why."""
 
@@ -139,11 +139,11 @@ class Pipeline:
     store: Store
     """Writes the images."""
     plan: Plan
-    """Of the sequence."""
+    """Plan of the sequence."""
     T_w_v: Callable[[int], np.ndarray]
     """Pose [4, 4] of the vehicle at a frame, and for F at the one after the last."""
     motion: Callable[[int], Motion]
-    """And around it, for shutters."""
+    """Motion of the vehicle around a frame, for shutters."""
     made: Rendered = field(default_factory=Rendered)
     """What is known already, to be added to; whole also when this is interrupted."""
     clock: Clock = field(default_factory=Clock)
@@ -218,7 +218,7 @@ class Pipeline:
         return NextFrame(self.T_w_v(frame + 1), None, self.motion(frame + 1), self.time_ns(frame + 1))
 
     def time_ns(self, frame: int) -> int:
-        """When a frame is."""
+        """Time of a frame [ns]."""
         return frame_time_ns(frame, self.store.render.frame_rate_hz)
 
     def samples_of(self, job: ImageJob, image) -> dict:

@@ -99,7 +99,7 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
 def produce_sharing(scene, out, shared: Shared, *, device: str, frames: slice, shard: tuple[int, int] = (0, 1),
                     sensors: bool = True, images: bool = True, quiet: bool = False, workers: int | None = None
                     ) -> Summary:
-    """The same, with what earlier runs have made already, and for later ones; ``shared`` must suit the scene."""
+    """Do as `produce`, with what earlier runs have made already, and for later ones; ``shared`` must suit the scene."""
     start = time.monotonic()
     if workers is not None and (workers < 1 or shard[1] > 1):
         raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
@@ -325,7 +325,7 @@ class _Run:
         return self.simulation.trajectory.at([frame_time_ns(frame, self.scene.render.frame_rate_hz)]).T_w_v(0)
 
     def motion(self, frame: int) -> Motion:
-        """Of the vehicle around a frame."""
+        """Motion of the vehicle around a frame."""
         return self.simulation.motion(frame_time_ns(frame, self.scene.render.frame_rate_hz))
 
     # -------------------------------------------------------------------------------------------------- preparing
@@ -346,7 +346,7 @@ class _Run:
         return compiling_foretold(self.scene, self.device, self.letters(), self.plan and self.plan.integrator)
 
     def letters(self) -> set[str]:
-        """Of the images that are to be rendered."""
+        """Letters of the images that are to be rendered."""
         return {letter for job in self.work for letter in job.letters}
 
     def choose_denoisers(self) -> None:

@@ -107,7 +107,7 @@ def give_up(letters: Iterable[str], layout: Layout, scene: Scene, frames: list[i
 
 
 def link_equal(root: Path, others: Iterable[Path]) -> None:
-    """Where files of complete datasets are the same, have them once on the disk: tables, calibrations, rays."""
+    """Keep files that are the same in complete datasets only once on the disk: tables, calibrations, rays."""
     own = read_checksums(root)
     for other in others:
         theirs = read_checksums(other)

@@ -11,14 +11,14 @@ from varos_warp.sim.clock import select
 
 
 def costs(sweep: Sweep, quiet: bool = False) -> list[dict[str, Any]]:
-    """Of each dataset of a sweep what is made for it, what it has from others, and how long that takes.
+    """What is made for each dataset of a sweep, what it has from others, and how long that takes.
 
     Args:
         sweep: The sweep.
         quiet: No progress on stderr.
 
     Returns:
-        Of each, in the order of the work: ``folder``, ``overrides``, ``state``, ``renders`` and ``from``, letters of
+        For each, in the order of the work: ``folder``, ``overrides``, ``state``, ``renders`` and ``from``, letters of
         images that are rendered in all frames, and by the folder that they come from; the number of ``images`` that
         are rendered, ``seconds`` on the device at hand.
 
@@ -51,7 +51,7 @@ def _entry(sweep: Sweep, unit, state: str, renders: list[str], took: dict, image
 
 
 def _seconds(scene: Scene, letters: list[str], frames: int, loaded: bool) -> float:
-    """To make these images; where something is there from before, nothing is compiled."""
+    """Seconds to make these images; where something is there from before, nothing is compiled."""
     if not letters:
         return 0.0
     facts = dataset_facts(scene.model_copy(update={"render": scene.render.model_copy(update={"outputs": letters})}),

@@ -16,8 +16,8 @@ from varos_warp.dataset.write.texts import sources
 from varos_warp.errors import InputError
 
 NAME, LOCK, FORMAT, COMPLETE = "sweep.json", ".sweep.lock", "varos_warp sweep", "complete"
-"""Its name, that of the file that one process at a time locks to write it, what it calls itself,
-and the word for a dataset that is done."""
+"""Name of the manifest, name of the file that one process at a time locks to write it, what it calls itself, and the
+word for a dataset that is done."""
 REMEDY = "Give the sweep that this folder holds, to which versions may be added, or another folder with -o."
 
 
@@ -34,7 +34,7 @@ class Manifest:
         """What stands in the file of each dataset that is complete, by its folder."""
 
     def folder_of(self, unit: Unit) -> str:
-        """Its folder, in that of the sweep."""
+        """Folder of a dataset, in that of the sweep."""
         return unit.root.relative_to(self.out).as_posix()
 
     def is_complete(self, unit: Unit) -> bool:
@@ -135,7 +135,7 @@ class Manifest:
                 "versions": [*versions.values()]}
 
     def _described(self, unit: Unit) -> dict[str, Any]:
-        """Of a dataset that is complete: whose course it has, and whose images, by letter, as the bytes say."""
+        """Entry of a complete dataset: whose course it has, and whose images, by letter, as the bytes say."""
         before = self.units[:self.units.index(unit)]
         shared = {}
         for letter in unit.scene.render.outputs:

@@ -39,10 +39,10 @@ class Sweep:
         for i, unit in enumerate(self.manifest.units):
             first.setdefault(unit.course, i)
         self.units = sorted(self.manifest.units, key=lambda unit: first[unit.course])
-        """Its datasets in the order of the work: those with the same geometry and course one after another."""
+        """Datasets in the order of the work: those with the same geometry and course one after another."""
 
     def donors(self, unit: Unit) -> dict[str, Unit]:
-        """By letter the dataset whose images a dataset is to have: one that is done, else the first that is made."""
+        """Datasets from which one is to have its images, by letter: one that is done, else the first that is made."""
         found = {}
         for letter in unit.scene.render.outputs:
             alike = [other for other in self.units if unit.has_same(letter, other)]

@@ -33,7 +33,7 @@ class Unit:
 
     @property
     def course(self) -> str:
-        """The same of scenes that differ in their looks only, and so have the same geometry and course."""
+        """Fingerprint shared by scenes that differ in their looks only, and so have the same geometry and course."""
         return self._of[LOOKS]
 
     @property

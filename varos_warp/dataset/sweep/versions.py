@@ -34,9 +34,9 @@ class Version(NamedTuple):
     """One version of a scene."""
 
     name: str
-    """Its folder."""
+    """Name of the version's folder."""
     changes: list[Change]
-    """What it sets."""
+    """Changes that it makes to the scene."""
 
     @property
     def overrides(self) -> dict[str, Any]:
@@ -52,11 +52,11 @@ class SweepFile(Block):
     """What a file of a sweep may say: named versions, or values of keys, or distributions with a seed and a count."""
 
     versions: dict[str, dict[str, Any] | None] | None = None
-    """By name what each changes: keys with dots, or blocks in which they stand, with values."""
+    """Changes of each version, by its name: keys with dots, or blocks in which they stand, with values."""
     over: dict[str, Values] | None = None
-    """By key a list of values, of all of which there is every combination; or what its values are drawn from."""
+    """Values of each key: a list, of all of which there is every combination; or what its values are drawn from."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
-    """All draws follow from it."""
+    """Seed that all draws follow from."""
     count: Annotated[int, Field(ge=1, le=MOST)] | None = None
     """How many versions are drawn."""
 

@@ -36,7 +36,7 @@ STARTS = 6
 SHARP_PX = 0.1
 """Standard error [px] above which a block has too little texture to tell."""
 FEWEST_BLOCKS = 48
-"""Fewer say nothing of the ten unknowns."""
+"""Fewest blocks that say something of the ten unknowns."""
 FLOOR_PX = 0.005
 """What interpolation of aliased texture may add: of B without noise, at 144x80 pixels, 0.002."""
 MARGIN = 4.0
@@ -44,7 +44,8 @@ MARGIN = 4.0
 or without texture, lies at 0.8 to 2.5, half or less of the limit with the floor."""
 UNKNOWNS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "roll": 1e-3, "pitch": 1e-3, "yaw": 1e-3, "f": 1e-3, "cx": 1.0, "cy": 1.0,
             "D": 1e-3}
-"""Of the camera's mounting [m, rad], focal length and scale of D [shares], principal point [px]; with small steps."""
+"""Unknowns with small steps: the camera's mounting [m, rad], focal length and scale of D [shares], principal point
+[px]."""
 
 
 @dataclass
@@ -77,7 +78,7 @@ class View:
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
-    """Where [N, 3] a second view has points at pixels (row, col) and depth ``scale`` z [N] of a first: u, v, z."""
+    """Points (u, v, z) [N, 3] in a second view of pixels (row, col) of a first with depth ``scale`` z [N]."""
     return project(points_at(first.model, first.T_w_c, row, col, scale * z), second.model, second.T_w_c)
 
 
@@ -138,9 +139,10 @@ def _moved(first: View, second: View, blocks: dict, name: str, size: float, ster
 
 def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
             ) -> tuple[np.ndarray, ...] | InputError | None:
-    """Of two views, both ways: shifts [2n] [px], their weights [2n], and what each of `UNKNOWNS` does to them.
+    """Shifts [2n] [px] between two views, their weights [2n], and how far a step of each of `UNKNOWNS` moves them.
 
-    ``view`` reads that of a frame and a camera. None where one is blurred so that nothing is to be found out.
+    Two views of one camera are compared both ways. ``view`` reads that of a frame and a camera. None where one is
+    blurred so that nothing is to be found out.
     """
     try:
         first, second = (view(*which) for which in pair)

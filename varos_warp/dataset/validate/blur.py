@@ -13,13 +13,13 @@ from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.scene.optics.shutter import in_ns
 
 POINTS = 400
-"""Of an image that are looked at."""
+"""Number of points of an image that are looked at."""
 INSTANTS, WEIGHTS = np.linspace(-0.5, 0.5, 5), np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
-"""Of an exposure, in parts of it: Simpson's rule."""
+"""Instants of an exposure, as shares of it from its middle, and their weights: Simpson's rule."""
 
 
 class Blur(NamedTuple):
-    """Of an image."""
+    """Motion blur of an image."""
 
     streak: np.ndarray
     """[2] [px]: from where points are at the beginning of the exposure to where they are at its end; their mean."""
@@ -29,7 +29,7 @@ class Blur(NamedTuple):
 
 SHARP = Blur(np.zeros(2), 0.0)
 UNKNOWN = Blur(np.full(2, np.nan), np.inf)
-"""Where the vehicle's motion is not on record."""
+"""Blur of an image where the vehicle's motion is not on record."""
 
 
 def blur_of(data: Dataset, frame: int, camera: str, depth: np.ndarray) -> Blur:

@@ -26,7 +26,7 @@ class Pending:
     files: frozenset[Path] = frozenset()
     """Images and tables of exposures."""
     frames: frozenset[int] = frozenset()
-    """Those that are not rendered, or not in all outputs."""
+    """Frames that are not rendered, or not in all outputs."""
 
     @classmethod
     def of(cls, data: Dataset) -> "Pending":

@@ -16,7 +16,7 @@ from varos_warp.scene.frames import inverse
 EVERY = 5
 """Rows and columns between the pixels that are looked at."""
 HALF_STEP = 0.51
-"""Of D: its rounding, and a little for that of its float32."""
+"""Largest error of D in its steps: its rounding, and a little for that of its float32."""
 SLACK_PX, SLACK_M = 1e-3, 1e-5
 """What float32 may round in the flow and in the motion."""
 

@@ -78,7 +78,8 @@ class _FrameImages:
         self.angles: list[float] = []
         """The median angle between C and the slopes of D [deg], where there are both."""
         self.sums: dict[str, np.ndarray] = {}
-        """Of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; of `objects`: ``places``."""
+        """Sums of `surfaces`: jumps of D at borders of ``S`` and ``C``, and ``slopes``; and of `objects`:
+        ``places``."""
         self.shape = data.camera(camera)["height"], data.camera(camera)["width"]
         for one in exposures:
             self.found.guard(one.check, self)
@@ -137,12 +138,12 @@ class _FrameImages:
 
     @cached_property
     def jumps(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Where D jumps."""
+        """Jumps of D, as `surfaces.jumps` has them."""
         return surfaces.jumps(self.pixels(DEPTH))
 
     @cached_property
     def has_normal(self) -> np.ndarray:
-        """Where C has a surface, bool [H, W]."""
+        """Whether C has a surface, bool [H, W]."""
         x, y, z = np.moveaxis(self.pixels(NORMALS), -1, 0)
         return x | y | z > 0  # any(-1) is slow in numpy
 
@@ -167,7 +168,7 @@ class _FrameImages:
             self.sums["places"] = objects.sums_in(self.planar, model, T_w_c, pixels, self.boxes)
 
     def _normals(self) -> None:
-        """Where C has no surface D has none within its range, C faces the camera, and D slopes as C says."""
+        """D has no surface within its range where C has none, C faces the camera, and D slopes as C says."""
         if ((self.pixels(DEPTH) < DEPTH_LEVELS) & ~self.has_normal).any():
             self.tell(self.file(NORMALS).name, "has no surface where D has one")
         self.sums[NORMALS] = surfaces.border_counts(self.jumps, self.pixels(NORMALS), BORDER_OF_C)
@@ -186,7 +187,7 @@ class _FrameImages:
                 self.tell(name, problem)
 
     def _slopes(self, rows: slice) -> tuple[float, np.ndarray, np.ndarray]:
-        """Of a band of rows: share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`."""
+        """Share of C that points away, cosines of C and the slopes of D, `surfaces.slope_sums`; of a band of rows."""
         depth = self.planar[rows]
         # in the camera's axes and about it, so that single precision is enough wherever the world's origin is
         model, T_w_c = self.data.camera_model(self.camera), self.data.T_w_c(self.frame, self.camera)

@@ -127,7 +127,7 @@ def _of_rays(found: dict[str, np.ndarray], model: CameraModel, size: tuple[int, 
 
 
 def _place(key: str) -> tuple:
-    """Where a key of an object stands in the order of ids: terrain, objects, copies."""
+    """Rank of an object's key in the order of ids: terrain, objects, copies."""
     group, *numbers = key.split(".")
     order = ("terrain", "objects", "scatter", "growth")
     return order.index(group) if group in order else len(order), *(int(n) for n in numbers if n.isdigit())

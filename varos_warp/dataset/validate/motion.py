@@ -19,7 +19,7 @@ EPS = np.finfo(float).eps
 GIMBAL = 1e-6
 """cos(pitch) below which Euler angles lose digits: scipy puts one of them to 0 within 1e-7."""
 PAIRS = ((1, 2), (2, 0), (0, 1))
-"""Of three forms of poses: each pair leaves out the form in whose place it stands."""
+"""Pairs of the three forms of poses: each leaves out the form in whose place it stands."""
 
 
 # --------------------------------------------------------------------------------------------------------------- poses
@@ -56,7 +56,7 @@ def _check_forms(data: Dataset, result: Validation, name: str) -> None:
 
 
 def _check_sign(result: Validation, path: Path, quaternion: np.ndarray, column: int) -> None:
-    """Of the two quaternions of an attitude, files of poses hold the one with w >= 0, of length 1."""
+    """Files of poses hold quaternions of length 1, of the two of an attitude the one with w >= 0."""
     result.add_rows(path, "is negative; of q and -q files of poses hold that with w >= 0", quaternion[:, 0] < 0.0,
                     quaternion[:, :1], [column])
     off = np.abs(np.sum(quaternion**2, axis=1) - 1.0)

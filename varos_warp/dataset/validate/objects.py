@@ -37,16 +37,16 @@ EPS = np.finfo(float).eps
 MOST_POINTS = 20_000
 """Points of a frame that are looked at."""
 FEWEST_POINTS = 30
-"""Fewer of an object say nothing."""
+"""Fewest points of an object that say something."""
 INSTANTS = np.linspace(-0.5, 0.5, 5)
-"""At which it is looked, of the time that a shutter is open."""
+"""Instants at which it is looked, as shares of the time that a shutter is open, from its middle."""
 
 
 @lru_cache(1)  # every view and pair of frames asks
 def known_motions(data: Dataset) -> dict[str, PosesAt]:
-    """Where the scene has all that moves, by key.
+    """Poses over time of all that moves in the scene, by key.
 
-    Of another vehicle on a recorded course whose file is not at hand the poses of the dataset tell.
+    Those of another vehicle on a recorded course whose file is not at hand are from the poses in the dataset.
 
     Raises:
         InputError: Another vehicle follows a surface whose file is not at hand.
@@ -179,7 +179,7 @@ def boxes(data: Dataset) -> dict[int, np.ndarray]:
 
 
 def sums_in(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, numbers: np.ndarray, boxes: dict) -> np.ndarray:
-    """Of one frame, a row for each of ``boxes``: points with its number, those within, sums of x, y, z [n, 5].
+    """Sums over one frame, a row for each of ``boxes``: points with its number, those within, sums of x, y, z [n, 5].
 
     Args:
         depth: Planar depth [H, W] [m]; inf where there is none.

@@ -13,10 +13,10 @@ from varos_warp.dataset import files
 from varos_warp.errors import InputError
 
 KEPT = Path("log", "validation.json")
-"""Where in a dataset its last outcome lies; the log has no checksums."""
+"""Path in a dataset of its last outcome; the log has no checksums."""
 
 MOST_PROBLEMS = 20
-"""Of one kind that are listed singly."""
+"""Most problems of one kind that are listed singly."""
 
 
 @dataclass
@@ -24,7 +24,7 @@ class Validation:
     """Outcome: it is valid when there are no problems."""
 
     root: Path
-    """Of the dataset; problems name files below it."""
+    """Folder of the dataset; problems name files below it."""
     problems: list[str] = field(default_factory=list)
     measures: list[dict] = field(default_factory=list)
     """name, value, limit, unit of each measured quantity."""
@@ -57,7 +57,7 @@ class Validation:
         return path.relative_to(self.root).as_posix()
 
     def cell(self, path: Path, row: int, column: int | str) -> str:
-        """Such as ``vehicle0/imu0/imu0_data.csv:301: a_RS_S_y = 0.25``; line 1 is the header, row 0 is in line 2."""
+        """A cell: ``vehicle0/imu0/imu0_data.csv:301: a_RS_S_y = 0.25``; line 1 is the header, row 0 is in line 2."""
         table = files.read_csv(path)
         name = column if isinstance(column, str) else list(table)[column]
         return f"{self.name(path)}:{row + 2}: {files.plain_name(name)} = {table[name].tolist()[row]}"

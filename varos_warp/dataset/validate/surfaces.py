@@ -14,7 +14,7 @@ from varos_warp.scene.description.image_types import NORMALS, SEGMENTS
 OFFSETS = (0, -2, -1, 1, 2)
 """Pixels by which borders of C or S are moved against jumps of D."""
 FEWEST_JUMPS = 30
-"""Fewer that meet a border say nothing."""
+"""Fewest jumps that must meet a border to say something."""
 DEVIATIONS = 3.0
 """Standard deviations by which more borders of C aside than in place are no chance."""
 FEWEST_SLOPES = 200

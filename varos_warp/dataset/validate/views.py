@@ -31,7 +31,7 @@ CHUNK = 16
 ROUGH = 0.2
 """Pixels by which a rough surface may be off between views, at the median."""
 FEWEST_POINTS = 200
-"""Fewer common points say nothing."""
+"""Fewest common points that say something."""
 INDEPENDENT = 1.0 - 0.8**3 + 0.05
 """Share of points outside the box of nine neighbours in some channel, if all pixels were independent of each other (the
 tenth of ten numbers is the least or the largest of them in two cases of ten), and a little for chance."""
@@ -196,7 +196,7 @@ def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet
 
 
 def _compare_chunk(data: Dataset, camera: str, frames: list[int], start: int) -> dict:
-    """By pair: what `_compare` finds for some frames and the two before each, or why one cannot be read."""
+    """Results of `_compare` by pair, for some frames and the two before each, or why one cannot be read."""
     letters = "".join(letter for letter in LEAST if letter in data.outputs)
     view, pairs = lru_cache(3)(lambda frame: _View(data, frame, camera, letters)), {}
     for i in range(start, min(start + CHUNK, len(frames))):

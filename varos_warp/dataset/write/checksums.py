@@ -21,7 +21,7 @@ NAME = "checksums"
 LEFT_OUT = (NAME, "report.html", "readiness.html", "log")
 """Files and folders beside dataset.json that may change or come later."""
 NOTES = "written_*.sha256"
-"""In ``log``, one of each process: the sums of the files that it wrote."""
+"""Files in ``log``, one of each process, with the sums of the files that it wrote."""
 
 
 def listed_files(root: Path) -> list[Path]:
@@ -80,7 +80,7 @@ class Record:
                 self.known[name].add(value)
 
     def _name(self, path: Path) -> str | None:
-        """Of a listed file, as in the list."""
+        """Name of a listed file, as in the list; None of another."""
         parts = path.relative_to(self.root).parts if path.is_relative_to(self.root) else ()
         return None if not parts or parts[0] in LEFT_OUT or parts[-1].startswith(".") else "/".join(parts)
 

@@ -1,4 +1,4 @@
-"""From the half floats of A, B and P to their 8 bit files: gain, curve, dither and the noise of a sensor."""
+"""Development of the half floats of A, B and P to their 8 bit files: gain, curve, dither and the noise of a sensor."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from varos_warp.scene.spectra.matrix import color_matrix
 from varos_warp.sim.sensors.image_noise import frame_generator
 
 _EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16), posinf=np.inf, neginf=-np.inf)
-"""By its bits; 0 for what is not a number, which no image has."""
+"""Every half float, indexed by its bits; 0 for what is not a number, which no image has."""
 
 
 def develop(half: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> np.ndarray:
@@ -35,7 +35,7 @@ def develop(half: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> 
 
 def dithered(half: np.ndarray, gain: float, dither: Dither, camera: str, letter: str, frame: int,
              matrix: np.ndarray | None = None) -> np.ndarray:
-    """The same, with dither. The curve is computed in float64, so that every machine rounds the same to 8 bits."""
+    """Dithered pixels of `develop`; the curve is in float64, so that every machine rounds the same to 8 bits."""
     if matrix is not None:
         curve = 255.0 * srgb_oetf((in_srgb(half, matrix) * np.float32(gain)).astype(np.float64))
         return dither.rounded(curve.astype(np.float32), camera, letter, frame)

@@ -21,7 +21,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.file.load import scene_to_dict
 
 _NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
-"""Of a run's lock file: host, process and shard."""
+"""Name of a run's lock file: host, process and shard."""
 PLAN_LOCK = ".plan.lock"
 _TEMP = re.compile(r"\.(\w+)-(\d+)-\d+\.tmp$")
 """Ends of the names of files that are not complete: host and process."""

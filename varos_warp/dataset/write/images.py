@@ -39,7 +39,7 @@ class Stored:
     clamped: int = 0
     """Values that were cut to the largest half float."""
     statistics: exposure.Statistics | None = None
-    """Of A, B and P."""
+    """Statistics for the exposure of A, B and P."""
     empty: bool = False
     """Whether it shows that no surface is in sight."""
 

@@ -17,7 +17,7 @@ from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import DEPTH
 
 WIDTHS = (640, 512, 400, 320, 256, 200, 160)
-"""Of embedded images; the first that fits."""
+"""Widths of embedded images [pixels]; the first that fits is taken."""
 MOST_IMAGES = 1200
 """Embedded in a page."""
 BUDGET = 12_000_000
@@ -105,15 +105,15 @@ class Filmstrip:
     frames: list[int]
     """Numbers of the frames shown."""
     width: int
-    """Of every image, in pixels."""
+    """Width of every image [pixels]."""
     images: dict[str, dict[str, list[str]]]
-    """By camera and output: base64 of WebP, one for each of the frames."""
+    """Images by camera and output: base64 of WebP, one for each of the frames."""
     near_far: tuple[float, float]
     """Distances [m] of the ends of D's colours."""
 
 
 def filmstrip(data: Dataset, quiet: bool = True, budget: int = BUDGET) -> Filmstrip:
-    """As many frames, as large as fit into a number of bytes.
+    """Small images of as many frames, and as large, as fit into a number of bytes.
 
     Raises:
         InputError: If an image cannot be read.

@@ -13,7 +13,7 @@ from varos_warp.dataset.layout import Layout
 from varos_warp.scene.optics.camera import CHANNELS, GREEN, CameraModel, camera_model, pixel_centres
 
 PARTS = ("ox", "oy", "oz", "dx", "dy", "dz", "weight")
-"""Of a ray: origin [m] and direction in camera axes; radiance at the sensor over that in the water."""
+"""Components of a ray: origin [m] and direction in camera axes; radiance at the sensor over that in the water."""
 BAND = 32
 """Rows that are computed at once, which bounds the memory."""
 

@@ -196,7 +196,7 @@ def describe_optics(camera) -> dict:
 
 
 def describe_shutter(layout: Layout, camera) -> dict:
-    """When its rows are exposed, and where their poses are; nothing of a camera without a shutter."""
+    """Exposure of a camera's rows, and where their poses are; nothing of a camera without a shutter."""
     if camera.shutter is None:
         return {}
     about = {**camera.shutter.model_dump(mode="json"), "line_delay_s": camera.shutter.readout_s / camera.resolution[1],
@@ -238,7 +238,7 @@ def describe_sensors(vehicle) -> dict[str, dict]:
 
 
 def versions() -> dict[str, str]:
-    """Of what shapes the numbers."""
+    """Versions of everything that affects numerical results."""
     return {"varos_warp": varos_warp.__version__, "python": platform.python_version(), **_installed(), "simd": simd()}
 
 

@@ -51,11 +51,11 @@ class Field:
     """The field of open water around all lights; the host's render/field/open_water.py owns it."""
 
     lights: wp.array(dtype=LightField)
-    """One per light."""
+    """Fields, one per light."""
     single: AlongCamera
     """Radiance along a camera's rays, of light that is scattered once; without values where a table is not right."""
     multiple: AlongCamera
-    """And twice or more."""
+    """Radiance along a camera's rays, of light that is scattered twice or more."""
 
 
 # ---------------------------------------------------------------------------------------------------------- the nodes

@@ -24,9 +24,9 @@ SHORT_DEPTH, SLIVER_DEPTH, SLIVER_RAD = wp.constant(0.2), wp.constant(0.1), wp.c
 """Nodes of the quadrature: the error is at most 0.1 % over rays of any length in the paper's water (measured). On
 optically short intervals, and on slivers such as a soft edge, fewer suffice."""
 GROWTH, CORE, BACKWARD = wp.constant(4.0), wp.constant(5.0), wp.constant(64.0)
-"""Where the phase function is sharp, the tangent of half the scattering angle grows by at most GROWTH within an
-interval. Henyey and Greenstein's is smooth where the tangent is below CORE (1 - g); for g < 0 intervals are divided up
-to BACKWARD times the light's distance from the ray."""
+"""Bounds for dividing intervals where the phase function is sharp: the tangent of half the scattering angle grows by at
+most GROWTH within an interval. Henyey and Greenstein's is smooth where the tangent is below CORE (1 - g); for g < 0
+intervals are divided up to BACKWARD times the light's distance from the ray."""
 
 node, short_node, sliver_node = (make_gauss_legendre(count) for count in (NODES, SHORT_NODES, SLIVER_NODES))
 
@@ -41,7 +41,7 @@ def smooth_below(phase: Phase):
 
 @wp.func
 def peak_break(phase: Phase, h: float, y: float):
-    """Where to divide an interval that starts at ``y`` from a light's foot, because the phase function is sharp.
+    """Place, from a light's foot, at which to divide an interval that starts at ``y``: the phase function is sharp.
 
     The tangent of half the scattering angle is exp(asinh(y/h)); a backward peak is a forward peak seen from behind.
     """
@@ -67,7 +67,7 @@ class Stretch:
     """
 
     before: bool
-    """Before the foot, where that angle is theta, or after it, where it is pi - theta."""
+    """Whether it is before the foot, where that angle is theta, or after it, where it is pi - theta."""
     start: float
     """Half of that angle [rad] at the start; at most pi/4."""
     turn: float

@@ -87,7 +87,7 @@ class RayNode:
     t: float
     """Distance from the end of the ray."""
     weight: float
-    """Of the quadrature, over the distance from the light."""
+    """Weight in the quadrature over the distance from the light."""
     distance: float
     """Distance from the light."""
     col: float
@@ -227,7 +227,7 @@ def compare_single_along_camera(
     known: wp.array(dtype=wp.vec3),
     tabulated: wp.array(dtype=wp.vec3),
 ):
-    """That radiance at some points, by quadrature and by look-up."""
+    """Radiance of single scattering along a camera's rays at some points, by quadrature and by look-up."""
     i = first_row + wp.tid()
     point = points[i]
     ray = node_ray(camera, size, point[1], point[0], 2, 2)

@@ -178,7 +178,7 @@ def count_batches(
 
 @wp.func
 def start_of(ends: wp.array(dtype=int), i: int):
-    """Where the entries of pixel ``i`` start in the list of all, from the running sum of their counts."""
+    """Index of the first entry of pixel ``i`` in the list of all, from the running sum of their counts."""
     if i == 0:
         return 0
     return ends[i - 1]

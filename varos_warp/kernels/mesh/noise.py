@@ -82,7 +82,7 @@ def gradient_noise(seed: wp.uint32, q: wp.vec3d):
 
 @wp.func
 def next_octave(q: wp.vec3d):
-    """The same place in the lattice of the next octave: rotated, moved and LACUNARITY times as fine."""
+    """A point in the lattice of the next octave: rotated, moved and LACUNARITY times as fine."""
     x = wp.float64(0.8) * q[0] - wp.float64(0.6) * q[1]
     y = wp.float64(0.48) * q[0] + wp.float64(0.64) * q[1] - wp.float64(0.6) * q[2]
     z = wp.float64(0.36) * q[0] + wp.float64(0.48) * q[1] + wp.float64(0.8) * q[2]

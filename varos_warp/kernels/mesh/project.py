@@ -115,7 +115,7 @@ def along_normal(mesh: wp.uint64, p: wp.vec3, d: wp.vec3, n: wp.vec3, reach: flo
 
 @wp.func
 def inner_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, step: float, reach: float):
-    """Where a vertex belongs on the model (the nearest point, else along n), and whether there is such a point."""
+    """Target of a vertex on the model (the nearest point, else along n), and whether there is such a point."""
     query = wp.mesh_query_point_no_sign(mesh, p, reach)
     if query.result:
         x = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
@@ -129,7 +129,7 @@ def inner_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, step: float, reach: fl
 
 @wp.func
 def border_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, lock: wp.vec3, step: float, reach: float):
-    """The same for a vertex on a side of the region, which it must not leave: along n within that side."""
+    """Target of a vertex on a side of the region, within that side (along n, else near by), and whether it exists."""
     inside = p - 1.0e-3 * step * lock  # a ray in the model's own rim would miss it
     free = wp.vec3(1.0 - wp.abs(lock[0]), 1.0 - wp.abs(lock[1]), 1.0)
     d = wp.normalize(wp.cw_mul(n, free))

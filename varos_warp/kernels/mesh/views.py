@@ -7,11 +7,11 @@ wp.set_module_options({"enable_backward": False})
 SLANT = wp.constant(0.4)
 """Cosine between a surface's normal and the view, below which its relief faces the view anyway."""
 BEHIND = wp.constant(-0.3)
-"""Below, not even relief does."""
+"""Cosine between a surface's normal and the view, below which not even its relief faces the view."""
 FARTHER = wp.constant(1.0001)
 """Square of how much farther an eye must be to be passed over, beyond rounding."""
 MARGIN = wp.constant(1.0e-4)
-"""Between cosines, within which it takes the angles to tell whether a point is in a cone."""
+"""Difference between cosines within which it takes the angles to tell whether a point is in a cone."""
 
 
 @wp.func

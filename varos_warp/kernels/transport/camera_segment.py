@@ -38,9 +38,9 @@ wp.set_module_options({"enable_backward": False})
 FILM = wp.constant(0)
 """Random numbers for the place in the pixel and on the lens."""
 END, FIELD = wp.constant(0), wp.constant(1)
-"""For the light of one more event on a segment, and for that of the field."""
+"""Random numbers for the light of one more event on a segment, and for that of the field."""
 LEAVE = wp.constant(0)
-"""For the direction from a metal, two groups, before those of its segment."""
+"""Random numbers for the direction from a metal: two groups, before those of its segment."""
 
 
 @specialised(*PATH)

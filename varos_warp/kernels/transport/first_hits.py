@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Rows:
-    """Of a rolling shutter, what each row of the image is of; empty for others."""
+    """Cameras and moving objects of each row, for a rolling shutter; empty for others."""
 
     cameras: wp.array(dtype=Camera)
     moving: wp.array2d(dtype=Instance)
@@ -129,7 +129,7 @@ def make_hidden_kernel(spec: SceneSpec) -> wp.Kernel:
 
 
 INSTANTS = wp.constant(16)
-"""Of an exposure, over which guides are the mean."""
+"""Number of instants of an exposure over which guides are averaged."""
 
 
 @wp.struct

@@ -81,7 +81,7 @@ def instant_of(moments: Moments, row: int, sampler: Sampler):
 
 @wp.func
 def place_of(sampler: Sampler):
-    """Where on the unit square the points of disks are that a sample sees."""
+    """Point of the unit square that selects the point of every disk light that a sample sees."""
     return draw_moment(sampler, PLACE)
 
 

@@ -38,7 +38,7 @@ class LightConnection:
     q: wp.vec3
     L: wp.vec3
     light: int
-    """Which light; -1 for none."""
+    """Number of the light; -1 for none."""
     blocked: int
     """1 if something blocks the light."""
 

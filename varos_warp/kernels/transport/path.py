@@ -69,13 +69,13 @@ NEAR_SHARE = wp.constant(0.5)
 FILM = wp.constant(0)
 """Random numbers for the place in the pixel and on the lens."""
 LEAVE = wp.constant(0)
-"""For the direction from a vertex, two groups."""
+"""Random numbers for the direction from a vertex: two groups."""
 CAMERA_END, END = wp.constant(1), wp.constant(2)
-"""For the direct light at a segment's end, and scattered on the way."""
+"""Random numbers for the direct light at a segment's end, and for light scattered on the way."""
 CAMERA_GO_ON, GO_ON = wp.constant(4), wp.constant(3)
-"""For the next vertex."""
+"""Random numbers for the next vertex."""
 FIELD = wp.constant(4)
-"""For the field's light on the way and behind the end."""
+"""Random numbers for the field's light on the way and behind the end."""
 GROUPS = wp.constant(5)
 """Number of a vertex's groups."""
 LEAST_CHOSEN = wp.constant(0.25)

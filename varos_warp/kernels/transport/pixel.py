@@ -1,4 +1,4 @@
-"""Where in its pixel a camera sample lies: uniformly distributed, or densely around lights that the camera sees.
+"""Position of a camera sample in its pixel: uniformly distributed, or dense around lights that the camera sees.
 
 Light scattered once goes as 1/h where a ray passes a point light at a distance h. If a pixel that shows a light were
 sampled uniformly, the values would have a tail of inverse square, and rare samples would dominate the image. So most

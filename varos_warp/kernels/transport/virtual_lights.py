@@ -42,7 +42,7 @@ class VirtualLight:
     """A point that a light lights."""
 
     p: wp.vec3
-    """Where rays from it start; on what moves, an offset in its axes and units."""
+    """Origin of rays from it; on what moves, an offset in its axes and units."""
     n: wp.vec3
     """Geometric normal on the lit side; on what moves, in its axes."""
     moving: int
@@ -111,7 +111,7 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
         # out
         points: wp.array2d(dtype=VirtualLight),
     ):
-        """Of each group of instants and half of the samples: [2 * group + half, point]."""
+        """Virtual point lights for each group of instants and half of the samples: [2 * group + half, point]."""
         k = first_row + wp.tid()
         row = k / points.shape[1]
         col = k % points.shape[1]

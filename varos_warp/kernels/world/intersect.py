@@ -19,10 +19,10 @@ class Instance:
 
     mesh: wp.uint64
     whole: wp.uint64
-    """Of those of its faces that no mask cuts, which are its first; 0 if there is none. Only where some are cut."""
+    """Mesh of those faces that no mask cuts, which come first; 0 if there are none. Only made where some are cut."""
     part: int
     first_face: int
-    """Where the mesh's faces start in the arrays per face."""
+    """Index of the mesh's first face in the arrays per face."""
     R: wp.mat33
     p: wp.vec3
     scale: float
@@ -33,7 +33,7 @@ class Masks:
     """What tells where masks of mesh files cut holes; of arrays, those of the scene."""
 
     first_cut_face: int
-    """Of the faces of the scene's mesh, the first that a mask may cut; those that none cuts come before."""
+    """First face of the scene's mesh that a mask may cut; those that none cuts come before."""
     face_part: wp.array(dtype=wp.int32)
     materials: wp.array(dtype=Material)
     corner_values: wp.array(dtype=wp.vec3)
@@ -51,13 +51,13 @@ class SceneData:
     """
 
     mesh: wp.uint64
-    """Of what stands still and is no instance; 0 if there is no such thing."""
+    """Mesh of everything that stands still and is no instance; 0 if there is no such thing."""
     whole: wp.uint64
-    """Of those of its faces that no mask cuts; 0 if there is none. Only where some are cut."""
+    """Mesh of those faces of ``mesh`` that no mask cuts; 0 if there are none. Only made where some are cut."""
     masks: wp.array(dtype=Masks)
     """One record, for functions that are not inlined; none if no mask cuts anything."""
     instance_bvh: wp.uint64
-    """Over what moves, wherever it is while a shutter is open, and then over the copies."""
+    """BVH over the boxes of what moves, wherever it is while a shutter is open, and then of the copies."""
     moving: wp.array(dtype=Instance)
     """What moves, where it is at one instant."""
     instances: wp.array(dtype=Instance)
@@ -75,7 +75,7 @@ class SceneData:
     corner_values: wp.array(dtype=wp.vec3)
     """Texture coordinates or colours from mesh files, per face corner (see texture.material_at); may be empty."""
     face_tint: wp.array(dtype=wp.int32)
-    """Of each face, where its corners are in ``corner_tints``, in threes; -1: nowhere. Empty if no face has any."""
+    """Index of each face's three corners in ``corner_tints``, in threes; -1: it has none. Empty if no face has any."""
     corner_tints: wp.array(dtype=wp.vec4)
     """Colours from mesh files that multiply textures, and alpha."""
     face_page: wp.array(dtype=wp.int32)
@@ -83,7 +83,7 @@ class SceneData:
     lobe_albedo: wp.array2d(dtype=float)
     """Table of a white metal's albedo (bsdf.lobe_albedo); empty without metals."""
     to_bands: wp.array(dtype=wp.mat33)
-    """From R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
+    """Matrices from R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
     medium: Medium
     lights: wp.array(dtype=Light)
     ray_count: wp.array(dtype=wp.int64)
@@ -99,7 +99,7 @@ class Hit:
     """Index in the arrays per face."""
     part: int
     instance: int
-    """Its number in the BVH of instances; -1 in the mesh of single objects."""
+    """Number of the instance in the BVH of instances; -1 in the mesh of single objects."""
     bary: wp.vec2
     p: wp.vec3
     """Point on the surface."""

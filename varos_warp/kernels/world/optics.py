@@ -11,10 +11,10 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 HALVINGS, NEWTON_STEPS = wp.constant(8), wp.constant(6)
-"""Of the inverse of a distortion: an interval of 1/256 of the whole, then all digits of float32. Close to a fold that
-takes six steps, elsewhere three."""
+"""Bisections and Newton steps that invert a distortion: bisection to an interval of 1/256 of the whole, then Newton's
+method to all digits of float32. Close to a fold that takes six steps, elsewhere three."""
 STEPS_TO_EDGE = wp.constant(12)
-"""Of a lens that ends within the image or almost: each halves what is missing at its edge."""
+"""Newton steps for a lens that ends within the image or almost: each halves what is missing at its edge."""
 SEEN_WITHIN = wp.constant(1.0e-5)
 """How far, over 1 and the distance from the centre, the inverse may be off where a lens sees something."""
 Coefficients = wp.types.vector(8, float)
@@ -58,7 +58,7 @@ class Optics:
     distance: float
     """Flat: from the lens to the glass. Dome: radius of the inner surface [m]."""
     thickness: float
-    """Of the glass [m]."""
+    """Thickness of the glass [m]."""
     n_glass: float
     n_water: wp.vec3
     rim: float
@@ -286,7 +286,7 @@ def refracted(ray: Bent, p: wp.vec3, n: wp.vec3, before: float, after: float):
 
 @wp.func
 def sphere_exit(o: wp.vec3, d: wp.vec3, radius: float):
-    """Where a ray from within a sphere around the origin leaves it."""
+    """Point at which a ray from within a sphere around the origin leaves it."""
     along = wp.dot(o, d)
     return o + (wp.sqrt(wp.max(along * along - wp.dot(o, o) + radius * radius, 0.0)) - along) * d
 

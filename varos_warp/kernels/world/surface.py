@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class SurfacePoint:
-    """Where a ray hit a surface."""
+    """Point at which a ray hit a surface."""
 
     start: wp.vec3
     """Origin of rays that leave, off the surface on the side from which the ray came."""

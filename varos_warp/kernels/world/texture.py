@@ -43,14 +43,14 @@ class Layer:
     ripple: float
     """Wavelength of ripples [m]; 0: none."""
     factor: wp.vec3
-    """Of a page: reflectance that multiplies the image."""
+    """Reflectance that multiplies the image of a page."""
     wrap_u: int
-    """Of a page: REPEAT, CLAMP or MIRROR outside of 0..1."""
+    """Wrapping of a page outside of 0..1: REPEAT, CLAMP or MIRROR."""
     wrap_v: int
     alpha: wp.array2d(dtype=wp.uint8)
-    """Of a page that masks: alpha, rows from the top; else empty."""
+    """Alpha of a page that masks, rows from the top; else empty."""
     cutoff: float
-    """Of a page that masks: there are holes where the alpha, 0..1, is below."""
+    """Cutoff of a page that masks: there are holes where the alpha, 0..1, is below."""
 
 
 @wp.struct

@@ -37,7 +37,7 @@ class Image:
     texels: wp.array(dtype=wp.uint32)
     """All levels, the finest first, rows from the top; channels of 11, 11 and 10 bits, 0..1."""
     starts: wp.array(dtype=int)
-    """Where each level begins in ``texels``."""
+    """Index of the first texel of each level in ``texels``."""
     width: int
     """Width of the finest level."""
     height: int

@@ -22,9 +22,9 @@ class DepthImage:
     """Distances [m] of the pixel centres' first hits, float32 [H, W]; inf where nothing is hit."""
 
     depth: np.ndarray
-    """Planar, along the camera's z axis."""
+    """Planar depth, along the camera's z axis."""
     range: np.ndarray
-    """Along the ray."""
+    """Distance along the ray."""
 
 
 def encode_depth(depth: np.ndarray, depth_range_m: tuple[float, float]) -> np.ndarray:
@@ -69,7 +69,7 @@ class Depth(ImageProduct):
         return DepthImage(hits.planes["depth"], hits.planes["distance"])
 
     def pixels(self, image: DepthImage, render: Any) -> np.ndarray:
-        """In 16 bits, of the kind that is asked for: `encode_depth`."""
+        """Depth in 16 bits, of the kind that is asked for: `encode_depth`."""
         return encode_depth(_of_kind(image, render), render.depth_range_m)
 
     def floats(self, image: DepthImage) -> dict[str, np.ndarray]:

@@ -11,25 +11,26 @@ from varos_warp.scene.description.image_types import FLOW
 from varos_warp.scene.description.looks import LOOKS
 
 FLOW_STEPS, FLOW_ZERO = 64.0, 32768
-"""Of F: steps a pixel, and the value of no motion (KITTI's)."""
+"""Steps per pixel in F, and the value of no motion (KITTI's)."""
 
 
 @dataclass(frozen=True)
 class FlowImage:
-    """Where what the pixel centres see is seen in the next frame of the same camera, also on objects that move."""
+    """Optical flow of what the pixel centres see, to the next frame of the same camera, also on objects that move."""
 
     flow: np.ndarray
-    """Its image point there less the pixel's centre, to the right and down, float32 [H, W, 2] [pixels]; NaN where
-    nothing is hit, or where the camera cannot see it (behind it, or past its port). It may leave the image."""
+    """Image point in the next frame less the pixel's centre, to the right and down, float32 [H, W, 2] [pixels]; NaN
+    where nothing is hit, or where the camera cannot see it then (behind it, or past its port). It may leave the
+    image."""
     occluded: np.ndarray
-    """Whether something hides it there, bool [H, W]; False where the flow is not known."""
+    """Whether something hides it in the next frame, bool [H, W]; False where the flow is not known."""
     motion: np.ndarray
     """Scene flow: its place in the axes of the next frame's camera less that in this one's, float32 [H, W, 3] [m]; NaN
     where nothing is hit."""
 
     @property
     def valid(self) -> np.ndarray:
-        """Where the flow is known, bool [H, W]: also of what is hidden or outside of the image in the next frame."""
+        """Whether the flow is known, bool [H, W]: also of what is hidden or outside of the image in the next frame."""
         return np.isfinite(self.flow[..., 0])
 
 
@@ -80,7 +81,7 @@ class Flow(ImageProduct):
         "those of this one; NaN is not known")
 
     def pixels(self, image: FlowImage, render: Any) -> np.ndarray:
-        """In 16 bits: `encode_flow`."""
+        """Flow in 16 bits: `encode_flow`."""
         return encode_flow(image.flow)
 
     def floats(self, image: FlowImage) -> dict[str, np.ndarray]:
@@ -108,7 +109,7 @@ class Flow(ImageProduct):
             yield exr, "is occluded where its flow is not known"
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
-        """By direction and length: `flow_colors`."""
+        """Colours by direction and length: `flow_colors`."""
         return flow_colors(self.decode(pixels))
 
 

@@ -51,7 +51,7 @@ class Normals(ImageProduct):
         return NormalImage(hits.planes["normal"])
 
     def pixels(self, image: NormalImage, render: Any) -> np.ndarray:
-        """In 8 bits: `encode_normal`."""
+        """Normals in 8 bits: `encode_normal`."""
         return encode_normal(image.normal)
 
     def is_empty(self, image: NormalImage, render: Any) -> bool:

@@ -41,7 +41,7 @@ class FirstHits(NamedTuple):
     enters the water; ``instance`` int32 [H, W], from 1. Where nothing is hit: 0, inf, inf, 0. ``purity`` float32
     [H, W]: of rays spread over the pixel as samples of A, the share that hits the instance of its centre."""
     water: "LetsThrough"
-    """Of the scene, as the camera sees it."""
+    """Water of the scene, as the camera sees it."""
     material_ids: np.ndarray
     """Number of the material of each instance, and of nothing (0), int32 [N + 1]."""
 
@@ -97,11 +97,11 @@ class ImageProduct(Protocol):
     """Rays of its own for each pixel, besides that of the centre; for planes that need them."""
 
     channels: int
-    """Of a pixel of the finished image: 1, [H, W], or 3, [H, W, 3]."""
+    """Channels per pixel of the finished image: 1, [H, W], or 3, [H, W, 3]."""
     dtype: type
-    """Of the finished image (paper, table 4)."""
+    """Data type of the finished image (paper, table 4)."""
     suffix: str = ".png"
-    """Of the finished image: .png, or .exr for float32 in channels R, G and B."""
+    """Suffix of the finished image's file: .png, or .exr for float32 in channels R, G and B."""
     folders: Mapping[str, str] = {"": ""}
     """Endings of its folders, which are named after its letter: none for the finished image, ``_exr`` ... for floats
     beside it; with the key of ``render`` that asks for them, or none where they are always there."""
@@ -114,7 +114,7 @@ class ImageProduct(Protocol):
     parts: tuple[str, ...] = ()
     """What a `Frame` of a dataset has of it besides the image, such as ``F_occluded``."""
     bytes_a_pixel: float
-    """Of its files, about, in the template harbour_wall."""
+    """Approximate bytes per pixel of its files, in the template harbour_wall."""
 
     is_color: bool = False
     """Whether it is linear radiance, which is denoised, and exposed once all frames are known (`Radiance`)."""
@@ -128,7 +128,7 @@ class ImageProduct(Protocol):
     noise_key: str = ""
     """Key of ``render`` with the sensor that it is seen by (`CameraNoise`), so that its finished image is noisy."""
     constant_gain: float | None = None
-    """Its gain by ``constant`` exposure; None: that of the sequence's brightness."""
+    """Gain by ``constant`` exposure; None: that of the sequence's brightness."""
     blurs: bool = True
     """Whether the camera's shutter blurs it."""
     averages: bool = True

@@ -44,7 +44,7 @@ class Purity(ImageProduct):
 """
 
     def of_hits(self, hits: FirstHits) -> PurityImage:
-        """As it was traced."""
+        """Purity as it was traced."""
         return PurityImage(hits.planes["purity"])
 
     def pixels(self, image: PurityImage, render: Any) -> np.ndarray:
@@ -76,7 +76,7 @@ class Purity(ImageProduct):
 
 
 def _places(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of S [H, W]: pixels beside others, bool [H, W]; steps of borders, [H - 1, W - 1]; and pixels far from any.
+    """Masks of S [H, W]: pixels beside others, bool [H, W]; steps of borders, [H - 1, W - 1]; and pixels far from any.
 
     A border that has steps, three pixels of four on one side, runs across pixels: one along a row or a column may run
     between them.

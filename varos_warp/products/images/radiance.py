@@ -37,11 +37,11 @@ class RadianceImage:
     """Standard error of the means of blocks of 8 x 8 pixels, float32 [H/8, W/8, 3], the last ones cut by the edge.
     What neighbours have in common of their errors counts here, and not in ``stderr``."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
-    """Of A: direct, single, multiple, and snow where there are particles; those that were asked for, and they sum to
-    ``radiance``."""
+    """Layers of A: direct, single, multiple, and snow where there are particles; those that were asked for, and they
+    sum to ``radiance``."""
     correction: np.ndarray | None = None
-    """Of A: what subpaths carry, and with the field of open water what is blocked of single scattering; nearly all of
-    the noise. With the field it may be negative. It is contained in the layers single and multiple."""
+    """Part of A that subpaths carry, and with the field of open water what is blocked of single scattering; nearly all
+    of the noise. With the field it may be negative. It is contained in the layers single and multiple."""
     base_variance: np.ndarray | None = None
     """Estimate from each pixel's own samples of the variance of the mean of all but the correction, for denoising; inf
     for one sample."""
@@ -133,7 +133,7 @@ class Radiance(ImageProduct):
         return channels
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:
-        """As rendered it has its size, finite values and errors, layers that sum to it; undenoised, it is its EXR."""
+        """The EXR has its size, finite values and errors, layers that sum to it; undenoised, the image is the EXR."""
         path = files.data.layout.linear(files.camera, files.frame, self.letter)
         if not path.is_file():
             return
@@ -201,7 +201,7 @@ class Twin(Radiance):
         "sensor); its gain is that of A times green.weight in the middle of the image")
 
     def seen_by(self, scene: Scene, camera: Camera) -> Camera:
-        """Without port, distortion and vignetting; strobes light it as they do A."""
+        """Camera without port, distortion and vignetting; strobes light its image as they do A."""
         strobes = any(light.strobe for light in scene.lights)
         return twin(camera).model_copy(update={"shutter": camera.shutter}) if strobes else twin(camera)
 

@@ -19,5 +19,5 @@ DENOISE_KEYS = {letter: image.denoise_key for letter, image in OUTPUTS.items() i
 
 
 def colors(letters: list[str]) -> list[str]:
-    """Those of some image types that are radiance."""
+    """Letters of those image types that are radiance."""
     return [letter for letter in letters if OUTPUTS[letter].is_color]

@@ -13,11 +13,11 @@ from varos_warp.scene.description.image_types import DEPTH
 from varos_warp.scene.passes import BandWater
 
 HALF_STEP = 0.51
-"""Of D: its rounding, and a little for that of its float32."""
+"""Largest error of D in its steps: its rounding, and a little for that of its float32."""
 ROUNDING = 2.0**-22
 """Share by which one channel of T may be off by another: twice what their two roundings to float32 make."""
 LEAST = 1e-30
-"""Below it float32 loses the digits of T."""
+"""Value below which float32 loses the digits of T."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,14 @@ class Transmittance(ImageProduct):
 """
 
     def of_hits(self, hits: FirstHits) -> TransmittanceImage:
-        """By the law of Beer and Lambert: the water is the same everywhere."""
+        """Transmittance by the law of Beer and Lambert: the water is the same everywhere."""
         distance = hits.planes["distance"]
         hit = np.isfinite(distance)
         found = np.where(hit[..., None], hits.water.left(np.where(hit, distance, 0.0)), 0.0)
         return TransmittanceImage(found.astype(np.float32))
 
     def pixels(self, image: TransmittanceImage, render: Any) -> np.ndarray:
-        """As it is, which is never NaN."""
+        """Transmittance as it is, never NaN."""
         refuse_nan(image.transmittance)
         return image.transmittance
 

@@ -23,7 +23,7 @@ from varos_warp.sim.motion import Trajectory
 SEED = 0x616C74
 """Parts its random numbers from those of other sensors."""
 BEAM = np.array([[1.0, 0.0, 0.0]])
-"""In the sensor's axes, where ROS has the beam of a Range."""
+"""Direction of the beam in the sensor's axes, where ROS has the beam of a Range."""
 EDGE = 1e-5
 """Angle [rad] about the beam within which an edge lets a ray that is traced anew miss what the first one met."""
 ULTRASOUND = 0
@@ -109,7 +109,7 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
                 "are nan")
 
     def describe(self, sensor: Altimeter) -> dict[str, Any]:
-        """How far it reads."""
+        """Farthest distance that it reads."""
         return {"max_range_m": sensor.max_range_m}
 
     def noisy(self, truth: Samples, about: dict[str, Any], model: AltimeterNoise, seed: int) -> tuple[Samples, None]:

@@ -28,7 +28,7 @@ class DepthGaugeNoise(Block):
     noise_density: NonNegative = 0.0
     """White noise [m/sqrt(Hz)]"""
     random_walk: NonNegative = 0.0
-    """Of the bias [m/s/sqrt(Hz)]"""
+    """Random walk of the bias [m/s/sqrt(Hz)]"""
     bias: float = 0.0
     """Constant part [m]"""
     turn_on_bias: NonNegative = 0.0

@@ -24,9 +24,9 @@ from varos_warp.sim.motion import Trajectory, applied, product
 SEED = 0x64766C
 """Parts its random numbers from those of other sensors."""
 AZIMUTHS_DEG = (45.0, 135.0, 225.0, 315.0)
-"""Of the beams about the sensor's z, from its x towards its y."""
+"""Azimuths of the beams about the sensor's z, from its x towards its y."""
 FEWEST_BEAMS = 3
-"""That a velocity follows from."""
+"""Fewest beams that a velocity follows from."""
 
 
 def _check_reach(value: tuple[float, float]) -> tuple[float, float]:
@@ -67,14 +67,14 @@ class DvlReadings:
     time_ns: np.ndarray
     """int64 [M]"""
     velocity: np.ndarray
-    """Of the sensor over the bottom, in its own axes [M, 3] [m/s]: least squares of the beams that are locked, NaN
-    where fewer than three are."""
+    """Velocity of the sensor over the bottom, in its own axes [M, 3] [m/s]: least squares of the beams that are locked,
+    NaN where fewer than three are."""
     altitude: np.ndarray
-    """Along the sensor's downward axis [M] [m]: the mean of the beams that are locked, NaN where none is."""
+    """Altitude along the sensor's downward axis [M] [m]: the mean of the beams that are locked, NaN where none is."""
     range: np.ndarray
-    """Along each beam [M, 4] [m], NaN without lock."""
+    """Range along each beam [M, 4] [m], NaN without lock."""
     beam_velocity: np.ndarray
-    """Of what each beam meets, along it and away from the sensor [M, 4] [m/s], NaN without lock."""
+    """Velocity of what each beam meets, along it and away from the sensor [M, 4] [m/s], NaN without lock."""
 
 
 class DvlProduct(SensorProduct[Dvl, DvlNoise, DvlReadings]):
@@ -133,7 +133,7 @@ true_...
         return {"beams": beam_directions(sensor).tolist(), "range_m": list(sensor.range_m)}
 
     def noisy(self, truth: Samples, about: dict[str, Any], model: DvlNoise, seed: int) -> tuple[Samples, None]:
-        """Each beam errs."""
+        """Readings with an error of each beam."""
         return vars(dvl_noise(model, DvlReadings(**truth), np.array(about["beams"]), seed)), None
 
     def check(self, found: Evidence) -> None:

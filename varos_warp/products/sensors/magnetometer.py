@@ -42,7 +42,7 @@ class MagnetometerNoise(Block):
     noise_density: NoiseDensity = 0.0
     """White noise [T/sqrt(Hz)]"""
     random_walk: NoiseDensity = 0.0
-    """Of the bias [T/s/sqrt(Hz)]"""
+    """Random walk of the bias [T/s/sqrt(Hz)]"""
     bias: Vec3 = (0.0, 0.0, 0.0)
     """Constant part, sensor axes: hard iron [T]"""
     turn_on_bias: NoiseDensity = 0.0

@@ -45,7 +45,7 @@ class Curve:
 
     quantity: str
     title: str
-    """In the report."""
+    """Title in the report."""
     unit: str
     names: Sequence[str]
     """Names of the curves, one for each column."""
@@ -111,7 +111,7 @@ class Evidence(Protocol):
         """Name of the file of these states."""
 
     def met_by_beams(self, beams: np.ndarray, range_m: Sequence[float]) -> tuple[np.ndarray, np.ndarray] | None:
-        """As `Surroundings.met_by_beams` at the readings; None where the meshes of the scene are not at hand."""
+        """Result of `Surroundings.met_by_beams` at the readings; None where the meshes of the scene are not at hand."""
 
     @property
     def anything_moves(self) -> bool:
@@ -180,7 +180,7 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     label: str
     """What it is called in messages."""
     noise: type[NoiseT]
-    """Its block of a noise profile."""
+    """Type of its block of a noise profile."""
     columns: dict[str, list[str]]
     """Headers of the columns of the CSV after the time, by quantity."""
     curves: tuple[Curve, ...]
@@ -191,7 +191,7 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     convention: str
     """What dataset.json says of its readings."""
     chapter: str
-    """Its chapter of README.txt; words in braces are those of data/dataset_readme.txt."""
+    """Chapter of README.txt on it; words in braces are those of data/dataset_readme.txt."""
     is_standard: bool = False
     """Whether notes tell of it in every dataset, as of the sensors of the released sequence."""
     needs_solids: bool = False

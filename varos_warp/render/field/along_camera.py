@@ -28,20 +28,21 @@ PIXELS = (1024, 1024)
 IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
 MOST_ERROR, MOST_ERROR_AT_A_POINT = 1e-3, 2e-2
-"""Of a table of single scattering, relative to the layer's root mean square: its own, and the largest. Those of the
-templates and of coastal water with four tilted lamps have up to 0.06 % and 1.1 %; narrow beams of sharp edge across the
-view exceed this, and keep the quadrature."""
+"""Largest errors accepted of a table of single scattering, relative to the layer's root mean square: of its root mean
+square error, and of the largest at any point. Tables of the templates and of coastal water with four tilted lamps have
+up to 0.06 % and 1.1 %; narrow beams of sharp edge across the view exceed this, and keep the quadrature."""
 POINTS, NEAREST_POINT_M, FARTHEST_POINT_M = 1 << 14, 0.2, 40.0
-"""Where that is found out: so many, of random places and distances, evenly in the logarithm."""
+"""Number of points at which the error is measured, and their least and greatest distance: at random places of the
+image, with random distances, evenly in the logarithm."""
 
 
 class Nodes(NamedTuple):
     """The nodes of a table."""
 
     order: str
-    """Of scattering: single, or multiple."""
+    """Order of scattering: single, or multiple."""
     counts: tuple[int, int, int]
-    """Of the distance, and of rows and columns of the image."""
+    """Number of nodes of the distance, and of rows and columns of the image."""
     nearest_m: float
     """First of the distances; nearer, what is scattered is in proportion."""
 

@@ -18,13 +18,13 @@ class Directions:
 
     @classmethod
     def quadrature(cls, gammas: int, phis: int, power: int) -> "Directions":
-        """For integrals: Gauss-Legendre in s, middles of steps in phi."""
+        """Directions for integrals: Gauss-Legendre in s, middles of steps in phi."""
         x, w = np.polynomial.legendre.leggauss(gammas)
         return cls((1.0 + x) / 2.0, np.pi * (np.arange(phis) + 0.5) / phis, power, w / 2.0)
 
     @classmethod
     def ends(cls, gammas: int, phis: int, power: int) -> "Directions":
-        """From end to end, for interpolation."""
+        """Directions from end to end, for interpolation."""
         return cls(np.linspace(0.0, 1.0, gammas), np.linspace(0.0, np.pi, phis), power)
 
     @cached_property

@@ -51,7 +51,7 @@ def _rings(phase: PhaseFunction) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shape(phase: PhaseFunction):
-    """About how light scattered once falls off with gamma: the integral of p beyond gamma, over sin(gamma)."""
+    """Approximate fall-off of light scattered once with gamma: the integral of p beyond gamma, over sin(gamma / 2)."""
     theta = np.geomspace(1e-8, np.pi, 4000)
     p = phase.eval_s(np.sin(theta / 2.0) ** 2)
     steps = np.diff(theta) * (p[1:] + p[:-1]) / 2.0
@@ -61,7 +61,7 @@ def _shape(phase: PhaseFunction):
 
 
 def shape_of_twice(phase: PhaseFunction, matrix: np.ndarray, arriving: Directions, leaving: Directions):
-    """About how light scattered twice falls off with gamma: as what scattering makes of light scattered once.
+    """Approximate fall-off of light scattered twice with gamma: as what scattering makes of light scattered once.
 
     A tenth of its median is added, for light scattered often has no peak.
     """

@@ -30,9 +30,10 @@ NEAREST_M, FARTHEST_M, FARTHEST_DEPTH = 0.02, 200.0, 30.0
 FINE = (64, 20, 48)
 """Nodes of the distance from a light, steps of the angle in its cone, and outside of it, for linear interpolation."""
 MIDDLE = (32, 10, 14)
-"""The same for light scattered twice, which is smoother."""
+"""Nodes and steps, as in `FINE`, for light scattered twice, which is smoother."""
 COARSE = (32, 8, 10)
-"""The same for light scattered more often. With 20 distances what lies over five free paths away was a tenth off."""
+"""Nodes and steps, as in `FINE`, for light scattered more often. With 20 distances, what lies over five free paths away
+was a tenth off."""
 ONCE = Directions.quadrature(80, 32, power=2)
 """Directions of light scattered once, which is sharp around the light; see docs/transport.md for the errors."""
 TWICE = Directions.quadrature(28, 16, power=2)
@@ -42,11 +43,12 @@ AGAIN = Directions.quadrature(20, 8, power=2)
 LEAVING = Directions.ends(56, 19, power=2)
 """Directions in which light leaves a scattering."""
 NORMALS = Directions.ends(41, 13, power=1)
-"""Of the planes whose irradiance is kept; one is at 90 degrees, where light from the source begins to graze them."""
+"""Normals of the planes whose irradiance is kept; one is at 90 degrees, where light from the source begins to graze
+them."""
 TOLERANCE, ENOUGH, GROWTH = 3e-6, 1e-4, 0.7
-"""Of the sum over all orders: what is asked, and what is taken where rounding allows no more. Errors count
-exp(-GROWTH x optical depth) times as much as at the source: light near by hardly knows of what lies far away, and far
-light follows from it."""
+"""Relative residual of the sum over all orders: the one asked for, and the one accepted where rounding allows no less.
+Errors count exp(-GROWTH x optical depth) times as much as at the source: light near by hardly knows of what lies far
+away, and far light follows from it."""
 MOST_UNEVEN = 0.01
 """Share of even light, the same from everywhere, that scattering as a matrix may make or lose in any direction. For all
 smooth phase functions it is a tenth of that; steps of a measured one between two directions of the matrix make it more,
@@ -193,7 +195,7 @@ class LightFieldSolver:
 
 
 class Refinement:
-    """From values at the nodes of a coarse grid to those of a fine one, by splines.
+    """Interpolation from values at the nodes of a coarse grid to those of a fine one, by splines.
 
     Args:
         coarse: The one grid.

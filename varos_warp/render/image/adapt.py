@@ -23,7 +23,7 @@ FIRST_SHARE, FEWEST_FIRST = 4, 2
 more than half of them, or the first one: one subpath does for a start, for what they carry is smooth, and neighbours
 tell its noise."""
 GOLDEN = 0.6180339887
-"""Its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
+"""Golden ratio less 1: its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
 MOST_SHARED = 64
 """No tile gets more than so many times the samples that an even share would give it: glints on a bolt's thread want
 that many."""

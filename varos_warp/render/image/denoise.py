@@ -35,9 +35,9 @@ from varos_warp.render.image.oidn import OpenImageDenoise, open_image_denoise
 
 METHODS = ("oidn", "nlm", "none")
 QUALITY, PART_QUALITY = "high", "balanced"
-"""Of Open Image Denoise: of a whole image, and of a base or correction.
+"""Quality settings of Open Image Denoise: for a whole image, and for a base or correction.
 
-Of corrections both leave the same error within 1 %, the second in half the time; the fast one leaves 7 % more
+Both leave the same error in corrections within 1 %, the second in half the time; the fast one leaves 7 % more
 (Munkholmen, 1280 x 720, 12 samples). Without the negative part the image would be too bright by 0.2 % in blue (4
 samples)."""
 NEAR, FAR = 3, 11

@@ -27,7 +27,7 @@ Setting = str | float | PercentileMeter
 """What a scene's ``render.exposure`` says of an image type."""
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Of linear red, green and blue (Rec. 709)."""
+"""Weights of linear red, green and blue in the luminance (Rec. 709)."""
 
 
 @dataclass(frozen=True)

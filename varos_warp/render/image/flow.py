@@ -9,7 +9,7 @@ from varos_warp.scene.optics.camera import CameraModel, Rays
 
 
 class Moved(NamedTuple):
-    """Of what each pixel sees, float64; NaN where nothing is hit."""
+    """Motion of what each pixel sees, float64; NaN where nothing is hit."""
 
     flow: np.ndarray
     """[..., 2] [pixels], to the right and down; NaN also where the camera cannot see it from its next place."""
@@ -50,11 +50,11 @@ class MovingPart(NamedTuple):
     """An object that moves, in an image."""
 
     seen: np.ndarray
-    """Where it is, bool, of the image points [...]."""
+    """Whether it is seen at each of the image points, bool [...]."""
     T_w_o: np.ndarray
     """Its pose for each row [height, 4, 4], or for all [1, 4, 4]."""
     T_w_next: np.ndarray
-    """And in the next frame."""
+    """Its pose in the next frame, for each row [height, 4, 4], or for all [1, 4, 4]."""
 
 
 def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.ndarray, T_w_c: np.ndarray,

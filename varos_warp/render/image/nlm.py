@@ -56,7 +56,7 @@ def non_local_means(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
 
 _BLUR_PX = 4.0
 _STRENGTHS, _STRENGTH_RATIO = 3, 1.5
-"""At most so many strengths, a factor of so much apart."""
+"""Most strengths, and the largest factor between two of them where fewer suffice."""
 
 
 def _between(images: list[np.ndarray], levels: np.ndarray, sigma: np.ndarray) -> np.ndarray:

@@ -13,7 +13,8 @@ MOST_MB = 300
 """Memory that Open Image Denoise may take on a CPU [MB], about: it works in tiles then, with the same bytes. Without a
 bound an image of 1280 x 720 takes 550, and four fifths of the time."""
 _one_at_a_time = threading.Lock()
-"""On a CPU it uses all cores, and its bytes do not depend on their number."""
+"""Lock by which one image is denoised at a time: on a CPU that uses all cores, and the bytes do not depend on their
+number."""
 
 
 def open_image_denoise():

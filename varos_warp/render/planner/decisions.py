@@ -17,11 +17,11 @@ from varos_warp.scene.description.render import sees_water
 
 INTEGRATORS = {"reference": "reference path tracer", "path": "path tracer",
                "field": "path tracer with the field of open water"}
-"""In words."""
+"""Integrators in words."""
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """Options of `FrameRenderer.render` that a plan says, and its first fields."""
 STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
-"""Of planning, for those who wait; the fourth where the first test images had far too few samples."""
+"""Steps of planning, for progress reports; the fourth occurs where the first test images had far too few samples."""
 
 
 def open_questions(scene: Scene) -> tuple[str, ...]:
@@ -70,7 +70,7 @@ class Plan:
     """Most reflections on surfaces; None: no bound."""
     integrator: str = "auto"
     spp_by_frame: dict[str, list[list[float]]] | None = None
-    """By camera: pairs of a frame and its samples per pixel, between two of them in proportion; None: all frames take
+    """Pairs of a frame and its samples per pixel, by camera, interpolated between two of them; None: all frames take
     ``spp``."""
     decisions: list[Decision] = field(default_factory=list)
     models: dict[str, str] = field(default_factory=dict)

@@ -24,9 +24,9 @@ FIREFLY = 3.0
 """A pixel of an estimate is cut to this many times the image there and around it: otherwise one rare bright path would
 decide, and a pilot of few samples cannot measure those. In the mean of the image the pixel counts in full."""
 AROUND = 9
-"""Side [pixels] of what is around."""
+"""Side [pixels] of the surroundings of a pixel."""
 COMPARED_ROWS = 96
-"""Of a tile in which images are compared: enough tiles for some cores, and few launches."""
+"""Rows of a tile in which images are compared: enough tiles for some cores, and few launches."""
 PRECISE = 0.2
 """Estimates tell the square of an error if its standard error is at most this share of it."""
 BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
@@ -58,9 +58,9 @@ class Made(NamedTuple):
     spp: float
     """Samples per pixel."""
     radiance: np.ndarray
-    """As it is sampled, without bias [H, W, 3]."""
+    """Radiance as it is sampled, without bias [H, W, 3]."""
     denoised: np.ndarray | None = None
-    """After the denoiser, where its error is asked for."""
+    """Radiance after the denoiser, where its error is asked for."""
 
 
 def of_others(compare, one: Made, made: Sequence[Made], *how):
@@ -185,31 +185,31 @@ MOST_SPP = 4096
 FLATTEST = -0.15
 """Exponent of the error in the number of samples: the least that a denoiser has shown."""
 REACH = 3
-"""Up to so many times more samples than were tried, their error may be extrapolated."""
+"""Factor by which samples may exceed those that were tried where their error is extrapolated."""
 
 
 class Samples(NamedTuple):
     """What an integrator does with samples per pixel."""
 
     fewest: int
-    """That are ever planned: as many as tell their noise."""
+    """Fewest that are ever planned: as many as tell their noise."""
     step: float
     """The smallest step between two numbers of them; with the field they are a mean over the image."""
     steepest: float
     """Exponent of the error, at the least: by a low-discrepancy sequence, or by independent samples."""
 
     def in_multiples(self, step: int) -> "Samples":
-        """Where all pixels take equally many, in multiples of ``step``: one alone would not tell its noise."""
+        """These rules where all pixels take equally many, in multiples of ``step``: one would not tell its noise."""
         return self._replace(fewest=max(step, 2), step=float(step)) if step else self
 
     def rounded(self, spp: float) -> float:
-        """At least so many, in steps of about an eighth or less, within what is ever taken."""
+        """Smallest number not below ``spp`` in steps of about an eighth or less, within what is ever taken."""
         step = self.step * np.ceil(2.0 ** np.floor(np.log2(max(spp, 1.0))) / 8.0 / self.step)
         return plain_number(float(np.clip(step * np.ceil(spp / step), self.fewest, MOST_SPP)))
 
 
 SAMPLES = {"field": Samples(1, 0.125, -0.75), "path": Samples(2, 1.0, -0.5), "reference": Samples(2, 1.0, -0.5)}
-"""By integrator."""
+"""`Samples` of each integrator."""
 
 
 @dataclass(frozen=True)

@@ -42,14 +42,14 @@ class Frames:
     poses: Sequence[np.ndarray]
     """T_w_v [4, 4] of each."""
     time_ns: Sequence[int]
-    """When each is [ns]."""
+    """Time of each [ns]."""
     motion: Callable[[int], Motion] | None = None
-    """Of the vehicle around a time, as `Simulation.motion`; None: it stands still in each."""
+    """Motion of the vehicle around a time, as `Simulation.motion`; None: it stands still in each frame."""
 
     @classmethod
     def of(cls, scene: Scene, renderer, poses: Sequence[np.ndarray], time_ns: Sequence[int] | None = None,
            motion: Callable[[int], Motion] | None = None) -> "Frames":
-        """Without ``time_ns``, those of a scene from its start."""
+        """Frames at these poses; without ``time_ns``, at the times of a scene's frames from its start."""
         if time_ns is None:
             time_ns = times_ns(len(poses), scene.render.frame_rate_hz).tolist()
         return cls(renderer, poses, time_ns, motion)
@@ -58,7 +58,7 @@ class Frames:
         return len(self.poses)
 
     def motion_at(self, frame: int) -> Motion | None:
-        """Of the vehicle around a frame."""
+        """Motion of the vehicle around a frame."""
         return self.motion(int(self.time_ns[frame])) if self.motion else None
 
     def render(self, frame: int, camera: Camera, letters: str, /, **how: Any):
@@ -73,13 +73,13 @@ class View:
 
     frame: int
     camera: Camera
-    """With the resolution of the scene."""
+    """Camera with the resolution of the scene."""
     images: tuple[Any, Any]
     """`RadianceImage` of A, with independent random numbers."""
 
     @property
     def label(self) -> str:
-        """In words."""
+        """Frame and camera in words."""
         return f"frame {self.frame}, camera {self.camera.id}"
 
     def noise(self, method: str, rare: float = RARE) -> np.ndarray:
@@ -98,7 +98,7 @@ class View:
 
 
 def pilot_camera(camera: Camera, pixels: int = SMALL) -> Camera:
-    """The same field of view with at most so many pixels."""
+    """A camera with the same field of view and at most so many pixels."""
     scale = min(1.0, np.sqrt(pixels / np.prod(camera.resolution)))
     return resized(camera, *(max(1, round(scale * side)) for side in camera.resolution))
 

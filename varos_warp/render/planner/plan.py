@@ -106,7 +106,7 @@ class Planner:
         """Whether the field that the scene might have was found not to be solved for."""
 
     def plan(self) -> Plan:
-        """All decisions."""
+        """Plan with all decisions."""
         render = self.render
         if sees_water(render.outputs):
             self.choose_integrator()
@@ -194,7 +194,7 @@ class Planner:
         return partial(at_once, self.renderer.device)
 
     def made(self, frame: int, camera, spp: float, number: int, denoised: bool) -> Made:
-        """Such an image to tell errors by, and what the denoiser makes of it."""
+        """A test image to tell errors by, and what the denoiser makes of it."""
         copied = ["radiance", "denoised"] if denoised else ["radiance"]
         image = self.image(frame, camera, spp, number, denoise=self.denoiser if denoised else "none", copied=copied)
         return Made(spp, image.radiance, image.denoised if denoised else None)
@@ -274,21 +274,21 @@ class Planner:
 
     @property
     def margin(self) -> float:
-        """By what factor errors are to be smaller than asked."""
+        """Factor by which errors are to be smaller than asked."""
         if self.denoiser == "none":
             return MARGIN
         pixels = pilot.pixels_tried(self.worst.camera, len(self.frames))
         return max(MARGIN, 1.0 + (MARGIN_DENOISED - 1.0) * np.sqrt(pilot.PIXELS / pixels))
 
     def seconds(self, spp: float) -> float:
-        """About how long an image of the largest camera takes with so many samples per pixel."""
+        """Approximate seconds for an image of the largest camera with so many samples per pixel."""
         pixels = max(np.prod(camera.resolution) for camera in self.scene.vehicle.cameras)
         cost = SAMPLE_COST.get(self.resolved, 1.0) / SAMPLE_COST["field"]
         return float(pixels * spp * cost * NOMINAL_SECONDS[kind_of(self.renderer.device)])
 
     @property
     def most_seconds(self) -> float:
-        """That an image may take."""
+        """Seconds that an image may take."""
         return self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
 
     def most_spp(self) -> int:
@@ -303,7 +303,7 @@ class Planner:
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
     def choose_by_frame(self, spp: float, target: float) -> float:
-        """To each frame what it needs, where the worst view needs ``spp``; the most of them."""
+        """Give each frame the samples that it needs, where the worst view needs ``spp``; return the highest number."""
         worst, count = self.worst, len(self.frames)
         # all images have as many pixels as those in which errors were measured
         pixels = np.prod(self.test_camera.resolution)
@@ -362,7 +362,10 @@ class Planner:
         return law.samples(target) <= REACH * law.spp[-1] or law.spp[-1] >= MOST_TRIED
 
     def law_of(self, levels: list[float], made: list[Made], count: int) -> ErrorLaw:
-        """By the worst of ``count`` denoised images of each of the last numbers of samples, and all that were made."""
+        """Error law by the worst of ``count`` denoised images of each of the last numbers of samples.
+
+        All images that were made tell these errors.
+        """
         last = levels[-LEVELS:]
         tried = [[one for one in made if one.spp == spp and one.denoised is not None][:count] for spp in last]
         return ErrorLaw(last, errors.worst_errors(tried, made), self.samples.steepest)

@@ -57,7 +57,7 @@ class Sphere:
 
     @property
     def limit_keys(self) -> tuple[str, str]:
-        """Of the scene, for ``max_force`` and ``max_torque``."""
+        """Keys of the scene for ``max_force`` and ``max_torque``."""
         return "vehicle.max_force", "vehicle.max_torque"
 
     @property
@@ -72,7 +72,7 @@ class Sphere:
 
     @cached_property
     def radius(self) -> float:
-        """Of the sphere of that volume [m]."""
+        """Radius of the sphere of that volume [m]."""
         return sphere_radius(self.volume)
 
     @cached_property

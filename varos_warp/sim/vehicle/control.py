@@ -70,7 +70,8 @@ def dare_gain(A, B, Q, R, h: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 FARTHEST = 1e12
-"""Of a weight from r: gains keep six digits up to there, and lose them all some 8 orders of magnitude beyond."""
+"""Largest ratio of a weight to r, and of r to the weight of a position: gains keep six digits up to there, and lose
+them all some 8 orders of magnitude beyond."""
 
 
 def design(c: float, frequency: float, damping: float, q: tuple[float, float], r: float, *, integral: float = 0.0,

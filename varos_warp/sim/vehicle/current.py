@@ -77,9 +77,9 @@ class Turbulence:
 
 @cache
 def _transition(T: float, S: float, h: float) -> tuple[np.ndarray, ...]:
-    """Of (x, y, v), v with variance 1: the matrix of a step [3, 3], and square roots [3, 3] of two covariances.
+    """Linear system of (x, y, v), v with variance 1: the matrix of a step [3, 3], square roots of two covariances.
 
-    The first is of what is added in a step, the second that of the state.
+    The roots [3, 3] are those of the covariance of what is added in a step, and of that of the state.
     """
     A = np.array([[-1.0 / T, 0.0, 0.0], [1.0 / S, -1.0 / S, 0.0], [0.0, 1.0 / S, -1.0 / S]])
     stationary = solve_continuous_lyapunov(A, -np.diag([1.0, 0.0, 0.0]))
@@ -113,9 +113,9 @@ class Current:
         self.drift = np.asarray(current.velocity, float)
         """Mean velocity [3] [m/s]."""
         self.amplitude = current.fluctuation * np.sqrt(2.0 / WAVES) * direction
-        """Of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed."""
+        """Amplitude of each sinusoid [WAVES, 3] [m/s]; their sum has the asked RMS speed."""
         self.frequency = 2.0 * np.pi / max(current.period_s, SHORTEST_PERIOD_S) * 2.0 ** rng.uniform(-1.0, 1.0, WAVES)
-        """[WAVES] [rad/s], within an octave of the asked period on either side."""
+        """Angular frequency of each [WAVES] [rad/s], within an octave of the asked period on either side."""
         self.phase = rng.uniform(0.0, 2.0 * np.pi, WAVES)
         self.turbulence = Turbulence(current.turbulence, seed) if current.turbulence else None
 
@@ -131,7 +131,7 @@ class Current:
         return even if self.turbulence is None else even + self.turbulence.way(t)
 
     def acceleration(self, t) -> np.ndarray:
-        """Its time derivative [n, 3] [m/s^2]."""
+        """Acceleration of the water [n, 3] [m/s^2], the time derivative of its velocity."""
         even = (np.cos(np.multiply.outer(t, self.frequency) + self.phase) * self.frequency) @ self.amplitude
         return even if self.turbulence is None else even + self.turbulence.motion(t)[1]
 

@@ -30,9 +30,9 @@ class RigidBody(Sphere):
     """Parameters by axis, x, y, z in the vehicle's axes; the numbers of `Sphere` are the least of them."""
 
     masses: Vector
-    """Of the body with added mass [kg]."""
+    """Mass of the body with added mass [kg]."""
     inertias: Vector
-    """With that of the water [kg m^2]."""
+    """Moments of inertia of the body with that of the water [kg m^2]."""
     linear: Six
     """Drag along [N s/m], then about the axes [N m s]."""
     quadratic: Six
@@ -56,7 +56,7 @@ class RigidBody(Sphere):
 
     @property
     def limit_keys(self) -> tuple[str, str]:
-        """As `Sphere.limit_keys`."""
+        """Names of the limits, as of `Sphere.limit_keys`."""
         key = "vehicle.rigid_body.thrusters"
         return (f"the force of {key}", f"the moment of {key}") if self.thrusters else super().limit_keys
 

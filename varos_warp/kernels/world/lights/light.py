@@ -38,7 +38,7 @@ def get_light(lights: wp.array(dtype=Light), i: int):
 
 @wp.func
 def light_centre(light: Light):
-    """Where the light is."""
+    """Position of the light."""
     return light.position
 
 

@@ -16,12 +16,13 @@ class Light:
     """Cosine of the half angle of the cone; -1 for all directions."""
     blend: float
     radius: float
-    """Of a disk across the axis [m], each point of which shines as a point light there (disk.py); 0 of points."""
+    """Radius of a disk across the axis [m], each point of which shines as a point light there (disk.py); 0 for point
+    lights."""
     intensity: wp.vec3
     profile: wp.array(dtype=float)
     """Relative intensity in its place, at even steps of the sine of half the angle to the axis; may be empty."""
     planes: int
-    """Over 1: how many such profiles there are, one after the other, in even steps around the axis."""
+    """Number of such profiles, if over 1: one after the other, in even steps around the axis."""
     sheet: int
     """1 if it shines only between four planes: those of x dot (axis +- right) = 0 and x dot (axis +- up) = 0, with x
     from the light."""
@@ -56,7 +57,7 @@ class LightSample:
     """
 
     p: wp.vec3
-    """Where the light is."""
+    """Position of the light."""
     d: wp.vec3
     """Unit direction and distance [m] to it, at least NEAR."""
     distance: float
