@@ -1,5 +1,6 @@
 """The examples of docs/howto/calibration.md find what the scene has, within their own standard errors."""
 
+import json
 import runpy
 from pathlib import Path
 
@@ -84,3 +85,17 @@ def test_a_fit_finds_pose_of_a_camera_on_an_imu_time_offset_and_biases(tmp_path)
     assert chi2.ppf(5e-4, 13) < error @ np.linalg.solve(covariance, error) < chi2.ppf(1.0 - 5e-4, 13)
     sizes = [np.linalg.norm(errors(root, 0.0)[0] / np.sqrt(np.diag(covariance))) for root in (coarse, fine)]
     assert 3.0 < sizes[0] / sizes[1] < 5.0
+
+
+@pytest.mark.parametrize(("options", "camera", "says"), [
+    (["--part", "0"], {}, "--part at least 0.1"), (["--noise", "-1"], {}, "--noise is at least 0"),
+    (["--offset-ms", "nan"], {}, "--offset-ms a number"), ([], {"id": "L0"}, "no table of this dataset's cameras"),
+    ([], {"port": {"kind": "flat"}}, "a port or distortion"), ([], {"mount": "world"}, "stands in the world")])
+def test_what_the_fit_of_an_imu_cannot_take_is_refused(tmp_path, capsys, options, camera, says):
+    about = {"cameras": [{"id": "M0", "mount": "vehicle", "distortion": "none", **camera}]}
+    (tmp_path / "dataset.json").write_text(json.dumps(about))
+    main = runpy.run_path(str(EXAMPLES / "camera_imu.py"))["main"]
+    with pytest.raises(SystemExit) as end:
+        main([str(tmp_path), "camM0.csv", *options])
+    assert end.value.code == 2
+    assert says in capsys.readouterr().err

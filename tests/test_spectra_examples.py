@@ -10,7 +10,7 @@ from PIL import Image
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
-from varos_warp.scene.file.load import load_scene
+from varos_warp.scene.file.load import load_scene, scene_from_dict
 from varos_warp.scene.passes import BandWater
 from varos_warp.scene.spectra.bands import scene_bands
 from varos_warp.scene.spectra.surfaces import chart_reflectances
@@ -75,3 +75,24 @@ def test_the_figure_is_drawn_and_white_is_told(example, data, tmp_path, capsys):
     assert example["main"]([str(data.root), "-o", str(tmp_path / "chart.png")]) == 0
     assert Image.open(tmp_path / "chart.png").size == (1050, 730)
     assert len(capsys.readouterr().out.splitlines()) == 3
+
+
+def test_a_dataset_that_it_cannot_draw_is_refused(example, tmp_path, capsys):
+    with pytest.raises(SystemExit) as end:
+        example["main"]([str(tmp_path / "none"), "-o", str(tmp_path / "chart.png")])
+    assert end.value.code == 2
+    assert "there is no such folder" in capsys.readouterr().err
+
+    scene = depths_of_a_floor(tmp_path)
+    produce(scene, tmp_path / "out", device="cpu", quiet=True)
+    with pytest.raises(SystemExit) as end:
+        example["main"]([str(tmp_path / "out"), "-o", str(tmp_path / "chart.png")])
+    assert end.value.code == 2
+    assert "needs images A, D and T" in capsys.readouterr().err
+    assert not (tmp_path / "chart.png").exists()
+
+
+def depths_of_a_floor(folder):
+    return scene_from_dict({"terrain": {"kind": "procedural", "size_m": 20, "resolution": 17},
+                            "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
+                            "trajectory": {"poses": [{"position": [0, 0, 1.0]}]}, "render": {"outputs": ["D"]}}, folder)

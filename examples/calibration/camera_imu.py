@@ -190,10 +190,16 @@ def main(argv=None):
     parser.add_argument("--part", type=float, default=2.0, help="length of the parts of the course [s]")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     given = parser.parse_args(argv)
+    if not (0.0 <= given.noise < np.inf and 0.1 <= given.part < np.inf and np.isfinite(given.offset_ms)):
+        parser.error("--noise is at least 0, --part at least 0.1, and --offset-ms a number")
     with open(f"{given.dataset}/dataset.json", encoding="utf-8") as file:
         about = json.load(file)
     cameras = {f"cam{camera['id']}.csv": camera for camera in about["cameras"]}
-    camera = cameras[given.corners.replace("\\", "/").rpartition("/")[2]]
+    if (name := given.corners.replace("\\", "/").rpartition("/")[2]) not in cameras:
+        parser.error(f"{given.corners} is no table of this dataset's cameras: {', '.join(cameras)}")
+    camera = cameras[name]
+    if camera["mount"] == "world" or camera.get("port") or camera.get("distortion", "none") != "none":
+        parser.error(f"{name} is of a camera with a port or distortion, or one that stands in the world: K is not all")
     board, stamps_s, points = corners(given.corners)
     points = points + np.random.default_rng(given.seed).normal(0.0, given.noise, points.shape)
     fit = CameraImu(np.array(camera["K_opencv"]), board, stamps_s - 1e-3 * given.offset_ms, points,

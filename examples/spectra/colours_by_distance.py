@@ -88,8 +88,8 @@ class View:
 
 def chart_views(data):
     """The views of a dataset that have the whole chart, by distance."""
-    chart = next(block for block in data.meta["scene"]["objects"] if block["kind"] == "color_chart")
-    views = [View(data[0, camera], chart) for camera in data.cameras]
+    charts = [block for block in data.meta["scene"]["objects"] if block["kind"] == "color_chart"]
+    views = [View(data[0, camera], chart) for camera in data.cameras for chart in charts[:1]]
     return sorted((view for view in views if view.is_whole), key=lambda view: view.distance)
 
 
@@ -185,8 +185,16 @@ def main(arguments=None):
     parser.add_argument("dataset", help="A dataset of chart.yaml.")
     parser.add_argument("-o", "--output", default="chart.png", help="The figure.")
     options = parser.parse_args(arguments)
-    data = vw.Dataset(options.dataset)
+    try:
+        data = vw.Dataset(options.dataset)
+    except vw.InputError as error:
+        parser.error(str(error))
+    missing = [letter for letter in "ADT" if letter not in data.outputs]
+    if missing or "direct" not in layers_of(data, data.frames[0], data.cameras[0]):
+        parser.error(f"{options.dataset}: needs images A, D and T, and render.linear_exr with the layer direct")
     views = chart_views(data)
+    if not views:
+        parser.error(f"{options.dataset}: no camera sees all of a colour chart, its patches {LEAST_PX:g} pixels wide")
     for near, far in pairwise(views):
         print(f"white from {near.distance:.1f} to {far.distance:.1f} m: "
               + ", ".join(f"{value:.3f}" for value in of_patches(near, far)[WHITE]) + " 1/m")

@@ -1,6 +1,7 @@
 """Datasets of water by wavelength: of two vehicles, with spectra in files that a dataset does not hold."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.passes import BandWater
 
 CAMERA = {"id": "M0", "resolution": [32, 18], "response": "nikon_5100"}
-OTHER = {"id": "R0", "resolution": [32, 18], "response": "camera.csv"}
+OTHER = {"id": "R0", "resolution": [32, 18], "response": "camera.csv", "color_matrix": "auto"}
 
 
 def vehicle(id, y, spectrum, *cameras, **more):
@@ -40,6 +41,16 @@ def fleet(tmp_path_factory):
 @pytest.mark.parametrize("name", ["veh0", "veh1"])
 def test_they_are_sound_though_their_tables_are_elsewhere(fleet, name):
     assert validate(fleet / "out" / name).problems == []
+
+
+def test_a_matrix_that_does_not_follow_from_tables_is_checked(fleet, tmp_path):
+    """Numbers of the scene are known, also where the camera's response is elsewhere; those by ``auto`` are not."""
+    root = shutil.copytree(fleet / "out/veh0", tmp_path / "copy")
+    (root / "checksums").unlink()
+    meta = json.loads((root / "dataset.json").read_text())
+    meta["scene"]["vehicles"][0]["cameras"][1]["color_matrix"] = [[1, 0, 0], [0, 1, 0], [0, 0, 1.5]]
+    (root / "dataset.json").write_text(json.dumps(meta))
+    assert any("cameras.1.color_matrix" in problem for problem in validate(root).problems)
 
 
 def test_labels_know_what_is_hidden_in_them(fleet, tmp_path):

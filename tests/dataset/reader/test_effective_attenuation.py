@@ -5,6 +5,7 @@ import pytest
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
+from varos_warp.errors import InputError
 from varos_warp.scene.file.load import scene_from_dict
 
 C = np.array([0.5, 0.2, 0.1])
@@ -60,3 +61,10 @@ def test_by_wavelength_it_falls_with_the_distance_in_every_channel(tmp_path):
     by_distance = frame.effective_attenuation[hit][np.argsort(frame.range[hit])]
     assert (np.diff(by_distance, axis=0) < 1e-6).all()
     assert (by_distance[-1] < [0.9, 0.99, 1.0] * by_distance[0]).all()
+
+
+@pytest.mark.parametrize(("outputs", "lacks"), [(["D"], "no T"), (["T"], "no D"), (["S"], "no T and no D")])
+def test_without_its_images_it_is_refused(tmp_path, outputs, lacks):
+    frame = dataset(tmp_path, RGB, outputs=outputs)
+    with pytest.raises(InputError, match=f"needs images T and D, and there is {lacks}.*render.outputs"):
+        _ = frame.effective_attenuation

@@ -105,3 +105,9 @@ def test_a_warning_tells_of_other_ways_and_what_it_asks_for_helps():
     advice = [float(x) for x in words.rpartition("[")[2].rstrip("]").split(",")]
     assert 9.0 < advice[0] < advice[1] < 15.0
     assert told(bands_range_m=advice) == []
+
+
+@pytest.mark.parametrize(("bands", "says"), [(31, "at most 30"), (2, "at least 3"), ("all", "auto")])
+def test_a_wrong_number_of_bands_is_told_which_there_are(bands, says):
+    with pytest.raises(InputError, match=rf"render\.bands = '?{bands}.*{says}"):
+        scene_of(bands=bands)

@@ -89,7 +89,10 @@ def test_it_follows_the_first_lamp_and_numbers_count_as_they_are():
     ([[1, 0, 0], [0, 1, 0]], "color_matrix"), ([[1, 0], [0, 1], [1, 1]], "color_matrix"), (GIVEN[0], "color_matrix"),
     ([[1, 0, 0], [0, 1, 0], [0, 0, float("nan")]], "color_matrix"), ("automatic", "color_matrix"),
     ([[1, 0, 0], [0, 1, 0], [0, 0, float("inf")]], "color_matrix"),
-    ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], "the rows are not independent")])
+    ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], "the rows are not independent"),
+    ([[-1, 0, 0], [0, -1, 0], [0, 0, -1]], "grey would be black"),
+    ([[1, 0, 0], [0, 1, 0], [0, 1, -1]], "up to more than 0"),
+    ([[1e39, 0, 0], [0, 1, 0], [0, 0, 1]], "numbers up to 1000")])
 def test_what_is_no_matrix_is_refused_by_key(matrix, says):
     with pytest.raises(InputError, match=r"vehicle\.cameras\.0\.color_matrix") as refused:
         scene_of(matrix)

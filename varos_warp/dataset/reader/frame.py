@@ -8,6 +8,7 @@ import numpy as np
 from varos_warp.dataset.files import channels_of, read_exr
 from varos_warp.dataset.reader import rows
 from varos_warp.dataset.reader.points import along_ray, colour_offsets
+from varos_warp.errors import InputError
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.images.transmittance import LEAST
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, NORMALS, SEGMENTS, TWIN, WATER
@@ -142,7 +143,14 @@ class Frame:
 
         In water of three channels it is their extinction a + b everywhere; by wavelength it falls with the distance r,
         as a channel loses first what is absorbed most.
+
+        Raises:
+            InputError: The dataset has no T or no D.
         """
+        if lacks := [letter for letter in ("T", DEPTH) if letter not in self.data.outputs]:
+            raise InputError(f"effective attenuation needs images T and D, and there is no {' and no '.join(lacks)}",
+                             file=self.data.root, remedy="Add them to render.outputs and `run` again: it makes what is "
+                             "missing.")
         r, T = self.range[..., None], self.T.astype(float)
         known = np.isfinite(r) & (r > 0.0) & (T > LEAST)
         return np.where(known, -np.log(np.where(known, T, 1.0)) / np.where(known, r, 1.0), np.nan)

@@ -48,6 +48,9 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         if scene.is_spectral:  # its tables, of which all follows, are not in the dataset
             del made["water"]
             made["lights"] = writers.describe_lights(scene.vehicle)
+            for entry, camera in zip(made["cameras"], scene.vehicle.cameras, strict=True):
+                if camera.color_matrix == "auto":
+                    del entry["color_matrix"]
     profile = (meta.get("noise") or {}).get("profile", {})
     for sensor in SENSORS:
         if profile.get(sensor.key):

@@ -44,7 +44,11 @@ LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 
 
 def _invertible(matrix):
-    """A colour matrix loses no channel."""
+    """A colour matrix loses no channel, and makes neither grey dark nor colours infinite."""
+    if not (np.abs(matrix).max() <= MOST_OF_MATRIX and np.sum(matrix, axis=1).min() > 0.0):
+        raise ValueError(f"rows must add up to more than 0, or grey would be black, of numbers up to "
+                         f"{MOST_OF_MATRIX:g}: about 1 each, as white stays white then; give three rows of three "
+                         "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto")
     if not abs(np.linalg.det(matrix)) > LEAST_DETERMINANT:
         raise ValueError("the rows are not independent, so that colours would be lost; give three rows of three "
                          "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto")
@@ -53,6 +57,8 @@ def _invertible(matrix):
 
 LEAST_DETERMINANT = 1e-6
 """Of a colour matrix; those of cameras are about 1 to 5."""
+MOST_OF_MATRIX = 1000.0
+"""Largest number of a colour matrix, for its products are in single precision."""
 ColorMatrix = Annotated[tuple[Vec3, Vec3, Vec3], AfterValidator(_invertible)]
 
 

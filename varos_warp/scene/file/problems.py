@@ -164,8 +164,14 @@ def _most_specific(problems):
     for path, e in problems:
         deeper = any(len(other) > len(path) and other[:len(path)] == path for other in paths)
         if not deeper or e["type"] == "extra_forbidden":
+            if _is_number(e["input"]) and kept.get(path, e)["type"] == "literal_error":
+                kept[path] = e  # a number is out of the bounds of numbers, not a word that is mistyped
             kept.setdefault(path, e)
     return list(kept.items())
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _explain(path: tuple, e: dict, source: Source) -> tuple[str, str]:
