@@ -34,7 +34,7 @@ SMALL = {
     "harbour_wall": ["terrain.resolution=65", "scatter.0.count=3"],
     "hull": ["objects.0.chord_error_m=0.02"],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],
-    "calibration_camera": ["terrain.resolution=33"],
+    **{board: ["terrain.resolution=33"] for board in ("calibration_camera", "calibration_imu")},
     **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
     **{fleet: ["terrain.resolution=33"] for fleet in ("vehicles", "recorded")},
     **{survey: [] for survey in ("soundings", "height_map", "points")},

@@ -79,7 +79,7 @@ def test_the_course_is_that_of_the_first_camera(data, pair, tmp_path):
     np.testing.assert_allclose(found, T_w_c, rtol=0, atol=ROUNDING)
     table.to_csv(tmp_path / "groundtruth.txt", header=False, index=False, sep=" ", lineterminator="\n")
     course = file_interface.read_tum_trajectory_file(tmp_path / "groundtruth.txt")
-    assert largest_ape(course, 1_000_000_000 * time_ns, T_w_c) < ROUNDING
+    assert largest_ape(course, 1_000_000_000 * time_ns, T_w_c) < 1e-9  # evo's own matrices round; m and rad
 
 
 def test_calibration_is_that_of_the_cameras_about_the_imu(data, pair):
