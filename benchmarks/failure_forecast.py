@@ -5,8 +5,9 @@
     python -m benchmarks.failure_forecast fit             # varos_warp/data/readiness/forecast.json
 
 What is forecast is whether the small monocular odometry fails at the step from a frame to the next, for half of three
-seeds or more (`varos_warp.dataset.readiness.score.failed`); from what is forecast, `forecast.SIGNS`. Which scenes are
-held out was settled before any was measured. Frames of a dataset are alike, so the bootstrap draws datasets, not frames.
+seeds or more (`varos_warp.dataset.readiness.score.failed`); from what it is forecast, `forecast.SIGNS`. Which scenes
+are held out was settled before any was measured; waters, and what a failure is, by those that it is fitted on. Frames
+of a dataset are alike, so the bootstrap draws datasets, not frames.
 """
 
 import csv
@@ -27,7 +28,7 @@ from varos_warp.dataset.readiness.odometry import odometries
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "results" / "failure_forecast.csv"
 FORECAST = ROOT / "varos_warp" / "data" / "readiness" / "forecast.json"
-WATERS = ("IB", "3C", "7C", "9C")
+WATERS = ("IB", "III", "1C", "3C", "7C")
 COMMON = ("vehicle.cameras.0.resolution=[320,180]", "particles=[]", "render.max_triangles=250000")
 LEFT = ("{id: L0, position: [-0.1, 0, 0], rotation_euler_deg: [-65, 0, 0], resolution: [320, 180], "
         "sensor_mm: [7.2, 4.05], focal_mm: 5.0}")
@@ -66,7 +67,8 @@ def table(out: Path) -> None:
             for step, failed in enumerate(odometries(data, camera, SEEDS)[0]["mono"].failed_steps):
                 signs = {sign: found[sign][step] if sign in found else None for sign in SIGNS}
                 rows.append({"scene": name, "water": root.name, "frame": data.frames[step],
-                             **{k: "" if v is None else f"{v:.6g}" for k, v in signs.items()}, "failed": f"{failed:.6g}"})
+                             **{k: "" if v is None else f"{v:.6g}" for k, v in signs.items()},
+                             "failed": f"{failed:.6g}"})
     with TABLE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, rows[0], lineterminator="\n")
         writer.writeheader()

@@ -61,7 +61,8 @@ class Readiness:
 
     def plain(self) -> dict[str, Any]:
         """For JSON."""
-        return {"dataset": str(self.root), "camera": self.camera, "group": self.group, "frames": self.frames, "time_s": self.time_s,
+        return {"dataset": str(self.root), "camera": self.camera, "group": self.group,
+                "frames": self.frames, "time_s": self.time_s,
                 "by_frame": self.by_frame, "median": self.medians(),
                 "failure_chance": self.failure_chance(), "excitation": self.excitation,
                 "loop_closures": self.loop_closures, "left_out": self.left_out,

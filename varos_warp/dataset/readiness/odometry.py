@@ -41,8 +41,9 @@ class Odometry:
     def plain(self) -> dict:
         """For JSON, with mean and standard deviation over the seeds."""
         told = ("ate_m", "ate_share", "drift", "lost")
-        return self.__dict__ | {"failed_share": float(np.mean(self.failed_steps))} | {f"{name}_{what}": _of(getattr(self, name), how) for name in told
-                                for what, how in (("mean", np.mean), ("std", np.std))}
+        means = {f"{name}_{what}": _of(getattr(self, name), how) for name in told
+                 for what, how in (("mean", np.mean), ("std", np.std))}
+        return self.__dict__ | {"failed_share": float(np.mean(self.failed_steps))} | means
 
 
 def _of(values: list, how) -> float | None:

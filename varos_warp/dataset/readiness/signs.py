@@ -26,7 +26,8 @@ def verified(view: View, here: Keypoints, there: Keypoints) -> tuple[int, float 
     return count, count / len(pairs)
 
 
-def signs(view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, there: Keypoints) -> dict[str, float | None]:
+def signs(view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, there: Keypoints
+          ) -> dict[str, float | None]:
     """Of the step between two frames.
 
     Args:
