@@ -1,7 +1,6 @@
 """The forecast of failing steps, what it is made from and held against, and datasets that differ in their seed."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -11,20 +10,22 @@ from typer.testing import CliRunner
 
 from benchmarks import failure_forecast
 from varos_warp.cli import app
+from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.readiness import forecast, page, seeds
 from varos_warp.dataset.readiness.job import of_one_sea, readiness
 from varos_warp.dataset.readiness.light import black_level
+from varos_warp.dataset.readiness.measure import by_frame
 from varos_warp.dataset.readiness.score import STANDS, WRONG_TURN, WRONG_WAY, failed
 
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory):
-    """As a sweep over two waters and two seeds leaves it; seeds change the pixels' noise."""
+    """As a sweep over two waters and two seeds leaves it; the noise of the pixels stands for what seeds change."""
     root = tmp_path_factory.mktemp("sweep")
     versions = []
     for water, c in (("clear", 0.1), ("murky", 1.2)):
         for seed in (1, 2):
-            textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, outputs="AD", seed=seed)
+            textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, outputs="AD")
             versions.append({"name": f"{water}-{seed}", "overrides": {"water": water, "seed": seed},
                              "datasets": [{"folder": f"{water}-{seed}", "state": "complete"}]})
     (root / "sweep.json").write_text(json.dumps({"versions": versions}), encoding="utf-8")
@@ -47,26 +48,20 @@ def test_the_forecast_knows_clear_water_from_murky_on_a_floor_that_it_was_not_fi
 @pytest.fixture(scope="module")
 def without_truth(tmp_path_factory):
     """As the first of the sweep, without D."""
-    return textured.write(tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A", seed=1)
+    return textured.write(tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A")
 
 
-def test_the_forecast_does_not_know_the_truth(sweep, without_truth, tmp_path):
-    """Without D and F, and with other poses on record, it is the same to the last digit."""
-    root = shutil.copytree(without_truth, tmp_path / "data")
-    [blind], [told] = readiness([root], seeds=1), readiness([sweep / "clear-1"], seeds=1)
-    assert blind.by_frame["failure_chance"] == told.by_frame["failure_chance"]
-    poses = next(root.rglob("camL0_poses/*.csv"))
-    lines = poses.read_text(encoding="utf-8").splitlines()
-    poses.write_text("\n".join([lines[0], *(_shifted(line) for line in lines[1:])]) + "\n", encoding="utf-8")
-    [wrong] = readiness([root], seeds=1)
-    assert wrong.odometry["mono"].ate_m[0] > 10 * told.odometry["mono"].ate_m[0]
-    assert wrong.by_frame["failure_chance"] == told.by_frame["failure_chance"]
+def test_the_forecast_does_not_know_the_truth(sweep, without_truth, monkeypatch):
+    """Without D and F, and where poses cannot be read, it is the same to the last digit."""
+    [told] = readiness([sweep / "clear-1"], seeds=1)
 
+    def no_truth(*_, **__):
+        raise AssertionError("the truth was asked for")
 
-def _shifted(line: str) -> str:
-    """A place made wrong by the last digit of its time."""
-    stamp, x, *rest = line.split(",")
-    return ",".join([stamp, str(float(x) + int(stamp) % 700_000_000 * 1e-9), *rest])
+    for name in ("views", "T_w_c", "planar_depth", "depth", "flow"):
+        monkeypatch.setattr(Dataset, name, no_truth)
+    blind = by_frame(Dataset(without_truth), "L0")
+    assert forecast.failure_chances(blind) == told.by_frame["failure_chance"]
 
 
 def test_a_step_fails_by_its_direction_its_turn_or_where_the_frame_is_lost():
