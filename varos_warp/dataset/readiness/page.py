@@ -18,8 +18,8 @@ SHOWN = {
     "sift_repeatability": "SIFT repeatability", "sift_chance": "of it by chance", "sift_matches": "SIFT matches",
     "sift_inlier_share": "SIFT inlier share", "contrast": "RMS contrast of A",
     "direct_contrast": "RMS contrast of the direct layer", "veil_over_signal": "veil over signal",
-    "verified_matches": "ORB matches that agree with one motion", "verified_share": "share of them",
-    "tracked": "corners followed", "tracked_share": "share of them", "black_level": "black level of A",
+    "verified_matches": "ORB matches that agree with one motion", "verified_share": "share of ORB matches",
+    "tracked": "corners followed", "tracked_share": "share of corners", "black_level": "black level of A",
     "failure_chance": "chance of failure", "median_range_m": "median range [m]",
     "optical_depth": "optical depth (green)",
 }
@@ -37,7 +37,9 @@ MEASURES, ODOMETRY = ("measure", "median", "least", "greatest"), (
 
 def text(value: float | None, digits: int = 3) -> str:
     """A number for a table; a dash for none."""
-    return "–" if value is None else f"{value:.{digits}g}"
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
 
 
 def spread(mean: float | None, std: float | None, scale: float = 1.0) -> str:
@@ -133,7 +135,7 @@ def _of_one(found: Readiness, path: Path) -> Path:
     return write_page(path, title=f"Readiness of {found.root.absolute().name}", root=found.root.absolute().name,
                       tiles=[(str(len(found.frames)), "frames"), (found.camera, "camera"),
                              (text(found.medians().get("optical_depth")), "optical depth"),
-                             (text(found.failure_chance(), 2), "chance of failure")],
+                             (text(found.failure_chance(), 2), "mean chance of failure")],
                       notes="", content=_content(found.frames, x.tolist(), plots), sections=sections)
 
 
@@ -141,7 +143,7 @@ def _failing(found: Readiness, x: np.ndarray) -> dict:
     """The forecast over the frames and, where the odometry ran, the share of its runs that failed there."""
     columns = {"forecast": found.by_frame["failure_chance"]}
     columns |= {f"seen, {kind}": [*run.failed_steps, None] for kind, run in found.odometry.items()}
-    return curve("Chance that the odometry fails at the next step", "", x, np.array(list(columns.values()), float).T,
+    return curve("Chance of a failing step", "", x, np.array(list(columns.values()), float).T,
                  list(columns), x, zero=True)
 
 
@@ -169,7 +171,7 @@ def _against_depth(found: Sequence[Sequence[Readiness]]) -> list[dict]:
             plots.append(curve(title, unit, x, np.column_stack([column(name) for name in shown]),
                                [SHOWN[n] for n in shown], distance=True, x_unit="", zero=True))
     chance = np.column_stack([column("failure_chance"), column("mono_failed_share")])
-    plots.append(curve("Steps at which the odometry fails", "", x, chance, ("forecast", "seen, mono"), distance=True,
+    plots.append(curve("Share of failing steps", "", x, chance, ("forecast", "seen, mono"), distance=True,
                        x_unit="", zero=True))
     for kind in ("mono", "stereo"):
         mean, error = 100 * column(f"{kind}_ate_share"), 100 * column(f"{kind}_ate_share", 1)
