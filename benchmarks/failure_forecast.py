@@ -1,6 +1,6 @@
 """The forecast of `varos-warp readiness`: render scenes in several waters, fit it on some, test it on the others.
 
-    python -m benchmarks.failure_forecast make OUT        # about half an hour of one core
+    python -m benchmarks.failure_forecast make OUT        # about 20 minutes of one core
     python -m benchmarks.failure_forecast table OUT       # benchmarks/results/failure_forecast.csv
     python -m benchmarks.failure_forecast fit             # varos_warp/data/readiness/forecast.json
 
