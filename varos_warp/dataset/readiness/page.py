@@ -13,9 +13,9 @@ from varos_warp.dataset.report.curves import curve
 
 SHOWN = {
     "orb_count": "ORB keypoints", "orb_per_mpx": "ORB keypoints [1/Mpx]", "orb_repeatability": "ORB repeatability",
-    "orb_chance": "of it by chance", "orb_matches": "ORB matches", "orb_inlier_share": "ORB inlier share",
+    "orb_chance": "ORB by chance", "orb_matches": "ORB matches", "orb_inlier_share": "ORB inlier share",
     "sift_count": "SIFT keypoints", "sift_per_mpx": "SIFT keypoints [1/Mpx]",
-    "sift_repeatability": "SIFT repeatability", "sift_chance": "of it by chance", "sift_matches": "SIFT matches",
+    "sift_repeatability": "SIFT repeatability", "sift_chance": "SIFT by chance", "sift_matches": "SIFT matches",
     "sift_inlier_share": "SIFT inlier share", "contrast": "RMS contrast of A",
     "direct_contrast": "RMS contrast of the direct layer", "veil_over_signal": "veil over signal",
     "verified_matches": "ORB matches that agree with one motion", "verified_share": "share of ORB matches",
@@ -39,12 +39,12 @@ def text(value: float | None, digits: int = 3) -> str:
     """A number for a table; a dash for none."""
     if value is None:
         return "–"
-    return f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
+    return f"{value:.0f}" if abs(value) >= 10**digits - 0.5 else f"{value:.{digits}g}"
 
 
 def spread(mean: float | None, std: float | None, scale: float = 1.0) -> str:
     """Mean and standard deviation over seeds; a dash for none."""
-    return "–" if mean is None or std is None else f"{scale * mean:.3g} ± {scale * std:.1g}"
+    return "–" if mean is None or std is None else f"{text(scale * mean)} ± {text(scale * std, 1)}"
 
 
 def measures(found: Readiness) -> list[list[str]]:
