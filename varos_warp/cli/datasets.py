@@ -85,6 +85,7 @@ def readiness(datasets: Annotated[list[Path], typer.Argument(
     """Tell what a SLAM system will meet: features, contrast, IMU excitation, and a small visual odometry's error."""
     from varos_warp.dataset.readiness import page
     from varos_warp.dataset.readiness.job import readiness as measure_all
+    from varos_warp.dataset.readiness.seeds import over_seeds
 
     if out is not None:
         _check_page(out)
@@ -92,7 +93,8 @@ def readiness(datasets: Annotated[list[Path], typer.Argument(
     target = out or (datasets[0] / "readiness.html" if len(datasets) == 1 else None)
     written = page.write(found, target) if target else None
     if json_:
-        print_json({"report": written and str(written), "datasets": [each.plain() for each in found]})
+        print_json({"report": written and str(written), "datasets": [each.plain() for each in found],
+                    "over_seeds": over_seeds(found)})
     elif not quiet:
         _print_readiness(found)
         if written:

@@ -67,18 +67,23 @@ def repeatability(here: Keypoints, there: Keypoints, moved: Moves) -> tuple[floa
     return float((distance <= REPEATED_PX).mean()), float(chance)
 
 
+def paired(here: Keypoints, there: Keypoints) -> np.ndarray:
+    """Numbers [N, 2] of keypoints that are each other's nearest by descriptor."""
+    if here.descriptors is None or there.descriptors is None:
+        return np.zeros((0, 2), int)
+    cv2 = opencv()
+    norm = cv2.NORM_HAMMING if here.kind == "orb" else cv2.NORM_L2
+    first, second = here.descriptors[:MOST_MATCHED], there.descriptors[:MOST_MATCHED]
+    found = cv2.BFMatcher(norm, crossCheck=True).match(first, second)
+    return np.array([(m.queryIdx, m.trainIdx) for m in found], int).reshape(-1, 2)
+
+
 def matches(here: Keypoints, there: Keypoints, moved: Moves) -> tuple[int, float | None]:
     """How many keypoints are each other's nearest by descriptor, and the share of them that true flow confirms.
 
     Matches of points whose true place is not known are left out; those of what hides are wrong.
     """
-    if here.descriptors is None or there.descriptors is None:
-        return 0, None
-    cv2 = opencv()
-    norm = cv2.NORM_HAMMING if here.kind == "orb" else cv2.NORM_L2
-    first, second = here.descriptors[:MOST_MATCHED], there.descriptors[:MOST_MATCHED]
-    found = cv2.BFMatcher(norm, crossCheck=True).match(first, second)
-    pairs = np.array([(m.queryIdx, m.trainIdx) for m in found], int).reshape(-1, 2)
+    pairs = paired(here, there)
     place, hidden = moved.of(here.points[pairs[:, 0]])
     known = np.isfinite(place).all(1)
     if not known.any():

@@ -1,6 +1,8 @@
 """Readiness of one dataset, of several, or of all that a sweep has made."""
 
+import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from varos_warp.dataset import files
@@ -13,6 +15,29 @@ from varos_warp.errors import InputError
 from varos_warp.files import is_file
 
 SWEEP = "sweep.json"
+
+
+def of_one_sea(roots: Sequence[Path]) -> dict[Path, str]:
+    """A name for what datasets of sweeps have in common that differ in nothing but the key ``seed``, by folder.
+
+    Those that no other one is like are left out.
+    """
+    alike: dict[tuple[Path, str], list[tuple[str, Path]]] = {}
+    for root in roots:
+        if not is_file(root / SWEEP):
+            continue
+        for version in files.read_json(root / SWEEP)["versions"]:
+            rest = {key: value for key, value in version.get("overrides", {}).items() if key != "seed"}
+            for entry in version["datasets"]:
+                vehicle = Path(entry["folder"]).relative_to(version["name"])
+                key = (root, json.dumps([rest, str(vehicle)], sort_keys=True))
+                alike.setdefault(key, []).append((_named(root / vehicle, rest), root / entry["folder"]))
+    return {folder.absolute(): name for group in alike.values() if len(group) > 1 for name, folder in group}
+
+
+def _named(root: Path, rest: dict) -> str:
+    """Such as ``waters water.jerlov.type=IB``."""
+    return " ".join([str(root), *(f"{key}={value}" for key, value in rest.items())])
 
 
 def named(roots: Sequence[Path]) -> list[Path]:
@@ -54,12 +79,13 @@ def readiness(roots: Sequence[Path], camera: str | None = None, seeds: int = 3, 
         raise InputError("at least one run is needed", key="seeds", value=seeds, remedy="Such as --seeds 3.")
     opencv()
     folders = named(roots)
+    groups = of_one_sea(roots)
     for folder in folders:
         data = Dataset(folder)
         check(data, data.camera(camera)["id"])
     found = []
     with Progress("readiness", len(folders), "datasets", quiet) as progress:
         for folder in folders:
-            found.append(measure(folder, camera, seeds))
+            found.append(replace(measure(folder, camera, seeds), group=groups.get(folder.absolute())))
             progress.advance()
     return found

@@ -18,6 +18,13 @@ def rms_contrast(radiance: np.ndarray) -> float | None:
     return float(luminance.std() / mean) if mean > 0 else None
 
 
+def black_level(radiance: np.ndarray) -> float | None:
+    """First percentile of the luminance over its mean, of linear [H, W, 3]: a veil lifts it; None of a black image."""
+    luminance = radiance.astype(float) @ LUMINANCE
+    mean = float(luminance.mean())
+    return float(np.percentile(luminance, 1.0) / mean) if mean > 0 else None
+
+
 def layers_of(data: Dataset, frame: int, camera: str) -> dict[str, np.ndarray]:
     """Layers [H, W, 3] of A by name, where ``--linear-exr`` wrote them; empty where it did not.
 

@@ -10,10 +10,19 @@ import numpy as np
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.readiness.excitation import excitation
 from varos_warp.dataset.readiness.features import Keypoints, detect, matches, repeatability
-from varos_warp.dataset.readiness.light import attenuation, layers_of, median_range, rms_contrast, veil_over_signal
+from varos_warp.dataset.readiness.forecast import failure_chances
+from varos_warp.dataset.readiness.light import (
+    attenuation,
+    black_level,
+    layers_of,
+    median_range,
+    rms_contrast,
+    veil_over_signal,
+)
 from varos_warp.dataset.readiness.loops import loop_closures
 from varos_warp.dataset.readiness.odometry import Odometry, odometries
 from varos_warp.dataset.readiness.opencv import opencv
+from varos_warp.dataset.readiness.signs import signs
 from varos_warp.dataset.readiness.tracking import View
 from varos_warp.dataset.readiness.truth import moves, source_of_moves
 from varos_warp.errors import InputError
@@ -38,16 +47,24 @@ class Readiness:
     odometry: dict[str, Odometry]
     left_out: list[str]
     """What was not measured, and why."""
+    group: str | None = None
+    """Of datasets that differ in their seed alone: what they have in common."""
 
     def medians(self) -> dict[str, float | None]:
         """Of each measure over the frames that have it."""
         known = {name: [v for v in values if v is not None] for name, values in self.by_frame.items()}
         return {name: float(np.median(values)) if values else None for name, values in known.items()}
 
+    def failure_chance(self) -> float:
+        """Mean over the steps from each frame to the next of the chance that the small odometry fails there."""
+        return float(np.mean([chance for chance in self.by_frame["failure_chance"] if chance is not None]))
+
     def plain(self) -> dict[str, Any]:
         """For JSON."""
-        return {"dataset": str(self.root), "camera": self.camera, "frames": self.frames, "time_s": self.time_s,
-                "by_frame": self.by_frame, "median": self.medians(), "excitation": self.excitation,
+        return {"dataset": str(self.root), "camera": self.camera, "group": self.group,
+                "frames": self.frames, "time_s": self.time_s,
+                "by_frame": self.by_frame, "median": self.medians(),
+                "failure_chance": self.failure_chance(), "excitation": self.excitation,
                 "loop_closures": self.loop_closures, "left_out": self.left_out,
                 "odometry": {name: found.plain() for name, found in self.odometry.items()}}
 
@@ -68,7 +85,8 @@ def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
     opencv()
     camera = data.camera(camera)["id"]
     check(data, camera)
-    frames, source = _by_frame(data, camera), source_of_moves(data)
+    frames, source = by_frame(data, camera), source_of_moves(data)
+    frames["failure_chance"] = failure_chances(frames)
     odometry, left_out = odometries(data, camera, seeds)
     if source is None:
         left_out.append("repeatability and inlier shares: they need F" + (
@@ -101,15 +119,23 @@ def check(data: Dataset, camera: str) -> None:
     data.require_images([WATER, *({DEPTH} & set(data.outputs))], [camera])
 
 
-def _by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
-    rows, before = [], None
+def by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
+    """Measures of each frame and of the step to the next by name, as `Readiness` has them, but for the forecast.
+
+    Raises:
+        InputError: If a file cannot be read.
+    """
+    rows, view, before, last = [], View(data, camera), None, None
     for index in range(len(data)):
-        now = {kind: detect(kind, View(data, camera).gray(index)) for kind in KINDS}
+        gray = view.gray(index)
+        now = {kind: detect(kind, gray) for kind in KINDS}
         row = _of_image(data, index, camera, now)
-        if before is not None and source_of_moves(data):
-            rows[-1] |= _between(before, now, data, index - 1, camera)
+        if before is not None and last is not None:
+            rows[-1] |= signs(view, last, gray, before["orb"], now["orb"])
+            if source_of_moves(data):
+                rows[-1] |= _between(before, now, data, index - 1, camera)
         rows.append(row)
-        before = now
+        before, last = now, gray
     return {name: [row.get(name) for row in rows] for name in _names(rows)}
 
 
@@ -125,7 +151,8 @@ def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints
     for kind, keypoints in found.items():
         row |= {f"{kind}_count": len(keypoints.points), f"{kind}_per_mpx": len(keypoints.points) / mpx}
     layers, distance = layers_of(data, frame, camera), median_range(data, frame, camera)
-    row["contrast"] = rms_contrast(data.image(WATER, frame, camera))
+    picture = data.image(WATER, frame, camera)
+    row["contrast"], row["black_level"] = rms_contrast(picture), black_level(picture)
     row["direct_contrast"] = rms_contrast(layers["direct"]) if "direct" in layers else None
     row["veil_over_signal"] = veil_over_signal(layers)
     row["median_range_m"] = distance

@@ -7,7 +7,7 @@ import numpy as np
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.readiness.mono import MonoOdometry
-from varos_warp.dataset.readiness.score import path_length, score
+from varos_warp.dataset.readiness.score import failed, path_length, score
 from varos_warp.dataset.readiness.stereo import StereoOdometry
 from varos_warp.dataset.readiness.tracking import View
 from varos_warp.scene.description.image_types import DEPTH
@@ -35,12 +35,15 @@ class Odometry:
     """Frames without a pose."""
     frames: int
     path_m: float
+    failed_steps: list[float]
+    """Share of the seeds for which the step from each frame to the next failed, as `failed` tells."""
 
     def plain(self) -> dict:
         """For JSON, with mean and standard deviation over the seeds."""
         told = ("ate_m", "ate_share", "drift", "lost")
-        return self.__dict__ | {f"{name}_{what}": _of(getattr(self, name), how) for name in told
-                                for what, how in (("mean", np.mean), ("std", np.std))}
+        means = {f"{name}_{what}": _of(getattr(self, name), how) for name in told
+                 for what, how in (("mean", np.mean), ("std", np.std))}
+        return self.__dict__ | {"failed_share": float(np.mean(self.failed_steps))} | means
 
 
 def _of(values: list, how) -> float | None:
@@ -67,16 +70,19 @@ def odometries(data: Dataset, camera: str, seeds: int) -> tuple[dict[str, Odomet
 
 
 def _over_seeds(data: Dataset, cameras: list[str], seeds: int, make) -> Odometry:
-    truth, scores, lost = data.views(cameras[0])[1][:, :3, 3], [], []
+    poses, scores, lost, fails = data.views(cameras[0])[1], [], [], []
+    truth = poses[:, :3, 3]
     for seed in range(seeds):
         T_c_w, gone = make(seed).run()
         lost.append(int(gone.sum()))
+        fails.append(failed(T_c_w, gone, poses))
         places = -np.einsum("nji,nj->ni", T_c_w[:, :3, :3], T_c_w[:, :3, 3])
         moved = gone[1:].sum() < len(gone) - 1
         scores.append(score(places, truth, with_scale=len(cameras) == 1) if moved else None)
     columns = {name: [None if s is None else getattr(s, name) for s in scores]
                for name in ("ate_m", "ate_share", "drift")}
-    return Odometry(cameras, seeds, **columns, lost=lost, frames=len(truth), path_m=path_length(truth))
+    return Odometry(cameras, seeds, **columns, lost=lost, frames=len(truth), path_m=path_length(truth),
+                    failed_steps=np.mean(fails, 0).tolist())
 
 
 def _partner(data: Dataset, camera: str) -> tuple[str | None, str]:

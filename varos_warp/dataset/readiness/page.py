@@ -7,38 +7,44 @@ import numpy as np
 
 from varos_warp.dataset.readiness.measure import Readiness
 from varos_warp.dataset.readiness.odometry import Odometry
+from varos_warp.dataset.readiness.seeds import compared, groups
 from varos_warp.dataset.report import facts, write_page
 from varos_warp.dataset.report.curves import curve
 
 SHOWN = {
     "orb_count": "ORB keypoints", "orb_per_mpx": "ORB keypoints [1/Mpx]", "orb_repeatability": "ORB repeatability",
-    "orb_chance": "of it by chance", "orb_matches": "ORB matches", "orb_inlier_share": "ORB inlier share",
+    "orb_chance": "ORB by chance", "orb_matches": "ORB matches", "orb_inlier_share": "ORB inlier share",
     "sift_count": "SIFT keypoints", "sift_per_mpx": "SIFT keypoints [1/Mpx]",
-    "sift_repeatability": "SIFT repeatability", "sift_chance": "of it by chance", "sift_matches": "SIFT matches",
+    "sift_repeatability": "SIFT repeatability", "sift_chance": "SIFT by chance", "sift_matches": "SIFT matches",
     "sift_inlier_share": "SIFT inlier share", "contrast": "RMS contrast of A",
     "direct_contrast": "RMS contrast of the direct layer", "veil_over_signal": "veil over signal",
-    "median_range_m": "median range [m]", "optical_depth": "optical depth (green)",
+    "verified_matches": "ORB matches that agree with one motion", "verified_share": "share of ORB matches",
+    "tracked": "corners followed", "tracked_share": "share of corners", "black_level": "black level of A",
+    "failure_chance": "chance of failure", "median_range_m": "median range [m]",
+    "optical_depth": "optical depth (green)",
 }
 """Names of the measures by frame, for people, in order."""
 COMPARED = ("optical_depth", "orb_per_mpx", "orb_repeatability", "orb_inlier_share", "sift_repeatability",
-            "sift_inlier_share", "contrast", "veil_over_signal")
+            "sift_inlier_share", "contrast", "veil_over_signal", "failure_chance")
 PLOTS = (("Keypoints", "", ("orb_count", "sift_count")),
          ("Repeatability", "", ("orb_repeatability", "sift_repeatability", "orb_chance", "sift_chance")),
          ("Inlier share of matches", "", ("orb_inlier_share", "sift_inlier_share")),
          ("RMS contrast", "", ("contrast", "direct_contrast")), ("Veil over signal", "", ("veil_over_signal",)),
          ("Median range", "m", ("median_range_m",)), ("Optical depth", "", ("optical_depth",)))
 MEASURES, ODOMETRY = ("measure", "median", "least", "greatest"), (
-    "odometry", "ATE [m]", "ATE [% of path]", "drift [%]", "lost frames")
+    "odometry", "ATE [m]", "ATE [% of path]", "drift [%]", "lost frames", "failed steps [%]")
 
 
 def text(value: float | None, digits: int = 3) -> str:
     """A number for a table; a dash for none."""
-    return "–" if value is None else f"{value:.{digits}g}"
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if abs(value) >= 10**digits - 0.5 else f"{value:.{digits}g}"
 
 
 def spread(mean: float | None, std: float | None, scale: float = 1.0) -> str:
     """Mean and standard deviation over seeds; a dash for none."""
-    return "–" if mean is None or std is None else f"{scale * mean:.3g} ± {scale * std:.1g}"
+    return "–" if mean is None or std is None else f"{text(scale * mean)} ± {text(scale * std, 1)}"
 
 
 def measures(found: Readiness) -> list[list[str]]:
@@ -56,7 +62,8 @@ def odometry_row(kind: str, run: Odometry) -> list[str]:
     plain = run.plain()
     pairs = [(plain[f"{name}_mean"], plain[f"{name}_std"]) for name in ("ate_m", "ate_share", "drift", "lost")]
     shares = [spread(*pair, scale) for pair, scale in zip(pairs, (1.0, 100.0, 100.0, 1.0), strict=True)]
-    return [f"{kind}, {' and '.join(run.cameras)}", *shares[:3], f"{shares[3]} of {run.frames - 1}"]
+    return [f"{kind}, {' and '.join(run.cameras)}", *shares[:3], f"{shares[3]} of {run.frames - 1}",
+            text(100.0 * plain["failed_share"])]
 
 
 def sentences(found: Readiness) -> list[str]:
@@ -75,28 +82,34 @@ def sentences(found: Readiness) -> list[str]:
     return said + [f"left out: {words}" for words in found.left_out]
 
 
-def by_depth(found: Sequence[Readiness]) -> list[Readiness]:
-    """Datasets in order of their optical depth; those without one last."""
-    def depth(each: Readiness) -> float:
-        value = each.medians().get("optical_depth")
-        return np.inf if value is None else value
-
-    return sorted(found, key=depth)
-
-
 def comparison(found: Sequence[Readiness]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the table of several datasets, by optical depth."""
+    """Header and rows of the table of several datasets, by optical depth; those that differ in their seed are a row."""
     kinds = [kind for kind in ("mono", "stereo") if any(kind in each.odometry for each in found)]
     header = ["dataset", *(SHOWN[name] for name in COMPARED)]
-    header += [words for kind in kinds for words in (f"{kind} ATE [%]", "lost")]
+    header += [words for kind in kinds for words in (f"{kind} ATE [%]", "lost", "failed steps [%]")]
     rows = []
-    for each in by_depth(found):
-        medians, row = each.medians(), [str(each.root)]
-        row += [text(medians.get(name)) for name in COMPARED]
+    for name, of in groups(found):
+        told = compared(of)
+        rows.append([name, *(give(told.get(measure)) for measure in COMPARED)])
         for kind in kinds:
-            row += odometry_row(kind, each.odometry[kind])[2::2] if kind in each.odometry else ["–", "–"]
-        rows.append(row)
+            rows[-1] += _odometry_cells(kind, of, told)
     return header, rows
+
+
+def give(pair: tuple[float | None, float | None] | None, scale: float = 1.0) -> str:
+    """Mean and, where there is one, standard error."""
+    mean, error = pair or (None, None)
+    return spread(mean, error, scale) if error is not None else text(None if mean is None else scale * mean)
+
+
+def _odometry_cells(kind: str, of: Sequence[Readiness], told: dict[str, tuple[float | None, float | None]]
+                    ) -> list[str]:
+    """Of one dataset with the spread over runs of RANSAC, of several with the standard error over them."""
+    if len(of) == 1:
+        run = of[0].odometry.get(kind)
+        return ["–"] * 3 if run is None else [odometry_row(kind, run)[i] for i in (2, 4, 5)]
+    return [give(told.get(f"{kind}_ate_share"), 100.0), give(told.get(f"{kind}_lost")),
+            give(told.get(f"{kind}_failed_share"), 100.0)]
 
 
 def write(found: Sequence[Readiness], path: Path) -> Path:
@@ -111,6 +124,7 @@ def _of_one(found: Readiness, path: Path) -> Path:
         if shown:
             columns = np.array([found.by_frame[name] for name in shown], float).T
             plots.append(curve(title, unit, x, columns, [SHOWN[n] for n in shown], x, zero=True))
+    plots.append(_failing(found, x))
     tables = facts.table(measures(found), MEASURES, "numbers")
     runs = [odometry_row(kind, run) for kind, run in found.odometry.items()]
     odometry = facts.table(runs, ODOMETRY, "numbers") if runs else "<p class=empty>None.</p>"
@@ -120,35 +134,52 @@ def _of_one(found: Readiness, path: Path) -> Path:
                 ("odometry", "Odometry", f'<div class="card">{odometry}{said}</div>')]
     return write_page(path, title=f"Readiness of {found.root.absolute().name}", root=found.root.absolute().name,
                       tiles=[(str(len(found.frames)), "frames"), (found.camera, "camera"),
-                             (text(found.medians().get("optical_depth")), "optical depth")],
+                             (text(found.medians().get("optical_depth")), "optical depth"),
+                             (text(found.failure_chance(), 2), "mean chance of failure")],
                       notes="", content=_content(found.frames, x.tolist(), plots), sections=sections)
+
+
+def _failing(found: Readiness, x: np.ndarray) -> dict:
+    """The forecast over the frames and, where the odometry ran, the share of its runs that failed there."""
+    columns = {"forecast": found.by_frame["failure_chance"]}
+    columns |= {f"seen, {kind}": [*run.failed_steps, None] for kind, run in found.odometry.items()}
+    return curve("Chance of a failing step", "", x, np.array(list(columns.values()), float).T,
+                 list(columns), x, zero=True)
 
 
 def _of_several(found: Sequence[Readiness], path: Path) -> Path:
     header, rows = comparison(found)
     sections = [("curves", "Over optical depth", '<div id="plots"></div>'),
                 ("table", "By optical depth", f'<div class="card">{facts.table(rows, header, "numbers")}</div>')]
-    deep = [each for each in by_depth(found) if each.medians().get("optical_depth") is not None]
+    deep = [of for _, of in groups(found) if compared(of).get("optical_depth", (None,))[0] is not None]
     return write_page(path, title="Readiness against optical depth", root=f"{len(found)} datasets",
                       tiles=[(str(len(found)), "datasets")], notes="", sections=sections,
                       content=_content([], [], _against_depth(deep) if len(deep) > 1 else []))
 
 
-def _against_depth(found: Sequence[Readiness]) -> list[dict]:
-    x, medians = np.array([each.medians()["optical_depth"] for each in found], float), [e.medians() for e in found]
-    plots = []
+def _against_depth(found: Sequence[Sequence[Readiness]]) -> list[dict]:
+    """Curves over groups that have an optical depth."""
+    told, plots = [compared(of) for of in found], []
+    x = np.array([one["optical_depth"][0] for one in told], float)
+
+    def column(name: str, i: int = 0) -> np.ndarray:
+        return np.array([one.get(name, (None, None))[i] for one in told], float)
+
     for title, unit, names in PLOTS[:-2]:
-        shown = [name for name in names if any(m.get(name) is not None for m in medians)]
+        shown = [name for name in names if np.isfinite(column(name)).any()]
         if shown:
-            columns = np.array([[m.get(name) for name in shown] for m in medians], float)
-            plots.append(curve(title, unit, x, columns, [SHOWN[n] for n in shown], distance=True, x_unit="", zero=True))
+            plots.append(curve(title, unit, x, np.column_stack([column(name) for name in shown]),
+                               [SHOWN[n] for n in shown], distance=True, x_unit="", zero=True))
+    chance = np.column_stack([column("failure_chance"), column("mono_failed_share")])
+    plots.append(curve("Share of failing steps", "", x, chance, ("forecast", "seen, mono"), distance=True,
+                       x_unit="", zero=True))
     for kind in ("mono", "stereo"):
-        runs = [each.odometry[kind].plain() if kind in each.odometry else {} for each in found]
-        pairs = np.array([[run.get("ate_share_mean"), run.get("ate_share_std")] for run in runs], float) * 100
-        if np.isfinite(pairs).any():
-            mean, std = pairs.T
-            plots.append(curve(f"ATE, {kind}", "% of the path", x, np.column_stack([mean, mean - std, mean + std]),
-                               ("mean", "less one deviation over seeds", "more"), distance=True, x_unit="", zero=True))
+        mean, error = 100 * column(f"{kind}_ate_share"), 100 * column(f"{kind}_ate_share", 1)
+        if np.isfinite(mean).any():
+            runs = [of[0].odometry[kind].plain()["ate_share_std"] if kind in of[0].odometry else None for of in found]
+            error = np.where(np.isfinite(error), error, 100 * np.array(runs, float))
+            plots.append(curve(f"ATE, {kind}", "% of the path", x, np.column_stack([mean, mean - error, mean + error]),
+                               ("mean", "less its spread over seeds", "more"), distance=True, x_unit="", zero=True))
     return plots
 
 

@@ -3,9 +3,16 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 SEGMENT = 0.25
 """Of the whole path: length of the pieces whose drift is stated."""
+
+
+WRONG_WAY, WRONG_TURN = np.radians(15.0), np.radians(1.0)
+"""A step fails whose translation is off in direction, or whose rotation is off, by more."""
+STANDS = 0.25
+"""Of the median step: the direction of a shorter one does not count, for there is hardly any."""
 
 
 class Score(NamedTuple):
@@ -46,3 +53,27 @@ def score(estimate: np.ndarray, truth: np.ndarray, with_scale: bool) -> Score:
     end = end[start]
     off = np.linalg.norm((moved[end] - moved[start]) - (truth[end] - truth[start]), axis=1)
     return Score(ate, ate / length, float((off / (way[end] - way[start])).mean()))
+
+
+def failed(T_c_w: np.ndarray, lost: np.ndarray, T_w_c: np.ndarray) -> np.ndarray:
+    """Whether the step from each frame to the next failed, bool [N - 1]; the scale of a step does not count.
+
+    It fails if the next frame is lost, or its translation points more than `WRONG_WAY` [rad] elsewhere than the true
+    one (whatever its scale, it is then off by a quarter of the step or more; not asked of steps shorter than `STANDS`),
+    or its rotation is off by more than `WRONG_TURN` [rad].
+
+    Args:
+        T_c_w: Estimated poses [N, 4, 4].
+        lost: Frames without one [N].
+        T_w_c: True poses [N, 4, 4].
+    """
+    found, true = T_c_w[1:] @ np.linalg.inv(T_c_w[:-1]), np.linalg.inv(T_w_c[1:]) @ T_w_c[:-1]
+    length = np.linalg.norm(true[:, :3, 3], axis=1)
+    astray = (_angle(found[:, :3, 3], true[:, :3, 3]) > WRONG_WAY) & (length >= STANDS * np.median(length))
+    return (lost[1:] | astray
+            | (Rotation.from_matrix(found[:, :3, :3] @ true[:, :3, :3].transpose(0, 2, 1)).magnitude() > WRONG_TURN))
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Between vectors [N, 3] [rad]."""
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(1))
