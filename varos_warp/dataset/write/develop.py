@@ -1,6 +1,7 @@
 """Development of the half floats of A, B and P to their 8 bit files: gain, curve, dither and the noise of a sensor."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image.camera_noise import noisy_color
 from varos_warp.render.image.dither import Dither
 from varos_warp.scene.description.noise_profile import CameraNoise
-from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.spectra.matrix import color_matrix
 from varos_warp.sim.sensors.image_noise import frame_generator
@@ -68,17 +68,19 @@ class Developer:
         for path in clean or [finished]:
             files.write_png(path, self._without_noise(camera, letter, frame, half, gain))
         if (sensor := self.sensor(letter)) is not None:
-            view = self._view(camera)
+            view = next(each for each in self.scene.vehicle.cameras if each.id == camera)
             open_s = view.shutter.exposure_s if view.shutter else 0.0
             rng, linear = frame_generator(self.scene.seed, frame, camera), half.astype(np.float32)
             files.write_png(finished, noisy_color(sensor, linear, gain, camera_model(view), open_s, rng,
-                                                  color_matrix(self.scene, view)))
+                                                  self._matrices[camera]))
 
     def _without_noise(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: float) -> np.ndarray:
-        dither, matrix = Dither.of(self.scene), color_matrix(self.scene, self._view(camera))
+        dither, matrix = Dither.of(self.scene), self._matrices[camera]
         if dither is None:
             return develop(half, gain, matrix)
         return dithered(half, gain, dither, camera, letter, frame, matrix)
 
-    def _view(self, camera: str) -> Camera:
-        return next(each for each in self.scene.vehicle.cameras if each.id == camera)
+    @cached_property
+    def _matrices(self) -> dict[str, np.ndarray | None]:
+        """Colour matrix of each camera: fitted ones read files, which is not to be done for every image."""
+        return {view.id: color_matrix(self.scene, view) for view in self.scene.vehicle.cameras}
