@@ -24,16 +24,20 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim import trajectory
 
 
-@pytest.fixture(scope="module")
-def bag(out):
-    """Log times and messages of the bag by topic."""
+def messages_of(path):
+    """Log times and messages of a bag by topic."""
     from rosbags.highlevel import AnyReader
 
     topics = {}
-    with AnyReader([out / "mcap/bag"]) as reader:
+    with AnyReader([path]) as reader:
         for connection, time_ns, raw in reader.messages():
             topics.setdefault(connection.topic, []).append((time_ns, reader.deserialize(raw, connection.msgtype)))
     return topics
+
+
+@pytest.fixture(scope="module")
+def bag(out):
+    return messages_of(out / "mcap/bag")
 
 
 def stamp_ns(message):
@@ -160,8 +164,6 @@ def test_moving_transforms_are_the_course_of_the_vehicle(data, bag):
 @pytest.fixture(scope="module")
 def ahead(tmp_path_factory):
     """The bag of a vehicle that stands, then goes forward and turns left; its IMU is turned."""
-    from rosbags.highlevel import AnyReader
-
     root = tmp_path_factory.mktemp("ahead")
     legs = [{"position": [0, 0, 1]}, {"position": [0, 0, 1]}, {"position": [0, 3, 1]},
             {"position": [-3, 3, 1], "rotation_euler_deg": [20, 10, 90]}]
@@ -175,11 +177,7 @@ def ahead(tmp_path_factory):
         patch.setitem(sys.modules, "varos_warp.sim.trajectory", trajectory)  # a course with dynamics
         produce(scene, root / "data", quiet=True)
     export(root / "data", "mcap", root / "out")
-    topics = {}
-    with AnyReader([root / "out/bag"]) as reader:
-        for connection, time_ns, raw in reader.messages():
-            topics.setdefault(connection.topic, []).append((time_ns, reader.deserialize(raw, connection.msgtype)))
-    return topics
+    return messages_of(root / "out/bag")
 
 
 def test_at_rest_gravity_is_felt_up_and_forward_is_x_and_left_is_y(ahead):
