@@ -90,7 +90,8 @@ def test_a_fit_finds_pose_of_a_camera_on_an_imu_time_offset_and_biases(tmp_path)
 @pytest.mark.parametrize(("options", "camera", "says"), [
     (["--part", "0"], {}, "--part at least 0.1"), (["--noise", "-1"], {}, "--noise is at least 0"),
     (["--offset-ms", "nan"], {}, "--offset-ms a number"), ([], {"id": "L0"}, "no table of this dataset's cameras"),
-    ([], {"port": {"kind": "flat"}}, "a port or distortion"), ([], {"mount": "world"}, "stands in the world")])
+    ([], {"port": {"kind": "flat"}}, "a port or distortion"), ([], {"mount": "world"}, "stands in the world"),
+    ([], {"shutter": {"exposure_s": 0.01, "readout_s": 0.02}}, "a rolling shutter")])
 def test_what_the_fit_of_an_imu_cannot_take_is_refused(tmp_path, capsys, options, camera, says):
     about = {"cameras": [{"id": "M0", "mount": "vehicle", "distortion": "none", **camera}]}
     (tmp_path / "dataset.json").write_text(json.dumps(about))

@@ -200,6 +200,8 @@ def main(argv=None):
     camera = cameras[name]
     if camera["mount"] == "world" or camera.get("port") or camera.get("distortion", "none") != "none":
         parser.error(f"{name} is of a camera with a port or distortion, or one that stands in the world: K is not all")
+    if (camera.get("shutter") or {}).get("readout_s"):
+        parser.error(f"{name} is of a rolling shutter: its rows are of other instants than the stamps")
     board, stamps_s, points = corners(given.corners)
     points = points + np.random.default_rng(given.seed).normal(0.0, given.noise, points.shape)
     fit = CameraImu(np.array(camera["K_opencv"]), board, stamps_s - 1e-3 * given.offset_ms, points,
