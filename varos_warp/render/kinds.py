@@ -14,7 +14,7 @@ from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.particles.draw import make_draw_kernel
-from varos_warp.kernels.particles.expected import make_expected_kernel
+from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
 from varos_warp.kernels.particles.field_light import make_field_light_kernel
 from varos_warp.kernels.particles.gather import gather_splats
 from varos_warp.kernels.spec import SceneSpec
@@ -200,7 +200,7 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
             bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
-            hits += [gather_splats, *(kernel for kernel in bodies if kernel)]
+            hits += [gather_splats, tabulate_expected, *(kernel for kernel in bodies if kernel)]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:

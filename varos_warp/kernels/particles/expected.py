@@ -7,6 +7,7 @@ along the very rays whose ends tell what hides a body.
 import warp as wp
 
 from varos_warp.kernels.conventions import CPU_FLAGS
+from varos_warp.kernels.field.along_camera import AlongCamera, distance_along, radiance_along
 from varos_warp.kernels.numerics import brightest, make_gauss_legendre
 from varos_warp.kernels.particles.bodies import FADE, NEAREST, Particles, covered_before, drawn_at, ramp
 from varos_warp.kernels.particles.field_light import expected_of_field
@@ -14,7 +15,7 @@ from varos_warp.kernels.sampler import draw, make_sampler
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, instant_of, place_of, with_points
 from varos_warp.kernels.transport.next_event import sample_in_scattered
-from varos_warp.kernels.world.camera import Camera, make_sample_ray
+from varos_warp.kernels.world.camera import Camera, make_sample_ray, node_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
 from varos_warp.kernels.world.lights.light import get_light, light_core, light_count, light_towards, lit_part
 from varos_warp.kernels.world.lights.record import Light, LitInterval
@@ -27,6 +28,8 @@ NODES = wp.constant(6)
 GROWTH = wp.constant(16.0)
 """Panels of the quadrature end where distances along the ray have grown by so much. With six nodes each the error is
 below 1e-4 of a pixel's value in coastal water, and 5e-3 where only 20 cm are in sight (measured)."""
+STRETCHES = wp.constant(32)
+"""Parts of a ray by which a table is judged: with the panels alone, their own error would count as the table's."""
 FILM, SHADOW = wp.constant(0), wp.constant(1)
 """Random numbers for the place in the pixel and on the lens, and for what is blocked."""
 
@@ -76,18 +79,79 @@ def expected_between(scene: SceneData, particles: Particles, light: Light, lit: 
 
 
 @wp.func
-def expected_of_lamp(scene: SceneData, particles: Particles, light: Light, o: wp.vec3, d: wp.vec3, t_max: float):
-    """Radiance of one lamp that the drawn bodies scatter into an unobstructed ray, in the mean."""
+def expected_of_lamp(scene: SceneData, particles: Particles, light: Light, o: wp.vec3, d: wp.vec3, t_min: float,
+                     t_max: float):
+    """Radiance of one lamp that drawn bodies between two distances scatter into an unobstructed ray, in the mean."""
     L = wp.vec3(0.0)
     lit = lit_part(light, o, d, wp.min(t_max, particles.reach))
     core = light_core(light, o, d, t_max)
-    t = wp.max(lit.foot + lit.ya, NEAREST)
+    t = wp.max(lit.foot + lit.ya, wp.max(t_min, NEAREST))
     last = lit.foot + lit.yb
     while t < last:
         end = panel_end(lit, core, t, last)
         L += expected_between(scene, particles, light, lit, o, d, t, end)
         t = end
     return L
+
+
+@wp.func
+def expected_of_lamps(scene: SceneData, particles: Particles, o: wp.vec3, d: wp.vec3, t_min: float, t_max: float):
+    """`expected_of_lamp` of all lamps."""
+    L = wp.vec3(0.0)
+    for i in range(light_count(scene.lights)):
+        L += expected_of_lamp(scene, particles, get_light(scene.lights, i), o, d, t_min, t_max)
+    return L
+
+
+@wp.kernel(enable_backward=False)
+def tabulate_expected(
+    scene: SceneData,
+    camera: Camera,
+    size: wp.vec2,
+    particles: Particles,
+    first_row: int,
+    # out
+    table: AlongCamera,
+):
+    """What the lamps' light on bodies adds to a camera's rays up to each distance, in the mean."""
+    tile_row, col = wp.tid()
+    row = first_row + tile_row
+    ray = node_ray(camera, size, float(row), float(col), table.radiance.shape[1], table.radiance.shape[2])
+    L = wp.vec3(0.0)
+    start = float(0.0)
+    for k in range(table.radiance.shape[0]):
+        end = distance_along(table, k)
+        L += expected_of_lamps(scene, particles, ray.o, ray.d, start, end)
+        table.radiance[k, row, col] = L
+        start = end
+
+
+@wp.kernel(enable_backward=False)
+def compare_expected(
+    scene: SceneData,
+    camera: Camera,
+    size: wp.vec2,
+    particles: Particles,
+    table: AlongCamera,
+    points: wp.array(dtype=wp.vec3),  # (x, y) in [0, 1]^2, distance [m]
+    first_row: int,
+    # out
+    known: wp.array(dtype=wp.vec3),
+    tabulated: wp.array(dtype=wp.vec3),
+):
+    """The same at some points, by quadrature of short panels and by look-up."""
+    i = first_row + wp.tid()
+    point = points[i]
+    ray = node_ray(camera, size, point[1], point[0], 2, 2)
+    L = wp.vec3(0.0)
+    stretch = wp.pow(point[2] / NEAREST, 1.0 / float(STRETCHES))
+    start = float(NEAREST)
+    stretches = int(STRETCHES)  # a variable, so that the loop is not unrolled
+    for _k in range(stretches):
+        L += expected_of_lamps(scene, particles, ray.o, ray.d, start, start * stretch)
+        start *= stretch
+    known[i] = L
+    tabulated[i] = radiance_along(table, point[0], point[1], point[2])
 
 
 @specialised("surfaces", "instances", "masks", "optics", "varies", "disks", "field")
@@ -119,6 +183,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         moments: Moments,
         particles: wp.array(dtype=Particles),
         of_field: wp.array4d(dtype=wp.vec3),  # tables of `expected_of_field`, [kind, distance, row, column]
+        of_lamps: wp.array(dtype=AlongCamera),  # of `expected_of_lamps`, of each kind; empty where there is none
         key: wp.uint32,
         first_row: int,
         # out
@@ -145,6 +210,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
                 scene = with_points(scene, place_of(sampler), drawn)
             u = draw(sampler, FILM)
             x, y = float(col) + u[0], float(row) + u[1]
+            across, down = x / float(hits.shape[2]), y / float(hits.shape[1])
             ray, weight = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)
             hits[k, row, col] = 0.0
             if brightest(weight) > 0.0:
@@ -152,15 +218,14 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
                 hits[k, row, col] = hit.t
                 v = draw(sampler, SHADOW)
                 for i in range(particles.shape[0]):
-                    of_kind = wp.vec3(0.0)
-                    for j in range(light_count(scene.lights)):
-                        of_kind += expected_of_lamp(scene, particles[i], get_light(scene.lights, j), ray.o, ray.d,
-                                                    hit.t)
+                    if of_lamps[i].radiance.shape[0] > 0:
+                        of_kind = radiance_along(of_lamps[i], across, down, hit.t)
+                    else:
+                        of_kind = expected_of_lamps(scene, particles[i], ray.o, ray.d, 0.0, hit.t)
                     if wp.static(spec.surfaces):
                         of_kind -= blocked(scene, particles[i], ray.o, ray.d, hit.t, v[0], v[1])
                     if wp.static(spec.field):
-                        of_kind += expected_of_field(of_field[i], particles[i], x / float(hits.shape[2]),
-                                                     y / float(hits.shape[1]), hit.t)
+                        of_kind += expected_of_field(of_field[i], particles[i], across, down, hit.t)
                     L += wp.cw_mul(weight, of_kind)
                     covered += covered_before(particles[i], hit.t)
         expected[row, col] = L / float(rays)

@@ -28,29 +28,33 @@ PIXELS = (1024, 1024)
 IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
 MOST_ERROR, MOST_ERROR_AT_A_POINT = 1e-3, 2e-2
-"""Largest errors accepted of a table of single scattering, relative to the layer's root mean square: of its root mean
+"""Largest errors accepted of a table of what lamps send, relative to the layer's root mean square: of its root mean
 square error, and of the largest at any point. Tables of the templates and of coastal water with four tilted lamps have
 up to 0.06 % and 1.1 %; narrow beams of sharp edge across the view exceed this, and keep the quadrature."""
-POINTS, NEAREST_POINT_M, FARTHEST_POINT_M = 1 << 14, 0.2, 40.0
-"""Number of points at which the error is measured, and their least and greatest distance: at random places of the
-image, with random distances, evenly in the logarithm."""
+POINTS = 1 << 14
+"""Number of points at which the error is measured: at random places of the image, with random distances, evenly in the
+logarithm."""
 
 
 class Nodes(NamedTuple):
     """The nodes of a table."""
 
-    order: str
-    """Order of scattering: single, or multiple."""
+    name: str
+    """What it is of: light scattered once, more than once, or by bodies."""
     counts: tuple[int, int, int]
     """Number of nodes of the distance, and of rows and columns of the image."""
     nearest_m: float
     """First of the distances; nearer, what is scattered is in proportion."""
+    farthest_m: float = FARTHEST_M
+    """Last of them."""
+    judged_m: tuple[float, float] = (0.2, 40.0)
+    """Least and greatest distance of the points at which the error is measured."""
 
     def table(self, radiance: wp.array) -> AlongCamera:
         """The table of some values."""
         table = AlongCamera()
         table.radiance, table.nearest = radiance, self.nearest_m
-        table.log_step = float(np.log(FARTHEST_M / self.nearest_m) / (self.counts[0] - 1))
+        table.log_step = float(np.log(self.farthest_m / self.nearest_m) / (self.counts[0] - 1))
         return table
 
 
@@ -77,6 +81,18 @@ def as_pinhole(view: Camera) -> tuple[Camera, dict]:
     return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "shutter"})
 
 
+class Kernels(NamedTuple):
+    """Fills a table, and compares it with what it stands for."""
+
+    tabulate: wp.Kernel
+    compare: wp.Kernel
+    along_ray: bool
+    """Whether one thread fills all distances of a ray, and not one of them only."""
+
+
+OF_SINGLE = Kernels(tabulate_single_along_camera, compare_single_along_camera, False)
+
+
 def tabulated(launcher: Launcher, view: Camera, nodes: Nodes, medium: Medium, lights: Lights,
               fields: wp.array | None) -> np.ndarray:
     """Radiance [distance, row, column, 3] added up to each distance, of a vehicle at rest; empty if it is not right.
@@ -89,28 +105,40 @@ def tabulated(launcher: Launcher, view: Camera, nodes: Nodes, medium: Medium, li
         lights: Those of the scene.
         fields: What is known around each light, for light that is scattered more than once.
     """
-    T_w_v, origin, device = np.eye(4), np.zeros(3), launcher.device
-    scene = SceneData()
-    scene.medium, scene.lights = medium, lights.at(T_w_v, origin)
-    table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=device))
-    known = {"scene": scene, "camera": camera_record(view, T_w_v, origin, pinhole=True),
-             "size": wp.vec2(*map(float, view.resolution)), "table": table}
-    if nodes.order == "multiple":
-        launcher.rows(tabulate_multiple_along_camera, nodes.counts[1:], known | {"lights": fields}, tile_rows=1)
-    else:
-        launcher.rows(tabulate_single_along_camera, nodes.counts, known)
-        if not _is_right(launcher, known):
-            return np.empty((0, 0, 0, 3), np.float32)
+    known = seen_at_rest(view, medium, lights)
+    if nodes.name != MULTIPLE.name:
+        return checked(launcher, nodes, OF_SINGLE, known).radiance.numpy()
+    table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=launcher.device))
+    launcher.rows(tabulate_multiple_along_camera, nodes.counts[1:], known | {"table": table, "lights": fields},
+                  tile_rows=1)
     return table.radiance.numpy()
 
 
-def _is_right(launcher: Launcher, known: dict) -> bool:
-    """Whether a table of single scattering agrees with the quadrature between its nodes, in every channel."""
+def seen_at_rest(view: Camera, medium: Medium, lights: Lights) -> dict:
+    """Water, lights and camera of a vehicle at rest, as arguments of kernels that fill tables."""
+    T_w_v, origin = np.eye(4), np.zeros(3)
+    scene = SceneData()
+    scene.medium, scene.lights = medium, lights.at(T_w_v, origin)
+    return {"scene": scene, "camera": camera_record(view, T_w_v, origin, pinhole=True),
+            "size": wp.vec2(*map(float, view.resolution))}
+
+
+def checked(launcher: Launcher, nodes: Nodes, kernels: Kernels, known: dict) -> AlongCamera:
+    """A table that agrees between its nodes with what it stands for, in every channel; empty if it does not."""
+    table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=launcher.device))
+    launcher.rows(kernels.tabulate, nodes.counts[kernels.along_ray:], known | {"table": table}, tile_rows=1)
+    if not _is_right(launcher, nodes, kernels.compare, known | {"table": table}):
+        table.radiance = wp.empty((0, 0, 0), dtype=wp.vec3, device=launcher.device)
+    return table
+
+
+def _is_right(launcher: Launcher, nodes: Nodes, compare: wp.Kernel, known: dict) -> bool:
+    """Whether a table agrees with what it stands for at random points."""
     rng = np.random.default_rng(0)
-    distances = np.exp(rng.uniform(*np.log((NEAREST_POINT_M, FARTHEST_POINT_M)), POINTS))
+    distances = np.exp(rng.uniform(*np.log(nodes.judged_m), POINTS))
     points = np.column_stack((rng.random((POINTS, 2)), distances))
     found = {name: wp.empty(POINTS, dtype=wp.vec3, device=launcher.device) for name in ("known", "tabulated")}
-    launcher.rows(compare_single_along_camera, (POINTS,), known | found | {
+    launcher.rows(compare, (POINTS,), known | found | {
         "points": wp.array(points, dtype=wp.vec3, device=launcher.device)}, tile_rows=1024)
     truth, error = found["known"].numpy().astype(float), found["tabulated"].numpy() - found["known"].numpy()
     scale = np.sqrt(np.mean(truth**2, axis=0))

@@ -143,10 +143,10 @@ class OpenWater:
     def _along(self, view: Camera, nodes: Nodes) -> AlongCamera:
         """One of the tables along a camera's rays."""
         view, camera = as_pinhole(view)
-        key = f"{nodes.order} {camera!r}"
+        key = f"{nodes.name} {camera!r}"
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
-            depends_on = self._depends_on(camera=camera, lights=lights, order=nodes.order,
+            depends_on = self._depends_on(camera=camera, lights=lights, order=nodes.name,
                                           distributions=[shape.described() for shape in self.lights.distributions])
             arrays = cached("camera", depends_on, lambda: {"radiance": self._tabulated(view, nodes)})
             self._cameras[key] = nodes.table(self._array(arrays["radiance"]))
@@ -154,7 +154,7 @@ class OpenWater:
 
     def _tabulated(self, view: Camera, nodes: Nodes) -> np.ndarray:
         """Radiance [distance, row, column, 3] of a table."""
-        lights = self._lights if nodes.order == "multiple" else None
+        lights = self._lights if nodes.name == MULTIPLE.name else None
         return tabulated(self.launcher, view, nodes, medium_record(self.water, self.device), self.lights, lights)
 
     @cached_property

@@ -11,15 +11,19 @@ import numpy as np
 import warp as wp
 
 from varos_warp.device.launcher import Launcher
+from varos_warp.kernels.field.along_camera import AlongCamera
 from varos_warp.kernels.field.open_water import Field
+from varos_warp.kernels.particles.bodies import FADE, NEAREST
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Exposure
+from varos_warp.kernels.particles.expected import compare_expected, tabulate_expected
 from varos_warp.kernels.particles.field_light import sum_along_rays
 from varos_warp.kernels.particles.gather import gather_splats, take_mean
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.products.images.snow import Snow
+from varos_warp.render.field.along_camera import Kernels, Nodes, along_camera, checked, seen_at_rest
 from varos_warp.render.field.open_water import OpenWater
 from varos_warp.render.kinds import ParticleKernels, lit_by_field, particle_kernels
 from varos_warp.render.particles.cells import (
@@ -34,14 +38,18 @@ from varos_warp.render.particles.splats import Seen, seen_cells, splats_by_tiles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
+from varos_warp.scene.lights.records import lights_vary, radius_of
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water.particles import ParticleLaw, particle_laws
 from varos_warp.sim.vehicle.current import Current
 
 RAYS, RAYS_BY_CHANNEL = 4, 6
 """Rays of a pixel along which E is taken, and which tell what hides a body; where each channel has its own, more."""
-TABLE = 48, 25, 41
+FIELD_NODES = 48, 25, 41
 """Nodes of a table of the field's light by distance, row and column."""
+LAMP_NODES = 25, 23, 41
+"""Nodes of a table of the lamps' light, to a factor of e of the distance, and by row and column."""
+OF_LAMPS = Kernels(tabulate_expected, compare_expected, True)
 
 
 class SnowRenderer:
@@ -53,7 +61,8 @@ class SnowRenderer:
         check_cells(self.laws, scene.vehicle.cameras)
         self.current = Current(scene.current, scene.seed)
         self._records = functools.lru_cache(maxsize=8)(self._particles)
-        self._tables: dict[Camera, wp.array] = {}
+        self._field_tables: dict[Camera, wp.array] = {}
+        self._lamp_tables: dict[Camera, tuple[list[AlongCamera], wp.array]] = {}
 
     def render(self, here: View, key: int, share: wp.array | None = None, following: View | None = None,
                whole: bool = True) -> Snow:
@@ -119,29 +128,40 @@ class SnowRenderer:
     def _kernels(self, here: View) -> ParticleKernels:
         return particle_kernels(self.scene, here.world.spec, here.view, here.motion is not None, self._has_field)
 
+    def _of_lamps(self, here: View, particles: list[ParticleData]) -> wp.array:
+        """What bodies scatter of the lamps' light in the mean along a camera's rays, a table of each kind.
+
+        Empty where the lamps change, or rays and lamps do not move together, or the table would not be right.
+        """
+        if here.view not in self._lamp_tables:
+            known = along_camera(self.scene, here.view) and not lights_vary(self.scene.lights)
+            known = known and not any(map(radius_of, self.scene.lights))
+            tables = [lamp_table(self.launcher, here, kind) if known else AlongCamera() for kind in particles]
+            # kept, for the array holds no reference to those of its tables
+            self._lamp_tables[here.view] = tables, wp.array(tables, dtype=AlongCamera, device=self.device)
+        return self._lamp_tables[here.view][1]
+
     def _of_field(self, here: View, shutter: Open, particles: list[ParticleData]) -> wp.array:
         """What bodies scatter of the field in the mean, [kind, distance, row, column]; without a field, nothing.
 
         Where the camera and all lamps ride on the vehicle, it is the same in all frames.
         """
         rides = here.view.mount != "world" and len(self.scene.lights) == len(self.scene.vehicle.lights)
-        if rides and here.view in self._tables:
-            return self._tables[here.view]
-        tables = wp.zeros((len(particles), *TABLE), dtype=wp.vec3, device=self.device)
+        if rides and here.view in self._field_tables:
+            return self._field_tables[here.view]
+        tables = wp.zeros((len(particles), *FIELD_NODES), dtype=wp.vec3, device=self.device)
         if kernel := self._kernels(here).field_light:
             scene, T_w_v, origin = SceneData(), np.eye(4) if rides else here.T_w_v, here.world.origin * (not rides)
             scene.assign(here.world.data)
             lights = shutter.lights
             scene.lights = here.world.lights.at(T_w_v, origin) if rides else lights[lights.shape[0] // 2]
-            camera = camera_record(here.view, T_w_v, origin, pinhole=True)
-            size = wp.vec2(*map(float, here.view.resolution))
+            known = {"scene": scene, "camera": camera_record(here.view, T_w_v, origin, pinhole=True),
+                     "field": self.open_water.around_lights, "size": wp.vec2(*map(float, here.view.resolution))}
             for i, kind in enumerate(particles):
-                self.launcher.rows(kernel, TABLE, {
-                    "scene": scene, "camera": camera, "field": self.open_water.around_lights, "particles": kind,
-                    "size": size, "table": tables[i]}, tile_rows=4)
-                self.launcher.run(sum_along_rays, TABLE[1:], {"table": tables[i]})
+                self.launcher.rows(kernel, FIELD_NODES, known | {"particles": kind, "table": tables[i]}, tile_rows=4)
+                self.launcher.run(sum_along_rays, FIELD_NODES[1:], {"table": tables[i]})
         if rides:
-            self._tables[here.view] = tables
+            self._field_tables[here.view] = tables
         return tables
 
     def _expect(self, here: View, shutter: Open, particles: list[ParticleData], key: int, passed: wp.array
@@ -155,7 +175,8 @@ class SnowRenderer:
         scene.assign(world.data)
         scene.lights = shutter.lights[0]
         self.launcher.rows(self._kernels(here).expected, shape, {
-            "of_field": self._of_field(here, shutter, particles), "scene": scene,
+            "of_field": self._of_field(here, shutter, particles), "of_lamps": self._of_lamps(here, particles),
+            "scene": scene,
             "camera": world.camera(view, here.T_w_v), "key": wp.uint32(key), "hits": hits, "expected": expected,
             "moments": shutter.exposure.moments if shutter.varies else Moments(), "passed": passed,
             "particles": wp.array(particles, dtype=ParticleData, device=self.device)})
@@ -182,6 +203,15 @@ class SnowRenderer:
             seeds = np.random.SeedSequence([self.scene.seed, law.block.seed, number, 0x736E6F77])
             seen += seen_cells(law, record, here, shutter, self._way(law, here.time_ns), seeds)
         return seen
+
+
+def lamp_table(launcher: Launcher, here: View, kind: ParticleData) -> AlongCamera:
+    """What one kind of bodies scatters of the lamps' light along a camera's rays, of a vehicle at rest."""
+    steps, rows, cols = LAMP_NODES
+    distances = 1 + round(steps * np.log(kind.reach / NEAREST))
+    nodes = Nodes("bodies", (distances, rows, cols), NEAREST, kind.reach, (NEAREST + FADE, kind.reach))
+    known = seen_at_rest(here.view, here.world.data.medium, here.world.lights)
+    return checked(launcher, nodes, OF_LAMPS, known | {"particles": kind})
 
 
 def with_snow(image, snow: Snow, layers: bool):
