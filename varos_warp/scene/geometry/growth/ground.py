@@ -7,9 +7,9 @@ from varos_warp.scene.geometry.growth.solids import Form, around, grid_faces, so
 
 
 def pebble(rng: np.random.Generator) -> Form:
-    """A flat worn stone with blunt edges, about half of it in the ground, silt in patches and at its foot; of unit width.
+    """A flat worn stone with blunt edges, about half of it in the ground, silt on it and at its foot; of unit width.
 
-    A cap of the ground's own tone would leave only a dark ring of its flanks.
+    Silt lies in patches: a cap of the ground's own tone would leave only a dark ring of its flanks.
     """
     ball = trimesh.creation.icosphere(subdivisions=2)
     p = np.asarray(ball.vertices)
