@@ -7,7 +7,10 @@ from varos_warp.scene.geometry.growth.solids import Form, around, grid_faces, so
 
 
 def pebble(rng: np.random.Generator) -> Form:
-    """A flat worn stone with blunt edges, about half of it in the ground, silt on what looks up; of unit width."""
+    """A flat worn stone with blunt edges, about half of it in the ground, silt on it and at its foot; of unit width.
+
+    Silt lies in patches: a cap of the ground's own tone would leave only a dark ring of its flanks.
+    """
     ball = trimesh.creation.icosphere(subdivisions=2)
     p = np.asarray(ball.vertices)
     n = rng.standard_normal((9, 3))
@@ -20,7 +23,10 @@ def pebble(rng: np.random.Generator) -> Form:
     p[:, 2] += np.ptp(p[:, 2]) * rng.uniform(-0.08, 0.2)
     shade = 1.0 + 0.12 * waves(p, 0.5, rng) + 0.1 * rng.standard_normal(len(p))
     colours = np.outer(np.clip(shade, 0.5, 1.5), [0.105, 0.098, 0.085])
-    silted = np.clip(1.6 * np.asarray(ball.vertices)[:, 2:] - 0.35 + 0.25 * waves(p, 0.35, rng)[:, None], 0.0, 0.8)
+    up, ragged = np.asarray(ball.vertices)[:, 2], waves(p, 0.35, rng)
+    dust = rng.uniform(0.1, 0.5) * np.clip(0.4 + 0.6 * up + 0.7 * ragged, 0.0, 1.0)
+    foot = 0.8 * np.clip(1.0 - p[:, 2] / 0.11 + 0.35 * ragged, 0.0, 1.0)
+    silted = np.maximum(dust, foot)[:, None]
     return Form(solid(p, np.asarray(ball.faces), colours + silted * ([0.125, 0.115, 0.095] - colours)))
 
 

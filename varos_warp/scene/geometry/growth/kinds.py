@@ -80,9 +80,9 @@ KINDS = {
                  body=0.08, straight=2.5, tall=True, scars=False),
     "seagrass": Kind(seagrass, 6, ((0.85, 0.9, 0.9), (1.15, 1.1, 1.0)), 120.0, 9.0, (0.75, 1.0), (0.15, 0.5), 2.0,
                      small=1.0, straight=2.0, jitter=0.15, tall=True, scars=False),
-    "turf": Kind(turf, 3, ((0.8, 0.8, 0.8), (1.0, 0.92, 0.8), (0.8, 0.92, 0.7), (1.25, 1.2, 1.1)), 900.0, 6.0,
+    "turf": Kind(turf, 3, ((0.7, 0.68, 0.64), (1.0, 0.92, 0.8), (0.8, 0.92, 0.7), (1.4, 1.33, 1.2)), 900.0, 9.0,
                  (-0.7, 1.0), (0.005, 0.03), 0.22, small=2.0, straight=0.2, jitter=0.3, tall=True, territory=0.9,
-                 cover=0.5, smaller=0.6, edges=1.2, under=-0.3),
+                 cover=0.9, smaller=0.6, edges=1.2, under=-0.3),
 }
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from varos_warp.scene.geometry.growth.solids import Form, Solid, Strip, around, grid_faces, revolved, solid
+from varos_warp.scene.geometry.growth.solids import Form, Solid, Strip, around, grid_faces, revolved, solid, waves
 
 PLATES, SIDES = 6, 30
 
@@ -87,4 +87,7 @@ def mussel(rng: np.random.Generator) -> Form:
     stood = np.column_stack([x, y * np.cos(lean) - z * np.sin(lean), y * np.sin(lean) + z * np.cos(lean)])
     stood[:, 1] -= 0.5 * np.cos(lean)
     stood[:, 2] -= stood[:, 2].min() + rng.uniform(0.08, 0.16)
-    return Form(solid(stood, grid_faces(rows, sides)[:, ::-1], colours))
+    up = np.sin(t + turn) * np.cos(lean)  # of the flanks, about
+    patchy = np.clip(0.5 + 0.7 * waves(stood, 0.25, rng), 0.0, 1.0)
+    dust = (0.75 * rng.uniform(0.2, 1.0) * patchy * np.clip(0.55 + 0.6 * np.tile(up, rows), 0.0, 1.0))[:, None]
+    return Form(solid(stood, grid_faces(rows, sides)[:, ::-1], colours + dust * ([0.12, 0.108, 0.08] - colours)))

@@ -144,7 +144,8 @@ def _joints(sites: Sites, bent: Patterns) -> tuple[np.ndarray, np.ndarray, np.nd
 
 def _jointed(sites, bent):
     size, plain = sites.size, sites.patterns(bent.seed)
-    cells = bent.worley(2.6 / size, 30)
+    # jagged: borders of cells alone are as smooth as a cut
+    cells = bent.moved(0.022 * size, 11.0 / size, 34, 4).worley(2.6 / size, 30)
     open = smoothstep(-0.05, 0.25, plain.fbm(2.0 / size, 3, 31))
     width = 0.012 + 0.05 * smoothstep(-0.1, 0.35, plain.fbm(3.0 / size, 3, 33))
     shown = np.maximum(width, 4.0 * sites.edge * 2.6 / size)
