@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 
-from varos_warp.products.images.radiance import RadianceImage
+from varos_warp.kernels.film.film import add_weighted, add_weighted_variance
+from varos_warp.render.radiance import RadianceRenderer, added_errors
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.render.spectral import weighed
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.lights.spectral import spectral_intensity
 from varos_warp.scene.optics.seawater import CHANNELS_NM, seawater_index
@@ -139,11 +140,60 @@ def test_a_port_refracts_each_band_by_its_own_index(even):
     assert np.abs(ours - wrong).max() > 0.02 * ours.max()
 
 
-def test_errors_of_bands_add_up_and_one_without_weight_counts_for_nothing():
-    def image(stderr):
-        return RadianceImage(np.ones((1, 1, 3), np.float32), np.array(stderr, np.float32).reshape(1, 1, 3))
+def as_images(values):
+    """One pixel of each of some vectors on the device."""
+    return [wp.array(np.reshape(v, (1, 1, 3)).astype(np.float32), dtype=wp.vec3, device="cpu") for v in values]
 
-    w = [np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, -2.0]]), np.array([[1.0, 0.0, 0.0]] * 3)]
-    made = weighed([image([0.1, 0.2, 0.3]), image([0.4, np.inf, np.inf])], w)
-    np.testing.assert_allclose(made.stderr[0, 0], [0.5, 0.55, 1.0], rtol=1e-6)
-    np.testing.assert_allclose(made.radiance[0, 0], [2.0, 2.0, -1.0], rtol=1e-6)
+
+def test_errors_of_bands_add_up_and_one_without_weight_counts_for_nothing():
+    weights = [np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, -2.0]]), np.array([[1.0, 0.0, 0.0]] * 3)]
+    deviations = [[0.1, 0.2, 0.3], [0.4, np.inf, np.inf]]
+    errors, variances, light = (wp.zeros((1, 1), dtype=wp.vec3, device="cpu") for _ in "evl")
+    added = np.zeros((1, 1, 3))
+    for w, own, ones in zip(weights, deviations, as_images(np.ones((2, 3))), strict=True):
+        one, squared = as_images([own, np.square(own)])
+        for kernel, image, matrix, total in ((add_weighted, one, np.abs(w), errors), (add_weighted, ones, w, light),
+                                             (add_weighted_variance, squared, np.abs(w), variances)):
+            wp.launch(kernel, dim=(1, 1), inputs=[image, wp.mat33d(*w_of(matrix))], outputs=[total], device="cpu")
+        added = added + added_errors(np.reshape(own, (1, 1, 3)), w)
+    for found in (errors.numpy(), np.sqrt(variances.numpy()), added):
+        np.testing.assert_allclose(found[0, 0], [0.5, 0.55, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(light.numpy()[0, 0], [2.0, 2.0, -1.0], rtol=1e-6)
+
+
+def w_of(matrix):
+    return np.ravel(matrix).tolist()
+
+
+@pytest.mark.parametrize("integrator", ["path", "field", "reference"])
+def test_an_image_is_the_weighted_sum_of_its_passes(even, monkeypatch, integrator):
+    """Each pass as it is taken, added in numpy; five bands, so that one channel of the last pass has no weight."""
+    water = {"spectral": {"file": "water.csv", "phase": {"kind": "rayleigh"}}}
+    renderer = FrameRenderer(scene_of(water, {"spectrum": "lamp.csv", "power_W": 50.0}, even, bands=5), "cpu")
+    view, of_pass, take = renderer.scene.vehicle.cameras[0], [], RadianceRenderer.take_water
+
+    def noted(self, shot):
+        of_pass.append(take(self, shot))
+        return of_pass[-1]
+
+    monkeypatch.setattr(RadianceRenderer, "take_water", noted)
+    how = {"outputs": "A", "integrator": integrator, "spp": 4, "denoise": "oidn"}
+    made = renderer.render(T_W_V, **how).A
+    weights = [one.weights for one, _ in renderer.radiance.passes(view)]
+    assert len(of_pass) == len(weights) == 2
+    assert not weights[1][:, 2].any()
+
+    def summed(name, of=lambda values: values, weigh=lambda w: w):
+        return sum(of(taken.images[name].numpy().astype(float)) @ weigh(w).T
+                   for taken, w in zip(of_pass, weights, strict=True))
+
+    for name in ("direct", "single", "multiple"):
+        np.testing.assert_allclose(made.layers[name], summed(name), rtol=1e-6, atol=1e-12)
+    np.testing.assert_array_equal(made.radiance, sum(made.layers.values()))
+    np.testing.assert_allclose(made.stderr, summed("stderr", weigh=np.abs), rtol=1e-6)
+    if integrator != "reference":
+        np.testing.assert_allclose(made.correction, summed("correction"), rtol=1e-5, atol=1e-6 * made.radiance.max())
+        np.testing.assert_allclose(np.sqrt(made.base_variance), summed("base_variance", np.sqrt, np.abs), rtol=1e-5)
+    assert made.spp == pytest.approx(4.0, rel=0.02)
+    brief = renderer.render(T_W_V, **how, copied=["denoised"]).A
+    np.testing.assert_array_equal(brief.denoised, made.denoised)

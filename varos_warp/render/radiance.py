@@ -36,14 +36,16 @@ from varos_warp.scene.lights.records import lights_vary
 from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.scene.optics.shutter import lit_of_rows
 
+DEVELOPED = (*LAYERS, "correction", "base_variance", "radiance", "stderr")
+"""Images that films develop to (kernels/film/film.py)."""
 DENOISED, DENOISED_PIXELS = 8.0, 96 * 56
 """Effect of a denoiser that is assumed with the field: samples are shared out as if it left only one part in DENOISED
 of the correction's variance, in an image of DENOISED_PIXELS pixels or fewer. In larger ones it takes away more, for
 more pixels show the same light: it leaves one part in about 100 at 1280 x 720 (measured on Munkholmen). The factor
 grows with the square root of the number of pixels."""
-VIRTUAL_LIGHTS = (1 << 14, 1 << 20)
-"""Virtual point lights are as many as the pixels, within these bounds: what pixels share of their error then falls as
-the rest does."""
+VIRTUAL_LIGHTS, OF_SAMPLES = (1 << 14, 1 << 20), 0.25
+"""Virtual point lights are as many as this share of the samples, within these bounds: what pixels share of their error
+then falls as the rest does. More leave no smaller error (Munkholmen, 1280 x 720, four frames)."""
 
 VIRTUAL_GROUPS = 32
 """Groups of instants with virtual point lights of their own: of how the vehicle moves within one, only the error of
@@ -82,6 +84,22 @@ class Seen(NamedTuple):
     varies: bool
 
 
+class Taken(NamedTuple):
+    """An image whose samples are taken, on the device."""
+
+    images: dict[str, wp.array]
+    """The ``LAYERS``, correction, base_variance, radiance and stderr, [H, W] of vec3."""
+    blocks: list[tuple[wp.array, np.ndarray]]
+    """Variances of the means of tiles [tile row, tile column], of images whose weighted sum it is; and how much the
+    channels of each err in its own, float64 [3, 3]."""
+    counted: list[wp.array]
+    """Of each film, how many samples were lost, and the numbers of samples."""
+    kinds: Sequence[SampleKind]
+    """Kinds of samples, a film each in every image; none, if not of paths."""
+    guides: dict[str, wp.array]
+    """Albedo and normals for the denoiser."""
+
+
 class RadianceRenderer:
     """Renders A and B of one scene on one device."""
 
@@ -104,15 +122,22 @@ class RadianceRenderer:
     def _water(self, shot: Shot) -> RadianceImage:
         """Render A of water without bodies."""
         view, options = shot.view, shot.options
+        if (taken := self.take_water(shot)) is None:
+            black = np.zeros((*view.resolution[::-1], 3), np.float32)
+            image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
+            return self._denoised(image, {}, options.denoise)
+        return self._fetched(taken, shot, options.layers, options.denoise)
+
+    def take_water(self, shot: Shot) -> Taken | None:
+        """Take the samples of A without bodies; None if it is black."""
+        view, options = shot.view, shot.options
         integrator = self._integrator(options)
         if step := sample_step(view, integrator == "field"):
             options = replace(options, spp=step * ceil(options.spp / step))
             shot = shot._replace(options=options)
         kernels = water_kernels(self.scene, self.world.spec, view, options, integrator, shot.moves)
         if kernels is None:
-            black = np.zeros((*view.resolution[::-1], 3), np.float32)
-            image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
-            return self._denoised(image, {}, options.denoise)
+            return None
         bounds, most = PathBounds(), (options.max_scatterings if self.world.spec.medium else 0, options.max_bounces)
         bounds.scatterings, bounds.bounces = (ALL if bound is None else bound for bound in most)
         if kernels.samples:
@@ -153,21 +178,20 @@ class RadianceRenderer:
             self._shares[view] = None if left is None else wp.array(left, dtype=wp.float64, device=self.device)
         return self._shares[view]
 
-    def _by_reference(self, shot: Shot, bounds: PathBounds, kernel: wp.Kernel) -> RadianceImage:
-        options = shot.options
+    def _by_reference(self, shot: Shot, bounds: PathBounds, kernel: wp.Kernel) -> Taken:
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion)
         self.films.take(film, kernel, {
             "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
             "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
             share=self.share(shot.view))
-        return self._fetched([film], self._developed([film]), shot, options.layers, options.denoise)
+        return self._developed([film])
 
-    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> RadianceImage:
-        films = self._path_films(shot, bounds, with_field, kernels)
-        images = self._developed(films)
-        guides = self._weighed(shot.guides(kernels.guides), images) if kernels.guides else {}
-        return self._fetched(films, images, shot, shot.options.layers, shot.options.denoise, guides, kernels.kinds)
+    def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> Taken:
+        taken = self._developed(self._path_films(shot, bounds, with_field, kernels), kernels.kinds)
+        if not kernels.guides:
+            return taken
+        return taken._replace(guides=self._weighed(shot.guides(kernels.guides), taken.images))
 
     def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> list[Film]:
         """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
@@ -181,7 +205,7 @@ class RadianceRenderer:
         known = {"scene": scene, "camera": seen.camera, "moments": seen.moments, "field": field, "bounds": bounds}
         of_segments, of_subpaths = ({**known, "key": wp.uint32(key)} for key in keys[:2])
         if any(kind.subpaths for kind in kinds):
-            of_subpaths["virtual_lights"] = self._virtual_lights(scene, view, seen, keys[2], kernels.virtual_lights)
+            of_subpaths["virtual_lights"] = self._virtual_lights(scene, shot, seen, keys[2], kernels.virtual_lights)
         shares = sample_step(view, with_field) == 0
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
@@ -205,7 +229,7 @@ class RadianceRenderer:
             take(samples)
         return films
 
-    def _virtual_lights(self, scene, view, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
+    def _virtual_lights(self, scene, shot: Shot, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
         groups = 1
         if seen.varies:  # parts of the instants that samples are of
@@ -213,7 +237,8 @@ class RadianceRenderer:
             groups = min(lit or seen.moments.cameras.shape[0], VIRTUAL_GROUPS)
         if kernel is None:
             return wp.empty((2 * groups, 0), dtype=VirtualLight, device=self.device)
-        count = int(np.clip(1 << int(np.prod(view.resolution)).bit_length(), *VIRTUAL_LIGHTS))
+        samples = OF_SAMPLES * shot.options.spp * np.prod(shot.view.resolution)
+        count = int(np.clip(1 << int(samples).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
         self.launcher.rows(kernel, (lights.size,), {
             "scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights}, tile_rows=1024)
@@ -233,23 +258,27 @@ class RadianceRenderer:
 
     def ambient(self, shot: Shot) -> RadianceImage:
         """Render B."""
-        resolution, method, world = shot.view.resolution, shot.options.denoise_b, shot.world
+        method = shot.options.denoise_b
+        if (taken := self.take_ambient(shot)) is None:
+            return self._denoised(without_noise(np.ones((*shot.view.resolution[::-1], 3), np.float32)), {}, method)
+        return self._fetched(taken, shot, (), method)
+
+    def take_ambient(self, shot: Shot) -> Taken | None:
+        """Take the samples of B; None if all is white."""
+        method, world = shot.options.denoise_b, shot.world
         kernels = ambient_kernels(world.spec, shot.view, method or self.scene.render.denoise_b, shot.moves)
         if kernels is None:
-            image = without_noise(np.ones((*resolution[::-1], 3), np.float32))
-            return self._denoised(image, {}, method)
-        film = self.films.black(resolution)
+            return None
+        film = self.films.black(shot.view.resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
         self.films.take(film, kernels.samples, {
             "scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
             shot.options.spp_b)
-        images = self._developed([film])
-        guides = {}
-        if kernels.guides:
-            guides = shot.guides(kernels.guides)
-            if not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
-                guides = guides | {"albedo": images["direct"]}
-        return self._fetched([film], images, shot, (), method, guides)
+        taken = self._developed([film])
+        guides = shot.guides(kernels.guides) if kernels.guides else {}
+        if guides and not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
+            guides = guides | {"albedo": taken.images["direct"]}
+        return taken._replace(guides=guides)
 
     def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool,
                      kernel: wp.Kernel) -> dict[str, wp.array]:
@@ -269,44 +298,42 @@ class RadianceRenderer:
         self.launcher.run(weigh_guides, images["radiance"].shape, {**light, **of_surfaces, **weighed})
         return weighed
 
-    def _developed(self, films: list[Film]) -> dict[str, wp.array]:
-        """The layers, parts and errors of the image that is the sum of films."""
+    def _developed(self, films: list[Film], kinds: Sequence[SampleKind] = ()) -> Taken:
+        """The image that is the sum of films, which are taken back."""
         shape = films[0].sums.shape[1:]
-        names = (*LAYERS, "correction", "base_variance", "radiance", "stderr")
-        images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in names}
+        images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in DEVELOPED}
         variance, blocks = (wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device) for _ in "vb")
         for film in films:
             self.launcher.run(tile_variances, blocks.shape, {"film": film, "samples": variance, "blocks": blocks})
             self.launcher.run(develop, shape, {"film": film, "variance": variance, **images})
-        return images | {"block_error": blocks}
+            self.films.keep(film)
+        counted = [array for film in films for array in (film.lost, film.count)]
+        return Taken(images, [(blocks, np.eye(3))], counted, kinds, {})
 
-    def _fetched(self, films: list[Film], images: dict[str, wp.array], shot: Shot, wanted_layers, method: str | None,
-                 guides=None, kinds: Sequence[SampleKind] = ()) -> RadianceImage:
-        """The `RadianceImage` of what was `_developed`; of paths, if there are kinds of samples."""
+    def _fetched(self, taken: Taken, shot: Shot, wanted_layers, method: str | None) -> RadianceImage:
+        """The `RadianceImage` of what was taken."""
+        images, kinds, copied = taken.images, taken.kinds, shot.options.copied
         shape = images["radiance"].shape
         # what a denoiser works on, still on the device
         apart = ("correction", "base_variance") if kinds else ()
-        work = {name: images[name] for name in ("radiance", *apart)} | (guides or {})
-        if brief := shot.options.copied and (method == "none" or self._denoises(method)):
+        work = {name: images[name] for name in ("radiance", *apart)} | taken.guides
+        brief, blocks = copied and (method == "none" or self._denoises(method)), []
+        if brief:
             denoised = images["radiance"] if method == "none" else self._device_denoiser.denoise(**work)
-            wanted = {name: images.get(name, denoised) for name in shot.options.copied}
+            wanted = {name: images.get(name, denoised) for name in copied}
         else:
-            told = () if shot.options.copied else ("block_error", *wanted_layers)
-            wanted = work | {name: images[name] for name in ("stderr", *told)}
-        kept = [array for film in films for array in (film.lost, film.count)]
-        fetched = self.launcher.fetch(*kept, *wanted.values())
-        on_host = dict(zip(wanted, fetched[len(kept):], strict=True))
-        lost = sum(int(count[0]) for count in fetched[:len(kept):2])
-        if lost:
-            warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
-                 "and the image is darker there")
-        facts = {"lost_samples": lost, "spp": _samples_per_pixel(fetched[1:len(kept):2], shape, kinds or [ALL_ALIKE])}
-        for film in films:
-            self.films.keep(film)
+            wanted = work | {name: images[name] for name in ("stderr", *(() if copied else wanted_layers))}
+            blocks = [] if copied else [array for array, _ in taken.blocks]
+        fetched = iter(self.launcher.fetch(*taken.counted, *blocks, *wanted.values()))
+        counted, variances = [next(fetched) for _ in taken.counted], [next(fetched) for _ in blocks]
+        on_host = dict(zip(wanted, fetched, strict=True))
+        facts = _facts_of_samples(counted, shape, kinds or [ALL_ALIKE])
         if brief:
             return RadianceImage(**{"radiance": None, "stderr": None} | on_host | facts)
-        if "block_error" in on_host:
-            on_host["block_error"] = block_error(on_host["block_error"], tile_pixels(*shape))
+        if blocks:
+            pixels, parts = tile_pixels(*shape), zip(variances, (weights for _, weights in taken.blocks), strict=True)
+            on_host["block_error"] = sum(
+                (added_errors(block_error(values, pixels), weights) for values, weights in parts), np.float32(0.0))
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in on_host}
         return self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method)
 
@@ -337,8 +364,29 @@ class RadianceRenderer:
             return None
 
 
-def _samples_per_pixel(counts: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]) -> float:
-    """Samples per pixel, mean over the image: as many as cost as much."""
+def _facts_of_samples(counted: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]
+                      ) -> dict[str, float]:
+    """How many samples were lost, which is told, and samples per pixel: as many as cost as much.
+
+    That is a mean over the image, and over the images whose sum it is.
+    """
+    lost, counts = sum(int(number[0]) for number in counted[::2]), counted[1::2]
+    if lost:
+        warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
+             "and the image is darker there")
     area = tile_pixels(*shape) / np.prod(shape)
-    spent = sum(kind.cost * float((count.mean(0) * area).sum()) for count, kind in zip(counts, kinds, strict=True))
-    return round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6)
+    costs = [kind.cost for kind in kinds] * (len(counts) // len(kinds))
+    spent = sum(cost * float((count.mean(0) * area).sum()) for count, cost in zip(counts, costs, strict=True))
+    one = sum(kind.cost * kind.to_a_sample for kind in kinds) * (len(counts) // len(kinds))
+    return {"lost_samples": lost, "spp": round(spent / one, 6)}
+
+
+def added_errors(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """What errors [..., 3] in the channels of an image make in those of a weighted sum [3, 3], float32 [..., 3].
+
+    As if all erred alike. A channel without weight adds nothing, though it is infinite.
+    """
+    out = np.zeros(errors.shape)
+    for channel, own in zip(*np.nonzero(weights), strict=True):
+        out[..., channel] += np.abs(weights[channel, own]) * errors[..., own].astype(np.float64)
+    return out.astype(np.float32)

@@ -3,15 +3,15 @@
 All passes see the same geometry with the same random numbers. They are added before anything is denoised.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
+import warp as wp
 
-from varos_warp.products.images.radiance import RadianceImage
+from varos_warp.kernels.film.film import add_layers, add_weighted, add_weighted_variance
 from varos_warp.render.image.films import Films
-from varos_warp.render.image.frame import without_noise
-from varos_warp.render.radiance import RadianceRenderer, Shot
+from varos_warp.render.options import LAYERS
+from varos_warp.render.radiance import DEVELOPED, RadianceRenderer, Shot, Taken
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene
@@ -48,74 +48,57 @@ class SpectralRenderer(RadianceRenderer):
             self._waters[view.response] = BandWater.of_camera(self._whole, view)
         return self._waters[view.response]
 
-    def water(self, shot: Shot) -> RadianceImage:
-        """Render A."""
-        image = self._summed(shot, lambda renderer, one: renderer.water(one), lambda one: one.weights,
-                             {"denoise": None, "copied": None})
-        return self._denoised(image, {}, shot.options.denoise)
+    def take_water(self, shot: Shot) -> Taken | None:
+        """Take the samples of A in all bands; None if it is black."""
+        return self._summed(shot, RadianceRenderer.take_water, lambda one: one.weights)
 
-    def ambient(self, shot: Shot) -> RadianceImage:
-        """Render B, in light of the colour of the first lamp."""
-        method = shot.options.denoise_b
-        if not self.world.spec.surfaces:
-            return self._denoised(without_noise(np.ones((*shot.view.resolution[::-1], 3), np.float32)), {}, method)
-        image = self._summed(shot, lambda renderer, one: renderer.ambient(one), lambda one: one.of_ambient,
-                             {"denoise_b": None, "copied": None})
-        return self._denoised(image, {}, method)
+    def take_ambient(self, shot: Shot) -> Taken | None:
+        """Take the samples of B, in light of the colour of the first lamp; None if all is white."""
+        return self._summed(shot, RadianceRenderer.take_ambient, lambda one: one.of_ambient)
 
-    def _summed(self, shot: Shot, render: Callable[[RadianceRenderer, Shot], RadianceImage],
-                weights_of: Callable[[BandPass], np.ndarray], changed: dict) -> RadianceImage:
-        """The image of all passes, not denoised."""
-        options, images, weights = replace(shot.options, **changed), [], []
-        for one, renderer in self.passes(shot.view):
+    def _summed(self, shot: Shot, take: Callable[[RadianceRenderer, Shot], Taken | None],
+                weights_of: Callable[[BandPass], np.ndarray]) -> Taken | None:
+        """All passes in the channels of the camera."""
+        total, of_passes = None, self.passes(shot.view)
+        for one, renderer in of_passes:
             world = renderer.world if shot.world is self.world else self._lit(shot.world, one)
-            images.append(render(renderer, shot._replace(view=one.seen_by(shot.view), options=options, world=world)))
-            weights.append(weights_of(one))
-        return weighed(images, weights)
+            taken = take(renderer, shot._replace(view=one.seen_by(shot.view), world=world))
+            if taken is None:
+                return None
+            total = self._added(total or self._black(taken), taken, weights_of(one), 1.0 / len(of_passes))
+        return total
 
     @staticmethod
     def _lit(world: DeviceScene, one: BandPass) -> DeviceScene:
         return world.relit(one.scene, one)
 
+    @staticmethod
+    def _black(like: Taken) -> Taken:
+        """The sum of no pass."""
+        images, guides = ({name: wp.zeros_like(image) for name, image in images.items()}
+                          for images in (like.images, like.guides))
+        return Taken(images, [], [], like.kinds, guides)
 
-def weighed(images: Sequence[RadianceImage], weights: Sequence[np.ndarray]) -> RadianceImage:
-    """The sum of images in three bands each, with weights [3 channels, 3 bands] of each.
+    def _added(self, total: Taken, taken: Taken, weights: np.ndarray, share: float) -> Taken:
+        """The sum with one more pass, whose channels have ``weights`` [3 channels, 3 bands] in those of the camera.
 
-    Errors are added as if all bands erred alike, which is the most that they may: passes share their random numbers.
-    Guides of the denoiser are means, as they only tell where edges are.
-    """
-    def every(name):
-        values = [getattr(image, name) for image in images]
-        return None if any(value is None for value in values) else values
+        Errors are added as if all bands erred alike, which is the most that they may: passes share their random
+        numbers. Guides of the denoiser are means, as they only tell where edges are: a ``share`` of each pass counts.
+        """
+        light, errors, mean = (wp.mat33d(*np.ravel(w)) for w in (weights, np.abs(weights), share * np.eye(3)))
+        of = dict.fromkeys(DEVELOPED, light) | {"stderr": errors, "base_variance": errors}
+        for name in DEVELOPED:
+            if name != "radiance":
+                kernel = add_weighted_variance if name == "base_variance" else add_weighted
+                self._add(kernel, taken.images[name], of[name], total.images[name])
+        for name, guide in taken.guides.items():
+            self._add(add_weighted, guide, mean, total.guides[name])
+        layers = {layer: total.images[layer] for layer in LAYERS}
+        radiance = total.images["radiance"]
+        self.launcher.run(add_layers, radiance.shape, {**layers, "radiance": radiance})
+        return total._replace(blocks=[*total.blocks, *((values, weights @ own) for values, own in taken.blocks)],
+                              counted=[*total.counted, *taken.counted])
 
-    def light(values):
-        return None if values is None else _in_channels(values, weights)
-
-    def error(values):
-        return None if values is None else _in_channels(values, [np.abs(w) for w in weights])
-
-    def mean(values):
-        return None if values is None else np.mean(values, axis=0, dtype=np.float32)
-
-    variances = every("base_variance")
-    deviation = error(None if variances is None else [np.sqrt(v) for v in variances])
-    return RadianceImage(
-        radiance=light(every("radiance")), correction=light(every("correction")),
-        layers={name: light([image.layers[name] for image in images]) for name in images[0].layers},
-        stderr=error(every("stderr")), block_error=error(every("block_error")),
-        base_variance=None if deviation is None else deviation**2,
-        albedo=mean(every("albedo")), normal=mean(every("normal")),
-        spp=float(np.mean([image.spp or 0.0 for image in images])),
-        lost_samples=sum(image.lost_samples for image in images))
-
-
-def _in_channels(values: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray:
-    """Values [H, W, 3 bands] of all passes in the camera's channels, float32 [H, W, 3].
-
-    A band without weight adds nothing, though it is infinite.
-    """
-    out = np.zeros(values[0].shape)
-    for value, w in zip(values, weights, strict=True):
-        for channel, band in zip(*np.nonzero(w), strict=True):
-            out[..., channel] += w[channel, band] * value[..., band].astype(np.float64)
-    return out.astype(np.float32)
+    def _add(self, kernel: wp.Kernel, image: wp.array, weights: wp.mat33d, total: wp.array) -> None:
+        """Add an image to a sum by a kernel."""
+        self.launcher.run(kernel, total.shape, {"image": image, "weights": weights, "total": total})
