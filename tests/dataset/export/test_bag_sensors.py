@@ -104,9 +104,11 @@ def test_without_noise_covariances_are_unknown_and_no_dvl_measures_turns(bag):
 
 def test_covariances_are_those_of_the_stated_noise(noisy, tmp_path):
     """Of the DVL in closed form: with four beams at an angle a from its z, s^2 / (2 sin^2 a) across and s^2 / (4 cos^2
-    a) along it; with three, what least squares of the noise of these gives."""
+    a) along it; with three, what least squares of the noise of these gives.
+    """
     bag, read = bag_of(noisy, tmp_path), noisy.dvl()
-    np.testing.assert_allclose(bag["/mag0"][3][1].magnetic_field_covariance, 2e-9**2 * 50 * np.eye(3).ravel(), rtol=1e-14)
+    np.testing.assert_allclose(bag["/mag0"][3][1].magnetic_field_covariance, 2e-9**2 * 50 * np.eye(3).ravel(),
+                               rtol=1e-14)
     rate = noisy.meta["sensors"]["depth0"]["rate_hz"]
     assert bag["/depth0/pressure"][3][1].variance == pytest.approx(
         (1025.0 * 9.81) ** 2 * (0.01**2 * rate + 0.02**2 / 12), rel=1e-12)
