@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset.readiness.measure import Readiness
-from varos_warp.dataset.readiness.odometry import Odometry
+from varos_warp.dataset.readiness.odometry.odometry import Odometry
 from varos_warp.dataset.readiness.seeds import compared, groups
 from varos_warp.dataset.report import facts, write_page
 from varos_warp.dataset.report.curves import curve
