@@ -21,9 +21,9 @@ from scipy.optimize import minimize
 from scipy.stats import rankdata
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.readiness.forecast import SIGNS, Forecast, regressors
 from varos_warp.dataset.readiness.measure import by_frame
-from varos_warp.dataset.readiness.odometry import odometries
+from varos_warp.dataset.readiness.odometry.forecast import SIGNS, Forecast, regressors
+from varos_warp.dataset.readiness.odometry.odometry import odometries
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "results" / "failure_forecast.csv"

@@ -15,7 +15,14 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.file.load import DATA, load_scene
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "calibration"
+REMEDY = "varos-warp export --to corners"
 NORMAL, NOISE_PX, SEEDS = (0.05, -0.03, 1.0), 0.05, 8
+
+
+@pytest.fixture(autouse=True)
+def beside(monkeypatch):
+    """A script that is run finds what lies beside it."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
 
 
 @pytest.fixture(scope="module")
@@ -88,15 +95,44 @@ def test_a_fit_finds_pose_of_a_camera_on_an_imu_time_offset_and_biases(tmp_path)
 
 
 @pytest.mark.parametrize(("options", "camera", "says"), [
-    (["--part", "0"], {}, "--part at least 0.1"), (["--noise", "-1"], {}, "--noise is at least 0"),
-    (["--offset-ms", "nan"], {}, "--offset-ms a number"), ([], {"id": "L0"}, "no table of this dataset's cameras"),
-    ([], {"port": {"kind": "flat"}}, "a port or distortion"), ([], {"mount": "world"}, "stands in the world"),
-    ([], {"shutter": {"exposure_s": 0.01, "readout_s": 0.02}}, "a rolling shutter")])
+    (["--part", "0"], {}, "--part is at least 0.1"), (["--offset-ms", "nan"], {}, "--offset-ms a number"),
+    ([], {"port": {"kind": "flat"}}, "a port, or"), ([], {"mount": "world"}, "stands in the world")])
 def test_what_the_fit_of_an_imu_cannot_take_is_refused(tmp_path, capsys, options, camera, says):
+    assert says in refusal("camera_imu", tmp_path, capsys, camera, options)
+
+
+def refusal(name, folder, capsys, camera, options=(), table="", file="camM0.csv"):
+    """What a script says of a dataset with a camera and of its table, when it ends with status 2."""
     about = {"cameras": [{"id": "M0", "mount": "vehicle", "distortion": "none", **camera}]}
-    (tmp_path / "dataset.json").write_text(json.dumps(about))
-    main = runpy.run_path(str(EXAMPLES / "camera_imu.py"))["main"]
+    (folder / "dataset.json").write_text(json.dumps(about))
+    (folder / file).write_text(table)
     with pytest.raises(SystemExit) as end:
-        main([str(tmp_path), "camM0.csv", *options])
+        runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"]([str(folder), str(folder / file), *options])
     assert end.value.code == 2
-    assert says in capsys.readouterr().err
+    return capsys.readouterr().err
+
+
+HEAD = "frame,timestamp [ns],board,corner,u [px],v [px],state,board_x [m],board_y [m],board_z [m]\n"
+FLAT = {"port": {"kind": "flat"}}
+
+
+@pytest.mark.parametrize(("name", "kind"), [("camera_imu", {}), ("flat_port", FLAT)])
+@pytest.mark.parametrize(("changes", "says"), [
+    ({"file": "camL0.csv"}, "camL0.csv is no table of this dataset's cameras: camM0.csv"),
+    ({"table": "a,b\n1,2\n"}, f"camM0.csv is no table that `{REMEDY}` wrote: "),
+    ({"table": HEAD + "0,0,objects.0,0,many,2,visible,0,0,0\n"}, f"camM0.csv is no table that `{REMEDY}` wrote: "),
+    ({"table": HEAD}, "camM0.csv has no corners"), ({"options": ["--noise", "-1"]}, "--noise is at least 0"),
+    ({"camera": {"distortion": "rational"}}, "camM0.csv is of a camera with distortion"),
+    ({"camera": {"shutter": {"exposure_s": 0.01, "readout_s": 0.02}}}, "camM0.csv is of a rolling shutter")])
+def test_both_fits_tell_a_wrong_table_by_name(tmp_path, capsys, name, kind, changes, says):
+    assert says in refusal(name, tmp_path, capsys, **{**changes, "camera": kind | changes.get("camera", {})})
+
+
+def test_the_fit_of_a_port_tells_of_none_and_of_a_board_that_is_nowhere_whole(tmp_path, capsys):
+    assert "without a flat port" in refusal("flat_port", tmp_path, capsys, {"port": {"kind": "dome"}})
+    hidden = HEAD + "0,0,objects.0,0,1,2,hidden,0,0,0\n"
+    assert "no frame shows all corners" in refusal("flat_port", tmp_path, capsys, FLAT, table=hidden)
+    (tmp_path / "dataset.json").write_text("{")
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(EXAMPLES / "flat_port.py"))["main"]([str(tmp_path), "camM0.csv"])
+    assert f"{tmp_path} is no dataset" in capsys.readouterr().err

@@ -16,8 +16,8 @@ import varos_warp
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
-    "": ["kernels", "device", "scene.block", "scene.frames", "sim.motion", "products.sensors", "scene", "sim",
-         "products.images", "render", "dataset", "cli"],
+    "": ["kernels", "device", "scene.block", "scene.frames", "scene.seawater", "sim.motion", "products.sensors",
+         "scene", "sim", "products.images", "render", "dataset", "cli"],
     "products": ["sensors", "images"],
     "kernels": ["world", "mesh", "film", "field", "transport", "particles"], "kernels.world": ["lights"],
     "scene": ["optics", "calibration", "description", "file", "courses", "water", "spectra", "lights", "geometry",
@@ -25,7 +25,7 @@ ORDER = {
     "scene.geometry": ["survey", "files", "terrain", "assets", "relief", "growth"],
     "scene.geometry.relief": ["recipes"], "scene.geometry.assets": ["structures"], "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
-    "dataset.export": ["shared"],
+    "dataset.export": ["shared"], "dataset.readiness": ["frames", "odometry"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "particles", "planner"],
     "dataset": ["reader", "write", "export", "validate", "report", "readiness", "run", "sweep"],

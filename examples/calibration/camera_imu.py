@@ -11,14 +11,13 @@ part of the course. Its readings carry these through it. In place of the true co
 those that you detect, and leave out --offset-ms, by which the script makes the camera's stamps early.
 """
 
-import argparse
 import csv
-import json
 import sys
 from itertools import accumulate
 
 import cv2
 import numpy as np
+from corner_tables import arguments, camera_of, frames_of
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -159,16 +158,18 @@ class CameraImu:
 
 
 def corners(path):
-    """Places on the board [N, 3], stamps [F] [s] and image points [F, N, 2], nan where a corner is not visible."""
-    frames = {}
-    with open(path, encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            frames.setdefault(int(row["timestamp [ns]"]), []).append(row)
-    first = next(iter(frames.values()))
-    board = np.array([[float(row[f"board_{axis} [m]"]) for axis in "xyz"] for row in first])
-    points = np.array([[[float(row[key]) if row["state"] == "visible" else np.nan for key in ("u [px]", "v [px]")]
-                        for row in rows] for rows in frames.values()])
-    return board, 1e-9 * np.array(list(frames)), points
+    """Places on the board [N, 3], stamps [F] [s] and image points [F, N, 2], nan where a corner is not visible.
+
+    Raises:
+        ValueError: If the table is none of corners.
+    """
+    stamp, image = "timestamp [ns]", ("u [px]", "v [px]")
+    places = [f"board_{axis} [m]" for axis in "xyz"]
+    frames = frames_of(path, stamp, *places, *image)
+    board = np.array([[row[key] for key in places] for row in frames[0]])
+    points = np.array([[[row[key] if row["state"] == "visible" else np.nan for key in image] for row in rows]
+                       for rows in frames])
+    return board, 1e-9 * np.array([rows[0][stamp] for rows in frames]), points
 
 
 def readings_of(dataset, vehicle):
@@ -182,27 +183,19 @@ def readings_of(dataset, vehicle):
 
 def main(argv=None):
     """Fit and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("dataset")
-    parser.add_argument("corners", help="a table of corners, cam<ID>.csv")
-    parser.add_argument("--noise", type=float, default=0.1, help="standard deviation of corners [pixels]")
+    parser = arguments(__doc__.splitlines()[0], 0.1)
     parser.add_argument("--offset-ms", type=float, default=0.0, help="by which the camera's stamps are made early")
     parser.add_argument("--part", type=float, default=2.0, help="length of the parts of the course [s]")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise")
     given = parser.parse_args(argv)
-    if not (0.0 <= given.noise < np.inf and 0.1 <= given.part < np.inf and np.isfinite(given.offset_ms)):
-        parser.error("--noise is at least 0, --part at least 0.1, and --offset-ms a number")
-    with open(f"{given.dataset}/dataset.json", encoding="utf-8") as file:
-        about = json.load(file)
-    cameras = {f"cam{camera['id']}.csv": camera for camera in about["cameras"]}
-    if (name := given.corners.replace("\\", "/").rpartition("/")[2]) not in cameras:
-        parser.error(f"{given.corners} is no table of this dataset's cameras: {', '.join(cameras)}")
-    camera = cameras[name]
-    if camera["mount"] == "world" or camera.get("port") or camera.get("distortion", "none") != "none":
-        parser.error(f"{name} is of a camera with a port or distortion, or one that stands in the world: K is not all")
-    if (camera.get("shutter") or {}).get("readout_s"):
-        parser.error(f"{name} is of a rolling shutter: its rows are of other instants than the stamps")
-    board, stamps_s, points = corners(given.corners)
+    if not (0.1 <= given.part < np.inf and np.isfinite(given.offset_ms)):
+        parser.error("--part is at least 0.1, and --offset-ms a number")
+    about, camera = camera_of(parser, given)
+    if camera["mount"] == "world" or camera.get("port"):
+        parser.error(f"{given.corners} is of a camera with a port, or one that stands in the world: K is not all")
+    try:
+        board, stamps_s, points = corners(given.corners)
+    except ValueError as error:
+        parser.error(str(error))
     points = points + np.random.default_rng(given.seed).normal(0.0, given.noise, points.shape)
     fit = CameraImu(np.array(camera["K_opencv"]), board, stamps_s - 1e-3 * given.offset_ms, points,
                     readings_of(given.dataset, about["vehicle"]), np.linalg.norm(about["gravity"]), given.part)

@@ -9,13 +9,11 @@ Known are K, the glass and the water; fitted are the port and the pose of the bo
 corners with noise of known size, put those that you detect.
 """
 
-import argparse
-import csv
-import json
 import sys
 
 import cv2
 import numpy as np
+from corner_tables import arguments, camera_of, frames_of
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -75,28 +73,29 @@ class FlatPort:
 
 
 def views(path):
-    """Places on the board and image points [frames, N, 2] of the frames in which all corners are visible."""
-    frames = {}
-    with open(path, encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            frames.setdefault(row["frame"], []).append(row)
-    whole = [rows for rows in frames.values() if all(row["state"] == "visible" for row in rows)]
-    return tuple(np.array([[[float(row[key]) for key in keys] for row in rows] for rows in whole])
-                 for keys in (("board_x [m]", "board_z [m]"), ("u [px]", "v [px]")))
+    """Places on the board and image points [frames, N, 2] of the frames in which all corners are visible.
+
+    Raises:
+        ValueError: If there are none, or the table is none of corners.
+    """
+    board, points = ("board_x [m]", "board_z [m]"), ("u [px]", "v [px]")
+    whole = [rows for rows in frames_of(path, *board, *points) if all(row["state"] == "visible" for row in rows)]
+    if not whole:
+        raise ValueError(f"{path}: no frame shows all corners")
+    return tuple(np.array([[[row[key] for key in keys] for row in rows] for rows in whole]) for keys in (board, points))
 
 
 def main(argv=None):
     """Fit and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("dataset")
-    parser.add_argument("corners", help="a table of corners, cam<ID>.csv")
-    parser.add_argument("--noise", type=float, default=0.05, help="standard deviation of corners [pixels]")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise")
+    parser = arguments(__doc__.splitlines()[0], 0.05)
     given = parser.parse_args(argv)
-    with open(f"{given.dataset}/dataset.json", encoding="utf-8") as file:
-        cameras = {f"cam{camera['id']}.csv": camera for camera in json.load(file)["cameras"]}
-    camera = cameras[given.corners.replace("\\", "/").rpartition("/")[2]]
-    board, points = views(given.corners)
+    _, camera = camera_of(parser, given)
+    if (camera.get("port") or {}).get("kind") != "flat":
+        parser.error(f"{given.corners} is of a camera without a flat port")
+    try:
+        board, points = views(given.corners)
+    except ValueError as error:
+        parser.error(str(error))
     points = points + np.random.default_rng(given.seed).normal(0.0, given.noise, points.shape)
     got, covariance = FlatPort(camera, board, points).fit(given.noise)
     normal = np.array(camera["port"]["normal"])

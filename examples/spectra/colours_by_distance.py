@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import varos_warp as vw
-from varos_warp.dataset.readiness.light import layers_of
+from varos_warp.dataset.readiness.frames.light import layers_of
 
 COLUMNS, ROWS = 6, 4
 WHITE = 18

@@ -8,7 +8,7 @@ import pytest
 
 from varos_warp.dataset.export import export
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.readiness.light import attenuation
+from varos_warp.dataset.readiness.frames.light import attenuation
 from varos_warp.dataset.run.fleet import produce_each
 from varos_warp.dataset.validate import validate
 from varos_warp.scene.file.load import scene_from_dict

@@ -155,7 +155,7 @@ def export(dataset: Folder,
     kinds = [words for words in dict.fromkeys(job.noises.values()) if words != NO_NOISE]
     noises = "".join(f"; {', '.join(name for name, kind in job.noises.items() if kind == words)} {words}"
                      for words in kinds)
-    print(f"{out}: {len(job.data)} frames of {', '.join(job.cameras)} as {to}{noises}")
+    print(f"{out}: {counted(len(job.data), 'frame')} of {', '.join(job.cameras)} as {to}{noises}")
 
 
 @verb
@@ -176,4 +176,4 @@ def noise(dataset: Folder,
     if json_:
         print_json({"out": str(out), "frames": len(made), **made.meta["noise"]})
         return
-    print(f"{out}: {len(made)} frames with noise of {made.meta['noise']['profile']['name']}, seed {seed}")
+    print(f"{out}: {counted(len(made), 'frame')} with noise of {made.meta['noise']['profile']['name']}, seed {seed}")

@@ -54,7 +54,7 @@ def print_plan(result: dict, plan) -> None:
     if cost:
         parts = ", ".join(f"{name} {seconds:g} s" for name, seconds in cost["seconds_by_output"].items())
         print(f"cost on {cost['device']}: {cost['seconds_per_frame']:g} s a frame ({parts}), "
-              f"{cost['seconds_in_all']:g} s for {cost['frames']} frames")
+              f"{cost['seconds_in_all']:g} s for {counted(cost['frames'], 'frame')}")
 
 
 def _percent(error) -> list[str]:

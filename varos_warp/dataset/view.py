@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, counted
 from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Curve, SensorProduct
@@ -111,7 +111,7 @@ def _select(data: Dataset, frames: slice) -> list[int]:
     numbers = [number for number in data.frames if number in wanted]
     if not numbers:
         raise InputError("there are no such frames", file=data.root, key="--frames",
-                         remedy=f"The dataset has {len(data)} frames"
+                         remedy=f"The dataset has {counted(len(data), 'frame')}"
                                 + (f", {data.frames[0]} to {data.frames[-1]}." if data.frames else "."))
     return numbers
 

@@ -4,9 +4,7 @@ from math import pi
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description import Scene
-
-WATER_DENSITY = 1025.0
-"""Sea water [kg/m^3]."""
+from varos_warp.scene.seawater import WATER_DENSITY
 
 
 def displaced_volume(mass_kg: float, net_buoyancy: float, gravity: float) -> float:

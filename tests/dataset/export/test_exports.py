@@ -2,11 +2,13 @@
 
 import json
 import shutil
+import warnings
 
 import cv2
 import numpy as np
 import OpenEXR
 import pytest
+import standins
 from PIL import Image
 from readback import rows
 from rosbags.highlevel import AnyReader
@@ -198,6 +200,28 @@ def test_the_command_line_names_the_cameras_that_an_export_has_and_no_others(tmp
     assert done.stdout == f"{tmp_path / 'out'}: 10 frames of {', '.join(cameras)} as {form}\n"
     told = json.loads(CliRunner().invoke(cli.app, [*call, str(tmp_path / "more"), "--json"]).stdout)
     assert told["cameras"] == cameras
+
+
+@pytest.fixture(scope="module")
+def one_frame(tmp_path_factory):
+    """A dataset of one frame."""
+    root = tmp_path_factory.mktemp("one") / "data"
+    scene = make_scene(vehicle={"cameras": [{"id": "M0", "resolution": [16, 9]}]}, render={"outputs": ["A", "D"]})
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        produce(scene, root, frames=slice(0, 1), quiet=True)
+    return root
+
+
+@pytest.mark.parametrize(("form", "needs_motion"), [("tum", True), ("kitti", True), ("euroc", True), ("mcap", True),
+                                                    ("vslamlab", True), ("colmap", False), ("nerfstudio", False)])
+def test_one_frame_is_one_frame_and_has_no_motion(one_frame, tmp_path, form, needs_motion):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        done = CliRunner().invoke(cli.app, ["export", str(one_frame), "--to", form, "-o", str(tmp_path / "out")])
+    assert (done.exit_code, done.stdout) == (0, f"{tmp_path / 'out'}: 1 frame of M0 as {form}\n")
+    told = done.stderr + "".join(str(each.message) for each in caught)
+    assert (f"{form} is for odometry and SLAM, and this dataset has one frame" in told) == needs_motion
 
 
 def test_the_command_line_sets_the_clock_and_tells_of_noise(noisy, tmp_path):

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import standins
 import yaml
+from bags import decoded, messages_of, vectors
 from evo.tools import file_interface
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from PIL import Image
 from readback import ROUNDING, largest_ape, matrices
 from scipy.spatial.transform import Rotation
@@ -24,17 +23,6 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim import trajectory
 
 
-def messages_of(path):
-    """Log times and messages of a bag by topic."""
-    from rosbags.highlevel import AnyReader
-
-    topics = {}
-    with AnyReader([path]) as reader:
-        for connection, time_ns, raw in reader.messages():
-            topics.setdefault(connection.topic, []).append((time_ns, reader.deserialize(raw, connection.msgtype)))
-    return topics
-
-
 @pytest.fixture(scope="module")
 def bag(out):
     return messages_of(out / "mcap/bag")
@@ -42,10 +30,6 @@ def bag(out):
 
 def stamp_ns(message):
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def vectors(messages, get):
-    return np.array([[(v := get(m)).x, v.y, v.z] for _, m in messages])
 
 
 def test_a_bag_has_the_readings_and_its_log_times_are_the_stamps(data, bag):
@@ -133,7 +117,7 @@ def test_the_tree_is_that_of_rep_105_and_the_metadata_tell_it(bag, out):
     about = yaml.safe_load((out / "mcap/bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert "base_link (x forward, y left, z up" in about["custom_data"]["frames"]
     named = {m.header.frame_id for topic in bag for _, m in bag[topic][:1] if hasattr(m, "header")}
-    assert named - {"odom"} == {"imu_link", "camL0_optical_frame", "camR0_optical_frame"}
+    assert named - {"odom"} == {"imu_link", "depth_gauge_link", "camL0_optical_frame", "camR0_optical_frame"}
 
 
 def test_a_point_of_the_world_goes_down_the_tree_to_the_pixel_whose_depth_it_has(data, bag):
@@ -222,6 +206,29 @@ def test_twist_and_readings_turn_and_speed_up_as_the_base_does(ahead):
     np.testing.assert_allclose(felt[1:-1], own, rtol=0, atol=bound)
 
 
+def test_the_gyroscope_integrates_to_the_turn_between_two_poses_of_tf(ahead):
+    """By the middle of neighbouring readings; the frame is that of the readings, led to ``map`` by both kinds of /tf.
+
+    A trapezoid's step errs by h^3/12 times the second derivative of the rate, and by as much as the turn that two
+    rates which are not parallel make, h^3/12 of the rate times its derivative: both are summed over all steps.
+    """
+    times = [t for t, m in ahead["/tf"] if m.transforms[0].child_frame_id == "base_link"]
+    first, last, h = times[0], times[-1], 0.005
+    frame = ahead["/imu0"][0][1].header.frame_id
+    start, end = (Tree(ahead, t).from_map(frame)[:3, :3] for t in (first, last))
+    rate = vectors([(t, m) for t, m in ahead["/imu0"] if first <= t <= last], lambda m: m.angular_velocity)
+    assert len(rate) == round((last - first) * 1e-9 / h) + 1
+    turned = Rotation.from_matrix(start)
+    for step in Rotation.from_rotvec(h / 2.0 * (rate[:-1] + rate[1:])):
+        turned = turned * step
+    truth = Rotation.from_matrix(end)
+    change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
+    bound = h / 12 * np.linalg.norm(np.diff(rate, 2, axis=0), axis=1).sum() + h * h / 12 * (
+        np.linalg.norm(rate[1:], axis=1) * change).sum()
+    assert (Rotation.from_matrix(start).inv() * truth).magnitude() > 1.0
+    assert (turned.inv() * truth).magnitude() < 1.5 * bound
+
+
 def test_the_right_camera_of_a_pair_is_known_by_its_baseline(data, bag):
     """x_right = x_left - f b / z, of a point straight ahead of the left camera."""
     left, right = (bag[f"/cam{camera}/camera_info"][0][1].p.reshape(3, 4) for camera in ("L0", "R0"))
@@ -231,16 +238,6 @@ def test_the_right_camera_of_a_pair_is_known_by_its_baseline(data, bag):
 
 
 # -------------------------------------------------------------------------------------------- the MCAP project's reader
-
-
-def decoded(path):
-    """Log times and messages by topic, as the packages mcap and mcap-ros2-support read them."""
-    topics = {}
-    with path.open("rb") as file:
-        for _, channel, message, content in make_reader(file, decoder_factories=[DecoderFactory()]
-                                                        ).iter_decoded_messages():
-            topics.setdefault(channel.topic, []).append((message.log_time, content))
-    return topics
 
 
 @pytest.fixture(scope="module")

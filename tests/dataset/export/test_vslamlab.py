@@ -172,6 +172,21 @@ def test_only_a_camera_at_the_right_makes_a_pair(tmp_path, second, is_pair):
     assert any("left out: M1" in str(warning.message) for warning in caught) != is_pair
 
 
+@pytest.mark.parametrize(("second", "says"), [
+    ({}, None), ({"resolution": [24, 18]}, "resolution"), ({"focal_mm": 9.0}, "focal length"),
+    ({"distortion": {"model": "kannala_brandt", "k": [0.01, 0, 0, 0]}}, "kind of distortion"),
+    ({"distortion": {"model": "brown_conrady", "k": [-0.1, 0, 0, 0]}}, "distortion")])
+def test_a_pair_of_unlike_cameras_is_told_of(tmp_path, second, says):
+    data = made(tmp_path, [{"id": "M0"}, {"id": "M1", "position": [0.3, 0, 0], **second}])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        export(data.root, "vslamlab", tmp_path / "out")
+    told = [words for words in map(str, (each.message for each in caught)) if "M0 and M1 of the stereo pair" in words]
+    assert len(told) == (says is not None)
+    assert all(says in words for words in told)
+    assert "stereo" in described(tmp_path / "out")[0]["modes"]
+
+
 @pytest.mark.parametrize(("mount", "sensors"), [("vehicle", False), ("world", True)])
 def test_without_an_imu_the_body_is_the_camera(tmp_path, mount, sensors):
     """Of a dataset without readings, and of a camera that stands in the world."""

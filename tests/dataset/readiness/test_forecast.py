@@ -11,11 +11,12 @@ from typer.testing import CliRunner
 from benchmarks import failure_forecast
 from varos_warp.cli import app
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.readiness import forecast, page, seeds
+from varos_warp.dataset.readiness import page, seeds
+from varos_warp.dataset.readiness.frames.light import black_level
 from varos_warp.dataset.readiness.job import of_one_sea, readiness
-from varos_warp.dataset.readiness.light import black_level
 from varos_warp.dataset.readiness.measure import by_frame
-from varos_warp.dataset.readiness.score import STANDS, WRONG_TURN, WRONG_WAY, failed
+from varos_warp.dataset.readiness.odometry import forecast
+from varos_warp.dataset.readiness.odometry.score import STANDS, WRONG_TURN, WRONG_WAY, failed
 
 
 @pytest.fixture(scope="module")

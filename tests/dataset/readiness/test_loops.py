@@ -5,7 +5,7 @@ import pytest
 import standins
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.readiness.loops import LEFT, SAME, closures, loop_closures, overlaps
+from varos_warp.dataset.readiness.frames.loops import LEFT, SAME, closures, loop_closures, overlaps
 from varos_warp.dataset.run.produce import produce
 
 STEP = 1.0

@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from varos_warp.cli import app
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.readiness.excitation import excitation, frame_means
+from varos_warp.dataset.readiness.frames.excitation import excitation, frame_means
+from varos_warp.dataset.readiness.frames.light import rms_contrast
 from varos_warp.dataset.readiness.job import readiness
-from varos_warp.dataset.readiness.light import rms_contrast
-from varos_warp.dataset.readiness.score import aligned, score
+from varos_warp.dataset.readiness.odometry.score import aligned, score
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
 

@@ -25,6 +25,8 @@ LABELS = ("coco", "yolo", "bop")
 """Formats of labels, which need image S."""
 FORMATS = ("euroc", "tum", "kitti", "colmap", "nerfstudio", "mcap", "stream", "vslamlab", *LABELS, "corners")
 """Names of the modules here; docs/exports.md says what each writes."""
+SEQUENCES = ("euroc", "tum", "kitti", "mcap", "vslamlab")
+"""Formats for odometry and SLAM, which need motion."""
 LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
 
@@ -76,6 +78,9 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:
         warnings.warn(f"{to} holds {module.HOLDS}; left out: {', '.join(left)}", stacklevel=2)
+    if to in SEQUENCES and len(data) == 1:
+        warnings.warn(f"{to} is for odometry and SLAM, and this dataset has one frame: its cameras do not move",
+                      stacklevel=2)
     # ``A`` alone among A and B stands for the chosen one
     wanted = {images if letter == WATER and not _has_all_types(module) else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)

@@ -41,15 +41,15 @@ T_BASE_V = transform(np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0
 """A vehicle's axes x right, y forward, z up in those of REP 103."""
 T_V_BASE = T_BASE_V.T
 Event = tuple[int, str, Callable]
-"""Time [ns], topic, and what makes the message: it is called when its turn comes, so one image is held at a time."""
-ON_TOPICS = tuple(sensor for sensor in ALL if sensor.ros_type)
-"""Sensors whose readings have a message in ROS."""
-SENSORS = tuple(sensor.id for sensor in ON_TOPICS)
-TYPES = {**{sensor.id: sensor.ros_type for sensor in ON_TOPICS}, "ground_truth": "nav_msgs/msg/Odometry",
+"""Time [ns], topic, and what makes the message, or None: it is called when its turn comes, so one image is held at a
+time."""
+SENSORS = tuple(sensor.id for sensor in ALL if sensor.ros_types)
+TYPES = {**{f"/{sensor.id}{topic}": kind for sensor in ALL for topic, kind in sensor.ros_types.items()},
+         "ground_truth": "nav_msgs/msg/Odometry",
          "tf": "tf2_msgs/msg/TFMessage", "tf_static": "tf2_msgs/msg/TFMessage",
          "camera_info": "sensor_msgs/msg/CameraInfo", "compressed": "sensor_msgs/msg/CompressedImage",
          "image": "sensor_msgs/msg/Image", "depth": "sensor_msgs/msg/Image"}
-"""Message type by the last word of the topic."""
+"""Message type by the topic of a sensor, or by the last word of another."""
 
 
 def write(job: Job) -> None:
@@ -73,11 +73,12 @@ def write(job: Job) -> None:
     with writer as bag, Progress("bag", len(events), "messages", job.quiet) as progress:
         topics = {}
         for time_ns, topic, make in events:
-            kind = TYPES[topic.rsplit("/", 1)[-1]]
+            kind = TYPES.get(topic) or TYPES[topic.rsplit("/", 1)[-1]]
             if topic not in topics:
                 profiles = [_latched()] if topic == "/tf_static" else []
                 topics[topic] = bag.add_connection(topic, kind, typestore=store, offered_qos_profiles=profiles)
-            bag.write(topics[topic], time_ns, store.serialize_cdr(make(), kind))
+            if (message := make()) is not None:
+                bag.write(topics[topic], time_ns, store.serialize_cdr(message, kind))
             progress.advance()
 
 
@@ -94,8 +95,9 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
     """Every message of the bag, sensor by sensor; static transforms first."""
     data = job.data
     yield data.start_ns, "/tf_static", lambda: messages.tf(data.start_ns, *_mounts(job))
-    for sensor in (sensor for sensor in ON_TOPICS if sensor.id in data.recorded):
-        yield from _readings(data, sensor, messages)
+    for sensor in (sensor for sensor in ALL if sensor.id in data.recorded):
+        for topic in sensor.ros_types:
+            yield from _readings(data, sensor, topic, messages)
     if "vehicle" in data.recorded:
         yield from _course(data.states(), messages)
     for key in data.moving:
@@ -107,11 +109,12 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
         yield from _camera(job, camera, messages)
 
 
-def _readings(data: Dataset, sensor: SensorProduct, messages: "Messages") -> Iterator[Event]:
-    """Readings of a sensor with its noise, a message each."""
-    read, about = data.readings(sensor.id), data.meta["sensors"][sensor.id]
+def _readings(data: Dataset, sensor: SensorProduct, topic: str, messages: "Messages") -> Iterator[Event]:
+    """Readings of a sensor with its noise, a message each on one of its topics."""
+    read = data.readings(sensor.id)
     for i, t in enumerate(read["time_ns"].tolist()):
-        yield t, f"/{sensor.id}", lambda t=t, i=i: sensor.ros(messages, t, {key: read[key][i] for key in read}, about)
+        yield t, f"/{sensor.id}{topic}", lambda t=t, i=i: sensor.ros(
+            messages, topic, t, {key: read[key][i] for key in read}, data.meta)
 
 
 def _is_vehicle(key: str) -> bool:

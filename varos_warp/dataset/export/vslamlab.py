@@ -6,6 +6,7 @@ camera's. T_BS maps sensor to body coordinates. The course is that of the first 
 """
 
 import re
+import warnings
 
 import numpy as np
 import yaml
@@ -45,6 +46,7 @@ def write(job: Job) -> None:
     folder = f"{NAME.upper()}/{sequence}"
     has_imu = "imu0" in job.data.recorded and not _in_world(job, job.cameras[0])
     rgb = [_camera(job, folder, number, camera, has_imu) for number, camera in enumerate(job.cameras)]
+    _warn_of_unlike(rgb, job.cameras)
     _lists(job, folder)
     imu = _imu(job, folder) if has_imu else []
     lines = ["%YAML 1.2", "---", "cameras:", *map(_item, rgb), *(["", "imus:"] if imu else []), *map(_item, imu)]
@@ -95,6 +97,16 @@ def _camera(job: Job, folder: str, number: int, camera: str, has_imu: bool) -> d
             **({"depth_factor": _per_metre(job)} if has_depth else {}),
             **({"distortion_coefficients": k} if k else {}), "image_dimension": [facts["width"], facts["height"]],
             "fps": float(job.data.meta["frames"]["rate_hz"]), "T_BS": T_B_c.ravel().tolist()}
+
+
+def _warn_of_unlike(rgb: list[dict], cameras: tuple[str, ...]) -> None:
+    """Stereo systems rectify a pair of one size, by lenses of one kind; images or lenses that differ are told of."""
+    kinds = {"image_dimension": "resolution", "distortion_type": "kind of distortion", "focal_length": "focal length",
+             "distortion_coefficients": "distortion"}
+    unlike = [words for key, words in kinds.items() if len({str(camera.get(key)) for camera in rgb}) > 1]
+    if unlike:
+        warnings.warn(f"cameras {' and '.join(cameras)} of the stereo pair are unlike ({', '.join(unlike)}), and many "
+                      "systems take both for the kind of the first; --camera exports one alone", stacklevel=4)
 
 
 def _per_metre(job: Job) -> float:

@@ -15,7 +15,7 @@ from varos_warp.dataset.reader.exposures import read_exposures
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.dataset.reader.schema import read_metadata
-from varos_warp.errors import InputError, did_you_mean
+from varos_warp.errors import InputError, counted, did_you_mean
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.radiance import in_srgb
 from varos_warp.products.images.registry import OUTPUTS
@@ -91,7 +91,7 @@ class Dataset:
         if isinstance(place, range):
             return [Frame(self, i, camera) for i in place]
         if not -len(self) <= place < len(self):
-            raise IndexError(f"there is no index {place}: the dataset has {len(self)} frames")
+            raise IndexError(f"there is no index {place}: the dataset has {counted(len(self), 'frame')}")
         return Frame(self, place % len(self), camera)
 
     def frame(self, number: int, camera: str | None = None) -> Frame:
@@ -115,7 +115,7 @@ class Dataset:
         return self._kept[key]
 
     def __repr__(self) -> str:
-        what = f"{len(self)} frames, outputs {''.join(self.outputs)}, cameras {', '.join(self.cameras)}"
+        what = f"{counted(len(self), 'frame')}, outputs {''.join(self.outputs)}, cameras {', '.join(self.cameras)}"
         return f"Dataset({str(self.root)!r}: {what})"
 
     @property

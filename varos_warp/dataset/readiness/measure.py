@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.readiness.excitation import excitation
-from varos_warp.dataset.readiness.features import Keypoints, detect, matches, repeatability
-from varos_warp.dataset.readiness.forecast import failure_chances
-from varos_warp.dataset.readiness.light import (
+from varos_warp.dataset.readiness.frames.excitation import excitation
+from varos_warp.dataset.readiness.frames.features import Keypoints, detect, matches, repeatability
+from varos_warp.dataset.readiness.frames.light import (
     attenuation,
     black_level,
     layers_of,
@@ -19,12 +18,13 @@ from varos_warp.dataset.readiness.light import (
     rms_contrast,
     veil_over_signal,
 )
-from varos_warp.dataset.readiness.loops import loop_closures
-from varos_warp.dataset.readiness.odometry import Odometry, odometries
+from varos_warp.dataset.readiness.frames.loops import loop_closures
+from varos_warp.dataset.readiness.frames.truth import moves, source_of_moves
+from varos_warp.dataset.readiness.odometry.forecast import failure_chances
+from varos_warp.dataset.readiness.odometry.odometry import Odometry, odometries
+from varos_warp.dataset.readiness.odometry.signs import signs
+from varos_warp.dataset.readiness.odometry.tracking import View
 from varos_warp.dataset.readiness.opencv import opencv
-from varos_warp.dataset.readiness.signs import signs
-from varos_warp.dataset.readiness.tracking import View
-from varos_warp.dataset.readiness.truth import moves, source_of_moves
 from varos_warp.errors import InputError
 from varos_warp.scene.description.image_types import DEPTH, WATER
 

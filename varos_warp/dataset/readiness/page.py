@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.dataset.readiness.measure import Readiness
-from varos_warp.dataset.readiness.odometry import Odometry
+from varos_warp.dataset.readiness.odometry.odometry import Odometry
 from varos_warp.dataset.readiness.seeds import compared, groups
 from varos_warp.dataset.report import facts, write_page
 from varos_warp.dataset.report.curves import curve
+from varos_warp.errors import counted
 
 SHOWN = {
     "orb_count": "ORB keypoints", "orb_per_mpx": "ORB keypoints [1/Mpx]", "orb_repeatability": "ORB repeatability",
@@ -77,8 +78,9 @@ def sentences(found: Readiness) -> list[str]:
                     + ("" if e["vins_excited"] else "; VINS-Mono would say: IMU excitation not enough!"))
     if found.loop_closures is not None:
         pairs = found.loop_closures
-        said.append("loop closures: " + ("none" if not pairs else f"{len(pairs)} frames see a place again, frame "
-                                                                   f"{pairs[0][0]} first, that of frame {pairs[0][1]}"))
+        seen = f"{counted(len(pairs), 'frame')} see{'s' * (len(pairs) == 1)} a place again, frame "
+        said.append("loop closures: " + ("none" if not pairs else f"{seen}{pairs[0][0]} first, that of frame "
+                                                                  f"{pairs[0][1]}"))
     return said + [f"left out: {words}" for words in found.left_out]
 
 

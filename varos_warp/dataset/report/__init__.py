@@ -23,6 +23,7 @@ from varos_warp.dataset.report.course import course_pictures, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curves
 from varos_warp.dataset.report.facts import Raw
 from varos_warp.dataset.write.pictures import Filmstrip, contact_sheet, filmstrip, preview, spread, whole_frames
+from varos_warp.errors import counted
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import DEPTH
 
@@ -125,7 +126,8 @@ def _frames(data: Dataset, strip: Filmstrip) -> str:
     if not strip.frames:
         return "<p class=empty>None yet.</p>"
     total = sum(len(whole_frames(data, camera)) for camera in data.cameras[:1])
-    shown = "every frame" if len(strip.frames) == total else f"{len(strip.frames)} of {total} frames, evenly spread"
+    of = f"{len(strip.frames)} of {counted(total, 'frame')}, evenly spread"
+    shown = "every frame" if len(strip.frames) == total else of
     legend, about = "", data.camera()
     if DEPTH in data.outputs:
         from matplotlib import colormaps

@@ -63,7 +63,8 @@ def numbers(values: Iterable[float], unit: str = "") -> str:
 def headline(data: Dataset) -> list[tuple[str, str]]:
     """(value, name) of what a person asks first."""
     meta, rate = data.meta, data.meta["frames"]["rate_hz"]
-    tiles = [(f"{len(data)}", "frames" if len(data) == meta["frames"]["of"] else f"of {meta['frames']['of']} frames"),
+    of = counted(meta["frames"]["of"], "frame")
+    tiles = [(f"{len(data)}", of.partition(" ")[2] if len(data) == meta["frames"]["of"] else f"of {of}"),
              (f"{len(data) / rate:.4g} s", f"at {rate:g} Hz")]
     if "vehicle" in data.recorded:
         state = data.states()
@@ -232,8 +233,8 @@ def warnings(data: Dataset, scene: list[str]) -> list[str]:
     for camera, output in itertools.product(data.cameras, data.outputs):
         missing = [f for f in data.frames if not files.is_complete(data.layout.image(camera, output, f))]
         if missing:
-            found.append(f"camera {camera}: {output} of {len(missing)} of {len(data)} frames is missing, the first of "
-                         f"frame {missing[0]}")
+            found.append(f"camera {camera}: {output} of {len(missing)} of {counted(len(data), 'frame')} is missing, "
+                         f"the first of frame {missing[0]}")
     found += scene
     for log in logs(data):
         lost = {row["frame"]: row["lost_samples"] for row in log["frames"] if row.get("lost_samples")}

@@ -13,7 +13,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write.folder import at_work
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, counted
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.registry import BY_ID
 from varos_warp.scene.description.image_types import SEGMENTS, WATER
@@ -95,7 +95,7 @@ def check_complete(data: Dataset, result: Validation, pending: Pending) -> None:
     if not pending.files:
         return
     count = len(pending.frames)
-    what = f"{count} of {len(data)} frames {'is' if count == 1 else 'are'} missing images"
+    what = f"{count} of {counted(len(data), 'frame')} {'is' if count == 1 else 'are'} missing images"
     if not count:
         what = "its images are rendered, but not all exposed"
     runs = " and ".join(at_work(data.root))

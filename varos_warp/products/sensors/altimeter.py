@@ -85,7 +85,7 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
 """
     needs_solids, has_bias = True, False
     facts = {"max_range_m": float}
-    ros_type = "sensor_msgs/msg/Range"
+    ros_types = {"": "sensor_msgs/msg/Range"}
 
     def mounting(self, sensor: Altimeter) -> np.ndarray:
         """T_v_s [4, 4]: x along the beam, z up as far as that allows; of a vertical beam, z forwards."""
@@ -128,11 +128,11 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
             found.measure("range off the truth, at most", off.max(initial=0.0), 8 * noise["range_std"] + 1e-9, "m")
             found.repeated(1e-9, "m")
 
-    def ros(self, make: RosMessages, time_ns: int, row: Samples, about: dict[str, Any]) -> Any:
+    def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
         """Infinite where it meets nothing (REP 117)."""
-        distance = float(row["range"])
-        return make[self.ros_type](make.header(time_ns, self.ros_frame), ULTRASOUND, 0.0, 0.0, about["max_range_m"],
-                                   np.inf if np.isnan(distance) else distance)
+        distance, most = float(row["range"]), meta["sensors"][self.id]["max_range_m"]
+        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), ULTRASOUND, 0.0, 0.0, most,
+                                           np.inf if np.isnan(distance) else distance)
 
 
 ALTIMETER = AltimeterProduct()

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.products.sensors.noise import check_noise, noise
+from varos_warp.products.sensors.noise import check_noise, noise, white_variance
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
@@ -16,10 +16,13 @@ from varos_warp.products.sensors.protocol import (
     Surroundings,
 )
 from varos_warp.scene.block import Block, NonNegative
+from varos_warp.scene.seawater import WATER_DENSITY
 from varos_warp.sim.motion import Trajectory, applied
 
 SEED = 0x646570
 """Parts its random numbers from those of other sensors."""
+ATMOSPHERE = 101325.0
+"""Pressure of the standard atmosphere on the surface [Pa]."""
 
 
 class DepthGaugeNoise(Block):
@@ -58,7 +61,7 @@ class DepthGauge(SensorProduct[Mounted, DepthGaugeNoise, DepthReadings]):
   Metres below the surface, positive down; world z = 0 lies at {SURFACE} m.
 """
     is_standard = True
-    ros_type = "std_msgs/msg/Float64"
+    ros_types = {"": "std_msgs/msg/Float64", "/pressure": "sensor_msgs/msg/FluidPressure"}
 
     def measure(self, there: Trajectory, sensor: Mounted, around: Surroundings) -> DepthReadings:
         """How far the gauge is below the surface."""
@@ -78,9 +81,18 @@ class DepthGauge(SensorProduct[Mounted, DepthGaugeNoise, DepthReadings]):
         if found.about.get("noise"):
             check_noise(found, "depth", 1e-9, "m")
 
-    def ros(self, make: RosMessages, time_ns: int, row: Samples, about: dict[str, Any]) -> Any:
-        """The depth alone; its stamp is the time of the log."""
-        return make[self.ros_type](float(row["depth"]))
+    def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
+        """The depth alone, whose stamp is the time of the log, or the absolute pressure there and its variance.
+
+        The variance is that of the white noise and of rounding to steps; 0 says that it is not known.
+        """
+        if not topic:
+            return make[self.ros_types[topic]](float(row["depth"]))
+        about, per_metre = meta["sensors"][self.id], WATER_DENSITY * float(np.linalg.norm(meta["gravity"]))
+        step = (about.get("noise") or {}).get("resolution") or 0.0
+        variance = white_variance(about) + step**2 / 12.0
+        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), ATMOSPHERE + per_metre * float(
+            row["depth"]), per_metre**2 * variance)
 
 
 def depth_gauge_noise(model: DepthGaugeNoise, depth: np.ndarray, rate_hz: float, seed: int

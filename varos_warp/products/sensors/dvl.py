@@ -11,6 +11,7 @@ from varos_warp.products.sensors.protocol import (
     Evidence,
     Mounted,
     NoiseDensity,
+    RosMessages,
     Samples,
     SensorProduct,
     Surroundings,
@@ -25,6 +26,8 @@ SEED = 0x64766C
 """Parts its random numbers from those of other sensors."""
 AZIMUTHS_DEG = (45.0, 135.0, 225.0, 315.0)
 """Azimuths of the beams about the sensor's z, from its x towards its y."""
+NOT_MEASURED = 1e6
+"""Variance of what a DVL does not measure, in ROS [rad^2/s^2]: filters refuse infinity."""
 FEWEST_BEAMS = 3
 """Fewest beams that a velocity follows from."""
 
@@ -110,6 +113,7 @@ true_...
 """
     needs_solids, has_bias = True, False
     facts = {"beams": tuple[Vec3, Vec3, Vec3, Vec3], "range_m": tuple[float, float]}
+    ros_types = {"": "geometry_msgs/msg/TwistWithCovarianceStamped"}
 
     def measure(self, there: Trajectory, sensor: Dvl, around: Surroundings) -> DvlReadings:
         """Ranges and velocities along the beams, and what follows from them."""
@@ -149,6 +153,20 @@ true_...
                     1e-9, "m, m/s", f"is not what its ranges and {found.states} make it")
         if about.get("noise"):
             _check_noise(found, truth, beams)
+
+    def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
+        """The velocity, of readings that have one, with the covariance that the beams' white noise gives it.
+
+        It measures no turning: that is 0 with a variance that says so, for the message has no other word for it.
+        """
+        if np.isnan(row["velocity"]).any():
+            return None
+        about, covariance = meta["sensors"][self.id], NOT_MEASURED * np.eye(6)
+        inverse = np.linalg.pinv(np.array(about["beams"])[np.isfinite(row["range"])])
+        covariance[:3, :3] = (about.get("noise") or {}).get("velocity_std", 0.0) ** 2 * inverse @ inverse.T
+        twist = make["geometry_msgs/msg/Twist"](make.vector(row["velocity"]), make.vector(np.zeros(3)))
+        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), make[
+            "geometry_msgs/msg/TwistWithCovariance"](twist, covariance.ravel()))
 
 
 def beam_directions(dvl: Dvl) -> np.ndarray:

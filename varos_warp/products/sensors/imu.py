@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
 from varos_warp.products.sensors.differences import bend, changes, difference2, slope
-from varos_warp.products.sensors.noise import EPS, Noise, noise
+from varos_warp.products.sensors.noise import EPS, Noise, noise, white_variance
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
@@ -119,7 +119,7 @@ and the
   columns true_a_RS_S and true_w_RS_S hold the readings without noise.
 """
     is_standard = bias_apart = True
-    ros_type = "sensor_msgs/msg/Imu"
+    ros_types = {"": "sensor_msgs/msg/Imu"}
 
     def measure(self, there: Trajectory, sensor: Imu, around: Surroundings) -> ImuReadings:
         """Eq. (2) of the paper: a = R_sv (R_vr (dd p - g) + ([w]x[w]x + [dw]x) l), omega = R_sv w.
@@ -156,11 +156,11 @@ and the
         if found.about.get("noise"):
             found.guard(_check_noise, found)
 
-    def ros(self, make: RosMessages, time_ns: int, row: Samples, about: dict[str, Any]) -> Any:
+    def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
         """-1 says that it has no orientation; the variance is of the white noise, and 0 says that it is not known."""
-        force, rate = (np.eye(3).ravel() * ((about.get("noise") or {}).get(f"{sensor}_noise_density") or 0.0) ** 2
-                       * about["rate_hz"] for sensor, _ in PARTS.values())
-        return make[self.ros_type](make.header(time_ns, self.ros_frame), make.rotation((1, 0, 0, 0)),
+        force, rate = (white_variance(meta["sensors"][self.id], f"{sensor}_noise_density") * np.eye(3).ravel()
+                       for sensor, _ in PARTS.values())
+        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), make.rotation((1, 0, 0, 0)),
                                    np.array([-1.0, *np.zeros(8)]), make.vector(row["angular_velocity"]), rate,
                                    make.vector(row["acceleration"]), force)
 

@@ -6,12 +6,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from varos_warp.products.sensors.noise import EPS, Noise, check_noise, noise
+from varos_warp.products.sensors.noise import EPS, Noise, check_noise, noise, white_variance
 from varos_warp.products.sensors.protocol import (
     Curve,
     Evidence,
     Mounted,
     NoiseDensity,
+    RosMessages,
     Samples,
     SensorProduct,
     Surroundings,
@@ -73,6 +74,7 @@ If
 readings.
 """
     facts = {"field_T": Vec3}
+    ros_types = {"": "sensor_msgs/msg/MagneticField"}
 
     def measure(self, there: Trajectory, sensor: Magnetometer, around: Surroundings) -> FieldReadings:
         """The field in the axes of the sensor."""
@@ -97,6 +99,11 @@ readings.
         if found.about.get("noise"):
             largest = max(np.abs(found.read["field"]).max(), np.abs(found.bias["field"]).max())
             check_noise(found, "field", 8 * EPS * largest, "T")
+
+    def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
+        """The field; the variance is of the white noise, and 0 says that it is not known."""
+        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), make.vector(row["field"]),
+                                           white_variance(meta["sensors"][self.id]) * np.eye(3).ravel())
 
 
 def magnetometer_noise(model: MagnetometerNoise, count: int, rate_hz: float, seed: int) -> Noise:

@@ -1,6 +1,8 @@
 """Seeded noise of the sensors: white noise, and a bias that walks at random; and how a dataset is checked for it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +37,11 @@ def noise(count: int, rate_hz: float, density: float, random_walk: float, rng: n
     steps = random_walk / np.sqrt(rate_hz) * rng.standard_normal((count, axes))
     start = np.asarray(bias) + turn_on_bias * rng.standard_normal(axes)
     return Noise(white, np.cumsum(steps, axis=0) - steps[:1] + start)
+
+
+def white_variance(about: Mapping[str, Any], key: str = "noise_density") -> float:
+    """Variance of the white noise of one reading, of what dataset.json says of the sensor; 0 where it has none."""
+    return ((about.get("noise") or {}).get(key) or 0.0) ** 2 * about["rate_hz"]
 
 
 def check_noise(found: Evidence, quantity: str, slack: float, unit: str) -> None:

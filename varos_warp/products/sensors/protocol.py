@@ -202,8 +202,8 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     """Whether that is a file of its own, not columns after those without noise."""
     facts: dict[str, Any] = {}
     """Kinds of the entries that `describe` gives, by which they are checked when a dataset is read."""
-    ros_type: str = ""
-    """Message of its topic in a ROS bag; empty: it has none there."""
+    ros_types: dict[str, str] = {}
+    """Messages of its topics in a ROS bag, by what follows the sensor's name in the topic's, such as ``/pressure``."""
 
     @property
     def ros_frame(self) -> str:
@@ -250,6 +250,14 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     def check(self, found: Evidence) -> None:
         """Hold the readings of a dataset against the true motion; where they have noise, that as well."""
 
-    def ros(self, make: RosMessages, time_ns: int, row: Samples, about: dict[str, Any]) -> Any:
-        """The ROS message of one reading, whose quantities ``row`` has, if the sensor has a `ros_type`."""
+    def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
+        """The ROS message of one reading; None: the topic has none of it.
+
+        Args:
+            make: Makes messages.
+            topic: A key of `ros_types`.
+            time_ns: Time of the reading.
+            row: Its quantities.
+            meta: What dataset.json says, ``meta["sensors"]`` of the sensor.
+        """
         return None

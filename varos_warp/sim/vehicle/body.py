@@ -12,7 +12,8 @@ from functools import cached_property
 from math import exp, inf, log, pi, sqrt
 
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.hull import WATER_DENSITY, displaced_volume, sphere_radius
+from varos_warp.scene.hull import displaced_volume, sphere_radius
+from varos_warp.scene.seawater import WATER_DENSITY
 from varos_warp.sim import quaternion
 from varos_warp.sim.quaternion import Quaternion, Vector
 

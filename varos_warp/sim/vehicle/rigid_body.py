@@ -14,7 +14,7 @@ from functools import cached_property
 from math import inf, sqrt
 
 from varos_warp.scene.description import vehicle as description
-from varos_warp.scene.hull import WATER_DENSITY
+from varos_warp.scene.seawater import WATER_DENSITY
 from varos_warp.sim import quaternion
 from varos_warp.sim.quaternion import Quaternion, Vector, cross
 from varos_warp.sim.vehicle.body import Sphere, peak_gain, slope, sphere, terminal_rate

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Job
 from varos_warp.dataset.reader.rows import is_rolling
+from varos_warp.errors import counted
 
 FOLDER = "shutter"
 
@@ -43,5 +44,5 @@ def _camera(job: Job, camera: str) -> Iterator[str]:
     yield f"  + ((r + 0.5) / {rows} - 0.5) * {readout_s!r} s."
     if is_rolling(about):
         yield f"  {job.data.layout.row_poses(camera).name}: pose of the camera at that time for every row: NumPy,"
-        yield f"  float64 [{len(job.data)} frames, {rows} rows, 7], x y z, quaternion w x y z; camera (OpenCV axes) to"
+        yield f"  float64 [{counted(len(job.data), 'frame')}, {rows} rows, 7], x y z, quaternion w x y z; camera (OpenCV axes) to"
         yield "  world (z up, metres)."

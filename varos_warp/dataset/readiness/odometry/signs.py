@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from varos_warp.dataset.readiness.features import Keypoints, paired
+from varos_warp.dataset.readiness.frames.features import Keypoints, paired
+from varos_warp.dataset.readiness.odometry.tracking import REPROJECTION_PX, View, corners, follow
 from varos_warp.dataset.readiness.opencv import opencv
-from varos_warp.dataset.readiness.tracking import REPROJECTION_PX, View, corners, follow
 
 
 def verified(view: View, here: Keypoints, there: Keypoints) -> tuple[int, float | None]:

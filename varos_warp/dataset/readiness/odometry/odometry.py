@@ -6,10 +6,10 @@ import numpy as np
 
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
-from varos_warp.dataset.readiness.mono import MonoOdometry
-from varos_warp.dataset.readiness.score import failed, path_length, score
-from varos_warp.dataset.readiness.stereo import StereoOdometry
-from varos_warp.dataset.readiness.tracking import View
+from varos_warp.dataset.readiness.odometry.mono import MonoOdometry
+from varos_warp.dataset.readiness.odometry.score import failed, path_length, score
+from varos_warp.dataset.readiness.odometry.stereo import StereoOdometry
+from varos_warp.dataset.readiness.odometry.tracking import View
 from varos_warp.scene.description.image_types import DEPTH
 
 LEAST_FRAMES = 8

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from varos_warp.dataset.readiness.frames.truth import Moves
 from varos_warp.dataset.readiness.opencv import opencv
-from varos_warp.dataset.readiness.truth import Moves
 
 REPEATED_PX = 1.5
 """A keypoint is repeated if one of the next frame lies so near to its true place (Schmid et al. 2000)."""

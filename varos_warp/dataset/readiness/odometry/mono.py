@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from varos_warp.dataset.readiness.opencv import opencv
-from varos_warp.dataset.readiness.tracking import (
+from varos_warp.dataset.readiness.odometry.tracking import (
     LEAST,
     REPROJECTION_PX,
     View,
@@ -14,6 +13,7 @@ from varos_warp.dataset.readiness.tracking import (
     pose_of,
     triangulated,
 )
+from varos_warp.dataset.readiness.opencv import opencv
 
 START_ANGLE = np.radians(2.0)
 """Median parallax with which the first two views begin, and that of a new point."""

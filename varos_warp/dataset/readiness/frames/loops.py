@@ -5,7 +5,7 @@ import numpy as np
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.points import points_at, project, seen_pixels
 from varos_warp.dataset.reader.rows import sight
-from varos_warp.dataset.readiness.truth import hidden_behind
+from varos_warp.dataset.readiness.frames.truth import hidden_behind
 
 SAME, LEFT = 0.5, 0.25
 """Share of a frame's points that another sees: from the first on it is the same place, below the second it was left."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from varos_warp.dataset.readiness.tracking import (
+from varos_warp.dataset.readiness.odometry.tracking import (
     REPROJECTION_PX,
     View,
     carried_on,
