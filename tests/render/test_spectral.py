@@ -5,9 +5,10 @@ import pytest
 import trimesh
 import warp as wp
 
-from varos_warp.kernels.film.film import add_weighted, add_weighted_variance
+from varos_warp.kernels.film.bands import add_weighted, add_weighted_variance
 from varos_warp.render.radiance import RadianceRenderer, added_errors
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.lights.spectral import spectral_intensity
 from varos_warp.scene.optics.seawater import CHANNELS_NM, seawater_index
@@ -197,3 +198,26 @@ def test_an_image_is_the_weighted_sum_of_its_passes(even, monkeypatch, integrato
     assert made.spp == pytest.approx(4.0, rel=0.02)
     brief = renderer.render(T_W_V, **how, copied=["denoised"]).A
     np.testing.assert_array_equal(brief.denoised, made.denoised)
+
+
+def test_what_moves_is_where_it_is_in_every_pass(tmp_path, monkeypatch):
+    """A chart, whose patches have spectra of their own, as in a scene where it is from the start; nothing is relit."""
+    def scene(stops):
+        return scene_from_dict({
+            "water": {"spectral": {"jerlov": "1C"}}, "render": {"bands": 6}, "seed": 1,
+            "objects": [{"kind": "color_chart", "path": [
+                {"time_s": t, "position": [0, y, 0]} for t, y in zip((0.0, 1.0), stops, strict=True)]}],
+            "vehicle": {"lights": [LAMP | {"spectrum": "led_b4", "power_W": 50.0}], "cameras": [
+                {"id": "M0", "resolution": [24, 16], "focal_mm": 4.0, "response": "nikon_5100"}]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
+
+    def image(stops, time_ns):
+        renderer = FrameRenderer(scene(stops), "cpu")
+        renderer.radiance.passes(renderer.scene.vehicle.cameras[0])
+        with monkeypatch.context() as patch:
+            patch.setattr(DeviceScene, "relit", None)
+            return renderer.render(T_W_V, "M0", "A", time_ns=time_ns, **SHOT).A.radiance
+
+    away = image((0.6, 1.2), 10**9)
+    np.testing.assert_allclose(away, image((1.2, 0.6), 0), rtol=1e-5, atol=1e-6 * away.max())
+    assert np.abs(away - image((0.6, 1.2), 0)).max() > 0.1 * away.max()

@@ -45,7 +45,8 @@ more pixels show the same light: it leaves one part in about 100 at 1280 x 720 (
 grows with the square root of the number of pixels."""
 VIRTUAL_LIGHTS, OF_SAMPLES = (1 << 14, 1 << 20), 0.25
 """Virtual point lights are as many as this share of the samples, within these bounds: what pixels share of their error
-then falls as the rest does. More leave no smaller error (Munkholmen, 1280 x 720, four frames)."""
+then falls as the rest does. With four times as many, denoised images err as much, within 1 % or two standard errors, in
+eight unlike scenes, still and moving (H200, 640 x 360, 1 and 4 samples)."""
 
 VIRTUAL_GROUPS = 32
 """Groups of instants with virtual point lights of their own: of how the vehicle moves within one, only the error of

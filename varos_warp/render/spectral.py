@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.film.film import add_layers, add_weighted, add_weighted_variance
+from varos_warp.kernels.film.bands import add_layers, add_weighted, add_weighted_variance
 from varos_warp.render.image.films import Films
 from varos_warp.render.options import LAYERS
 from varos_warp.render.radiance import DEVELOPED, RadianceRenderer, Shot, Taken
@@ -38,8 +38,9 @@ class SpectralRenderer(RadianceRenderer):
     def passes(self, view: Camera) -> list[tuple[BandPass, RadianceRenderer]]:
         """The passes of a camera, each with its renderer; the same for all of one response."""
         if view.response not in self._passes:
-            self._passes[view.response] = [(one, RadianceRenderer(one.scene, self._lit(self.world, one), self.films))
-                                  for one in passes(self._whole, view)]
+            self._passes[view.response] = [
+                (one, RadianceRenderer(one.scene, self.world.relit(one.scene, one), self.films))
+                for one in passes(self._whole, view)]
         return self._passes[view.response]
 
     def lets_through(self, view: Camera) -> BandWater:
@@ -61,16 +62,12 @@ class SpectralRenderer(RadianceRenderer):
         """All passes in the channels of the camera."""
         total, of_passes = None, self.passes(shot.view)
         for one, renderer in of_passes:
-            world = renderer.world if shot.world is self.world else self._lit(shot.world, one)
+            world = renderer.world if shot.world is self.world else renderer.world.placed_as(shot.world)
             taken = take(renderer, shot._replace(view=one.seen_by(shot.view), world=world))
             if taken is None:
                 return None
             total = self._added(total or self._black(taken), taken, weights_of(one), 1.0 / len(of_passes))
         return total
-
-    @staticmethod
-    def _lit(world: DeviceScene, one: BandPass) -> DeviceScene:
-        return world.relit(one.scene, one)
 
     @staticmethod
     def _black(like: Taken) -> Taken:

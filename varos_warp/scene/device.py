@@ -198,6 +198,17 @@ class DeviceScene:
             other._place(other.poses_at(np.concatenate([np.zeros(1, np.int64), offset_ns])))
         return other
 
+    def placed_as(self, other: "DeviceScene") -> "DeviceScene":
+        """The scene with what moves where it is in another of the same geometry, which `moved` has made."""
+        placed = copy.copy(self)
+        placed.poses = other.poses
+        if self.moving:
+            placed.data = SceneData()
+            placed.data.assign(self.data)
+            placed.instance_bvh, placed.data.instance_bvh = other.instance_bvh, other.data.instance_bvh
+            placed.data.moving = other.data.moving
+        return placed
+
     def poses_at(self, offset_ns: np.ndarray) -> np.ndarray:
         """Poses T_w_o [N, M, 4, 4] of the meshes that move, in the order of ``moving``."""
         poses = self.poses(offset_ns)
