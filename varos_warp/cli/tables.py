@@ -111,9 +111,10 @@ def _print_spectra(water: dict) -> None:
                 [[f"{nm:g}", *(_number(water[name][i]) for name in columns)]
                  for i, nm in enumerate(water["wavelength_nm"])])
     low, high = water["paths_m"]
-    print_table(["bands of", "wavelengths [nm]", f"rms error R, G, B, paths of {low:g} to {high:g} m", "worst"],
+    print_table(["bands of", "wavelengths [nm]", f"rms error R, G, B, paths of {low:g} to {high:g} m", "worst",
+                 "backscatter"],
                 [[bands["camera"], ", ".join(f"{nm:g}" for nm in bands["wavelength_nm"]),
-                  *(", ".join(f"{100 * e:.2g} %" for e in bands[name]) for name in ("rms", "worst"))]
+                  *(", ".join(f"{100 * e:.2g} %" for e in bands[name]) for name in ("rms", "worst", "backscatter"))]
                  for bands in water["bands"]])
     _print_phase(water["phase"])
 

@@ -1,4 +1,6 @@
-"""Before rendering: a warning where light goes shorter or longer ways than bands are chosen for."""
+"""Before rendering: warnings where bands are too few, or chosen for other ways of light, or colours not told apart."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -9,9 +11,13 @@ from varos_warp.scene.frames import camera_pose
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.query import ranges
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.passes import backscatter_error
 from varos_warp.scene.spectra.bands import rms_over, scene_bands
+from varos_warp.scene.spectra.matrix import color_matrix
 from varos_warp.scene.spectra.water import water_spectra
 
+LEAST_COLOUR = 1e-3
+"""Singular values of a colour matrix below this count as 0."""
 MOST_STOPS = 8
 """Stops from which ways are looked for."""
 LEFT = 1e-3
@@ -23,16 +29,18 @@ WORSE = 1.5
 
 
 def check_bands(scene: Scene, parts: list[Part | Instances], poses: np.ndarray) -> list[str]:
-    """Warnings, one of each camera that sees other ways of light than its bands are made for, and by how much.
+    """Warnings of cameras in water by wavelength: of their colours, of backscattered light, of the ways of light.
 
     Args:
         scene: The scene.
         parts: Everything solid.
         poses: Of the vehicle at its stops, float64 [N, 4, 4].
     """
-    if not scene.is_spectral or not scene.vehicle.lights or not parts:
+    if not scene.is_spectral:
         return []
-    warnings = []
+    warnings = [*_grey(scene), *_backscatter(scene)]
+    if not scene.vehicle.lights or not parts:
+        return warnings
     for i, camera in enumerate(scene.vehicle.cameras):
         ways = ways_of_light(scene, camera, parts, poses)
         if ways is None:
@@ -47,6 +55,29 @@ def check_bands(scene: Scene, parts: list[Part | Instances], poses: np.ndarray) 
                 f"{100 * error:.2g} % (root mean square of the worst channel); give render.bands_range_m: "
                 f"[{low:.2g}, {high:.2g}]")
     return warnings
+
+
+def _grey(scene: Scene) -> Iterator[str]:
+    """Warnings of matrices fitted to channels that do not tell three colours apart."""
+    for i, camera in enumerate(scene.vehicle.cameras):
+        if camera.color_matrix == "auto":
+            rank = np.linalg.matrix_rank(color_matrix(scene, camera), tol=LEAST_COLOUR)
+            if rank < 3:
+                yield (f"vehicle.cameras.{i}.color_matrix (camera {camera.id}): auto: the channels of its response see "
+                       f"alike, and the matrix that is fitted to them has rank {rank}, so that images are "
+                       f"{'grey' if rank == 1 else 'of two colours'}; leave it out, or give its rows")
+
+
+def _backscatter(scene: Scene) -> Iterator[str]:
+    """Warnings of cameras whose bands are too few for light that is scattered straight back."""
+    if not scene.lights:
+        return
+    for i, camera in enumerate(scene.vehicle.cameras):
+        error, bands = float(backscatter_error(scene, camera).max()), scene_bands(scene, camera)
+        if error > WORSE * max(float(bands.rms.max()), scene.render.tolerance):
+            yield (f"vehicle.cameras.{i} ({camera.id}): backscattered light is off by up to {100 * error:.2g} % with "
+                   f"{len(bands.wavelength_nm)} bands, for three at a time share a phase function; raise render.bands, "
+                   "or leave it to auto")
 
 
 def ways_of_light(scene: Scene, camera: Camera, parts: list[Part | Instances], poses: np.ndarray

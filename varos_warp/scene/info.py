@@ -13,6 +13,7 @@ from varos_warp.scene.geometry.placed import object_part
 from varos_warp.scene.hull import vehicle_radius
 from varos_warp.scene.lights.profiles import read_profile
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.passes import backscatter_error
 from varos_warp.scene.spectra.bands import PATHS_M, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID, VISIBLE
 from varos_warp.scene.spectra.water import water_spectra
@@ -129,16 +130,18 @@ def spectral_info(scene: Scene) -> dict:
     """Water by wavelength: a, b, c, b_b [1/m] and the range of a black disk, 4.8 / c [m]; the bands of each camera.
 
     ``bands`` has wavelengths, and the root mean square and the worst of the relative errors of what red, green and blue
-    see directly of a colour chart, over paths from lamp to surface to camera between ``paths_m``.
+    see directly of a colour chart, over paths from lamp to surface to camera between ``paths_m``; and the largest error
+    of light scattered straight back, as three bands at a time share a phase function.
     """
     water = water_spectra(scene)
     at = np.isin(GRID, np.arange(*VISIBLE, 25.0)) | (GRID == VISIBLE[1])
-    chosen = {camera.id: scene_bands(scene, camera) for camera in scene.vehicle.cameras}
+    chosen = [(camera, scene_bands(scene, camera)) for camera in scene.vehicle.cameras]
     return {"source": water.source, "wavelength_nm": GRID[at].tolist(),
             **{name: getattr(water, name)[at].tolist() for name in ("a", "b", "c", "b_b", "visibility_m")},
             "phase": phase_function(scene).describe(), "paths_m": list(scene.render.bands_range_m or PATHS_M),
-            "bands": [{"camera": camera, "wavelength_nm": bands.wavelength_nm.tolist(), "rms": bands.rms.tolist(),
-                       "worst": bands.worst.tolist()} for camera, bands in chosen.items()]}
+            "bands": [{"camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "rms": bands.rms.tolist(),
+                       "worst": bands.worst.tolist(), "backscatter": backscatter_error(scene, camera).tolist()}
+                      for camera, bands in chosen]}
 
 
 def camera_info(camera) -> dict:

@@ -20,6 +20,8 @@ from varos_warp.scene.optics.camera import water_indices
 from varos_warp.scene.spectra.bands import PASS, Bands, scene_bands
 from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.surfaces import reflectance_of_rgb
+from varos_warp.scene.water import phase_function
+from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
 PATHS_FITTED = 4
 """Distances, of those of the bands, for which the phase functions of passes are made."""
@@ -84,7 +86,7 @@ def described(scene: Scene) -> list[dict]:
             "camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "a": bands.a.tolist(),
             "b": (bands.b_water + bands.b_particles).tolist(), "weights": balanced(bands).tolist(),
             "white": shares(bands).tolist(), "range_m": list(bands.range_m), "rms": bands.rms.tolist(),
-            "worst": bands.worst.tolist()})
+            "worst": bands.worst.tolist(), "backscatter": backscatter_error(scene, camera).tolist()})
     return found
 
 
@@ -146,6 +148,25 @@ def shares_of_water(bands: Bands) -> np.ndarray:
         return least
     rows = np.stack([(seen * b)[:, chosen] @ used for chosen, used in threes], axis=1)[counts] / of_water[counts, None]
     return lsq_linear(rows, np.ones(len(rows)), (least - 1e-9, most + 1e-9)).x.clip(0.0, 1.0)
+
+
+def backscatter_error(scene: Scene, camera: Camera) -> np.ndarray:
+    """Largest relative error of each channel's light scattered straight back, float64 [3], as passes share phases.
+
+    Over the distances of the bands, against a phase function of each band's own. Errors of the bands come on top.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
+    bands, back = scene_bands(scene, camera), np.ones(1)
+    of_water, of_particles = (float(phase.eval_s(back)[0]) for phase in (Rayleigh(), phase_function(scene)))
+    b = bands.b_water + bands.b_particles
+    share = np.repeat(shares_of_water(bands), PASS)[:len(b)]
+    ours = b * (share * of_water + (1.0 - share) * of_particles)
+    known = bands.b_water * of_water + bands.b_particles * of_particles
+    beam = np.exp(-np.outer(np.linspace(*bands.range_m, PATHS_FITTED), bands.a + b))
+    ours, known = (np.einsum("kj,dj,j->dk", shares(bands), beam, scattered) for scattered in (ours, known))
+    return np.abs(np.divide(ours, known, out=np.ones_like(ours), where=known > 0.0) - 1.0).max(axis=0)
 
 
 def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, shining: np.ndarray, of_water: float) -> Scene:

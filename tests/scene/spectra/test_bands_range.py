@@ -96,7 +96,7 @@ def test_ways_are_those_over_the_nearest_lamp():
 def test_a_warning_tells_of_other_ways_and_what_it_asks_for_helps():
     def told(**render):
         scene = scene_of(bands=6, **render)
-        return [words for words in check_scene(scene, build_parts(scene)) if "bands" in words]
+        return [words for words in check_scene(scene, build_parts(scene)) if "its bands are chosen" in words]
 
     assert told() == []
     words, = told(bands_range_m=[0.2, 1.0])
