@@ -1,16 +1,16 @@
 """Scenes by wavelength held against the same scenes of three channels, a triple of wavelengths at a time, by hand.
 
     python -m benchmarks.spectral_scenes [--scenes open,coast] [--seeds 24] [--spp 16] [--most 30]
-        [--integrator path] [--json benchmarks/results/spectral_scenes_cpu.json]
+        [--integrator path] [--by-hand path] [--json benchmarks/results/spectral_scenes_cpu.json]
 
 Each row tells, of blocks of 8 x 8 pixels:
 
 * ``weaving``: means over seeds against images in which coefficients, intensities, reflectances and indices of the bands
-  are given as those of red, green and blue, in reverse order and with other seeds, always by `path`: the worst z.
+  are given as those of red, green and blue, in reverse order and with other seeds, by `--by-hand`: the worst z.
 * ``bars``: squares of deviations over those that ``stderr`` tells (1: it holds; below: it is too large).
 * ``reduction``: means against ``--most`` bands with the same random numbers, beside the error that the bands state.
 
-A file that is there keeps its rows of other scenes and integrators.
+A file that is there keeps its rows of other scenes and integrators, and of others by hand.
 """
 
 import argparse
@@ -98,7 +98,7 @@ class Held:
         """The scene with so many bands."""
         return self.scene.model_copy(update={"render": self.scene.render.model_copy(update={"bands": count})})
 
-    def by_hand(self, seeds, spp: int) -> np.ndarray:
+    def by_hand(self, seeds, spp: int, integrator: str) -> np.ndarray:
         """Images [n, H, W, 3] of triples of wavelengths as red, green and blue, last first, added up."""
         bands, total = scene_bands(self.scene, self.scene.vehicle.cameras[0], PATHS_M), 0.0
         for first, share in zip(range(0, len(bands.wavelength_nm), 3), shares_of_water(bands), strict=True):
@@ -106,7 +106,7 @@ class Held:
             weights = bands.weights[:, number] / bands.white[:, None]
             number = np.pad(number, (0, 3 - len(number)), "edge")
             scene, parts = self._triple(bands, number, float(share))
-            total = total + self.images(scene, parts, seeds, spp, "path")[0][..., :weights.shape[1]] @ weights.T
+            total = total + self.images(scene, parts, seeds, spp, integrator)[0][..., :weights.shape[1]] @ weights.T
         return total
 
     def _triple(self, bands, number, share: float):
@@ -143,8 +143,8 @@ def row_of(name: str, options) -> dict:
     watch, held = Stopwatch(), Held(CASES[name])
     seeds = range(1, options.seeds + 1)
     ours, stderr = held.images(held.scene, held.parts, seeds, options.spp, options.integrator)
-    truth = Estimate(held.by_hand([OTHER_SEEDS + seed for seed in seeds], options.spp))
-    row = {"scene": name, "bands": held.case.bands, "integrator": options.integrator}
+    truth = Estimate(held.by_hand([OTHER_SEEDS + seed for seed in seeds], options.spp, options.by_hand))
+    row = {"scene": name, "bands": held.case.bands, "integrator": options.integrator, "by_hand": options.by_hand}
     row["weaving"] = scores.bias(Estimate(ours), truth) | {
         "reference_block_percent": 100.0 * float(scores.block_row(ours, truth)["reference_block_rms"])}
     row["bars"] = scores.calibration(ours, stderr)
@@ -173,6 +173,7 @@ def main(arguments=None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=lambda text: text.split(","), default=list(CASES))
     parser.add_argument("--integrator", default="path")
+    parser.add_argument("--by-hand", default="path")
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--seeds", type=int, default=24)
     parser.add_argument("--most", type=int, default=30, help="0: bands are not held against more of them.")
@@ -181,7 +182,8 @@ def main(arguments=None) -> None:
     rows = json.loads(options.json.read_text())["rows"] if options.json and options.json.exists() else []
     for name in options.scenes:
         made = row_of(name, options) | {"spp": options.spp, "seeds": options.seeds, "most": options.most}
-        rows = [row for row in rows if any(row[key] != made[key] for key in ("scene", "integrator"))] + [made]
+        same = ("scene", "integrator", "by_hand")
+        rows = [row for row in rows if any(row.get(key, "path") != made[key] for key in same)] + [made]
         print(json.dumps(made), flush=True)
         if options.json:
             result = {"machine": machine("cpu"), "resolution": RESOLUTION, "rows": rows}
