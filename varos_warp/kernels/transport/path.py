@@ -66,7 +66,7 @@ MOST_AROUND, LEAST_AROUND = wp.constant(0.5), wp.constant(0.06)
 find there, so it is the second number at vertices where no light was found to be blocked. Blocked light that is found
 there all the same weighs up to the inverse of the number: a rare negative sample, which a denoiser leaves as a black
 pixel. With half the number (0.03), the noise of raw images in eight unlike scenes was 0.92 to 1.16 times as much, the
-darkest samples up to 2.4 times as dark, and the error of denoised images 0.98 to 1.02 times as much (H200)."""
+darkest samples 0.65 to 2.4 times as dark, and the error of denoised images 0.98 to 1.02 times as much (H200)."""
 NEAR_SHARE = wp.constant(0.5)
 """Fraction of first scatterings drawn near the lights, where objects light the water and shade it."""
 FILM = wp.constant(0)
