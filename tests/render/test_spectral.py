@@ -221,3 +221,16 @@ def test_what_moves_is_where_it_is_in_every_pass(tmp_path, monkeypatch):
     away = image((0.6, 1.2), 10**9)
     np.testing.assert_allclose(away, image((1.2, 0.6), 0), rtol=1e-5, atol=1e-6 * away.max())
     assert np.abs(away - image((0.6, 1.2), 0)).max() > 0.1 * away.max()
+
+
+def test_bands_in_which_there_is_no_water_leave_those_in_which_there_is_some(even):
+    """Open water that scatters from 500 nm on only: passes below see nothing, and the image is of the others."""
+    rows = "".join(f"{nm},{0.9 if nm > 500 else 0.0},{0.3 if nm > 500 else 0.0}\n" for nm in range(400, 701))
+    (even / "water.csv").write_text("wavelength_nm,a,b\n" + rows)
+    scene = scene_of({"spectral": {"file": "water.csv"}}, {"spectrum": "lamp.csv", "power_W": 50.0}, even, bands=9)
+    renderer = FrameRenderer(scene.model_copy(update={"objects": []}), "cpu")
+    view = renderer.scene.vehicle.cameras[0]
+    water = [one.scene.water.coefficients for one, _ in renderer.radiance.passes(view)]
+    assert not any(np.any(one.sigma_s) for one in water[:1])
+    assert any(np.any(one.sigma_s) for one in water)
+    assert renderer.render(T_W_V, "M0", "A", **SHOT).A.radiance.max() > 0.0

@@ -200,7 +200,8 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
             bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
-            hits += [gather_splats, tabulate_expected, *(kernel for kernel in bodies if kernel)]
+            hits += [gather_splats, *([tabulate_expected] if along_camera(scene, view) else []),
+                     *(kernel for kernel in bodies if kernel)]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:

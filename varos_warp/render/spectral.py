@@ -59,14 +59,17 @@ class SpectralRenderer(RadianceRenderer):
 
     def _summed(self, shot: Shot, take: Callable[[RadianceRenderer, Shot], Taken | None],
                 weights_of: Callable[[BandPass], np.ndarray]) -> Taken | None:
-        """All passes in the channels of the camera."""
+        """All passes in the channels of the camera, but for those that are known without samples; None: all are."""
         total, of_passes = None, self.passes(shot.view)
         for one, renderer in of_passes:
             world = renderer.world if shot.world is self.world else renderer.world.placed_as(shot.world)
             taken = take(renderer, shot._replace(view=one.seen_by(shot.view), world=world))
-            if taken is None:
-                return None
-            total = self._added(total or self._black(taken), taken, weights_of(one), 1.0 / len(of_passes))
+            if taken is not None:
+                total = self._added(total or self._black(taken), taken, weights_of(one), 1.0 / len(of_passes))
+        if total is None:
+            return None
+        radiance, layers = total.images["radiance"], {layer: total.images[layer] for layer in LAYERS}
+        self.launcher.run(add_layers, radiance.shape, {**layers, "radiance": radiance})
         return total
 
     @staticmethod
@@ -77,7 +80,7 @@ class SpectralRenderer(RadianceRenderer):
         return Taken(images, [], [], like.kinds, guides)
 
     def _added(self, total: Taken, taken: Taken, weights: np.ndarray, share: float) -> Taken:
-        """The sum with one more pass, whose channels have ``weights`` [3 channels, 3 bands] in those of the camera.
+        """The sum, but for its radiance, with one more pass, whose bands have ``weights`` [3 channels, 3 bands].
 
         Errors are added as if all bands erred alike, which is the most that they may: passes share their random
         numbers. Guides of the denoiser are means, as they only tell where edges are: a ``share`` of each pass counts.
@@ -90,9 +93,6 @@ class SpectralRenderer(RadianceRenderer):
                 self._add(kernel, taken.images[name], of[name], total.images[name])
         for name, guide in taken.guides.items():
             self._add(add_weighted, guide, mean, total.guides[name])
-        layers = {layer: total.images[layer] for layer in LAYERS}
-        radiance = total.images["radiance"]
-        self.launcher.run(add_layers, radiance.shape, {**layers, "radiance": radiance})
         return total._replace(blocks=[*total.blocks, *((values, weights @ own) for values, own in taken.blocks)],
                               counted=[*total.counted, *taken.counted])
 

@@ -130,6 +130,12 @@ def _in_threes(count: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         yield np.minimum(number, count - 1), number < count
 
 
+def _seen(bands: Bands) -> np.ndarray:
+    """What channels see of white at each band after some of its distances, float64 [PATHS_FITTED, 3, N]."""
+    way = np.linspace(*bands.range_m, PATHS_FITTED)
+    return shares(bands) * np.exp(-np.outer(way, bands.a + bands.b_water + bands.b_particles))[:, None]
+
+
 def shares_of_water(bands: Bands) -> np.ndarray:
     """What the water itself scatters, as a share of all scattering in each pass, float64 [passes].
 
@@ -140,8 +146,7 @@ def shares_of_water(bands: Bands) -> np.ndarray:
     b, threes = bands.b_water + bands.b_particles, list(_in_threes(len(bands.wavelength_nm)))
     own = bands.b_water / np.maximum(b, 1e-300)
     least, most = (np.array([of(own[chosen]) for chosen, _ in threes]) for of in (np.min, np.max))
-    beam = np.exp(-np.outer(np.linspace(*bands.range_m, PATHS_FITTED), bands.a + b))
-    seen = (shares(bands) * beam[:, None]).reshape(-1, len(b))
+    seen = _seen(bands).reshape(-1, len(b))
     of_water = (seen * bands.b_water).sum(axis=1)
     counts = of_water > 1e-12 * of_water.max()
     if not counts.any():
@@ -164,8 +169,7 @@ def backscatter_error(scene: Scene, camera: Camera) -> np.ndarray:
     share = np.repeat(shares_of_water(bands), PASS)[:len(b)]
     ours = b * (share * of_water + (1.0 - share) * of_particles)
     known = bands.b_water * of_water + bands.b_particles * of_particles
-    beam = np.exp(-np.outer(np.linspace(*bands.range_m, PATHS_FITTED), bands.a + b))
-    ours, known = (np.einsum("kj,dj,j->dk", shares(bands), beam, scattered) for scattered in (ours, known))
+    ours, known = (_seen(bands) @ scattered for scattered in (ours, known))
     return np.abs(np.divide(ours, known, out=np.ones_like(ours), where=known > 0.0) - 1.0).max(axis=0)
 
 
