@@ -234,3 +234,17 @@ def test_bands_in_which_there_is_no_water_leave_those_in_which_there_is_some(eve
     assert not any(np.any(one.sigma_s) for one in water[:1])
     assert any(np.any(one.sigma_s) for one in water)
     assert renderer.render(T_W_V, "M0", "A", **SHOT).A.radiance.max() > 0.0
+
+
+@pytest.mark.parametrize("by_field", [0, 1])
+def test_the_field_may_serve_some_passes_only(even, monkeypatch, by_field):
+    """As where one has water for which it cannot be solved: guides are of all passes, or there are none."""
+    scene = scene_of({"spectral": {"jerlov": "1C"}}, {"spectrum": "lamp.csv", "power_W": 50.0}, even, bands=6)
+    renderer = FrameRenderer(scene, "cpu")
+    of_passes = [one for _, one in renderer.radiance.passes(scene.vehicle.cameras[0])]
+    monkeypatch.setattr(RadianceRenderer, "_integrator",
+                        lambda self, options: "field" if self is of_passes[by_field] else "path")
+    made = renderer.render(T_W_V, "M0", "A", spp=4, denoise="oidn").A
+    assert made.albedo is None
+    assert made.spp == pytest.approx(4.0, rel=0.02)
+    assert np.isfinite(made.denoised).all()

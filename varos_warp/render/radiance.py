@@ -96,7 +96,7 @@ class Taken(NamedTuple):
     counted: list[wp.array]
     """Of each film, how many samples were lost, and the numbers of samples."""
     kinds: Sequence[SampleKind]
-    """Kinds of samples, a film each in every image; none, if not of paths."""
+    """Kinds of samples, one of each film; none, if not of paths."""
     guides: dict[str, wp.array]
     """Albedo and normals for the denoiser."""
 
@@ -328,7 +328,7 @@ class RadianceRenderer:
         fetched = iter(self.launcher.fetch(*taken.counted, *blocks, *wanted.values()))
         counted, variances = [next(fetched) for _ in taken.counted], [next(fetched) for _ in blocks]
         on_host = dict(zip(wanted, fetched, strict=True))
-        facts = _facts_of_samples(counted, shape, kinds or [ALL_ALIKE])
+        facts = _facts_of_samples(counted, shape, kinds or [ALL_ALIKE] * (len(counted) // 2))
         if brief:
             return RadianceImage(**{"radiance": None, "stderr": None} | on_host | facts)
         if blocks:
@@ -376,10 +376,8 @@ def _facts_of_samples(counted: list[np.ndarray], shape: tuple[int, int], kinds: 
         warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
              "and the image is darker there")
     area = tile_pixels(*shape) / np.prod(shape)
-    costs = [kind.cost for kind in kinds] * (len(counts) // len(kinds))
-    spent = sum(cost * float((count.mean(0) * area).sum()) for count, cost in zip(counts, costs, strict=True))
-    one = sum(kind.cost * kind.to_a_sample for kind in kinds) * (len(counts) // len(kinds))
-    return {"lost_samples": lost, "spp": round(spent / one, 6)}
+    spent = sum(kind.cost * float((count.mean(0) * area).sum()) for count, kind in zip(counts, kinds, strict=True))
+    return {"lost_samples": lost, "spp": round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6)}
 
 
 def added_errors(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:

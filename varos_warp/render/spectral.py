@@ -77,7 +77,7 @@ class SpectralRenderer(RadianceRenderer):
         """The sum of no pass."""
         images, guides = ({name: wp.zeros_like(image) for name, image in images.items()}
                           for images in (like.images, like.guides))
-        return Taken(images, [], [], like.kinds, guides)
+        return Taken(images, [], [], [], guides)
 
     def _added(self, total: Taken, taken: Taken, weights: np.ndarray, share: float) -> Taken:
         """The sum, but for its radiance, with one more pass, whose bands have ``weights`` [3 channels, 3 bands].
@@ -91,10 +91,13 @@ class SpectralRenderer(RadianceRenderer):
             if name != "radiance":
                 kernel = add_weighted_variance if name == "base_variance" else add_weighted
                 self._add(kernel, taken.images[name], of[name], total.images[name])
-        for name, guide in taken.guides.items():
-            self._add(add_weighted, guide, mean, total.guides[name])
-        return total._replace(blocks=[*total.blocks, *((values, weights @ own) for values, own in taken.blocks)],
-                              counted=[*total.counted, *taken.counted])
+        # not every pass need have guides: the field may be known for some only
+        guides = {name: guide for name, guide in total.guides.items() if name in taken.guides}
+        for name, guide in guides.items():
+            self._add(add_weighted, taken.guides[name], mean, guide)
+        blocks = [(variances, weights @ own) for variances, own in taken.blocks]
+        return Taken(total.images, total.blocks + blocks, total.counted + taken.counted,
+                     [*total.kinds, *taken.kinds], guides)
 
     def _add(self, kernel: wp.Kernel, image: wp.array, weights: wp.mat33d, total: wp.array) -> None:
         """Add an image to a sum by a kernel."""
