@@ -23,8 +23,10 @@ from varos_warp.sim.trajectory import simulate
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "varos_warp/data"
 SCENES = {
-    "munkholmen": ROOT / "examples/munkholmen/scene.yaml", "starter": DATA / "starter.yaml",
-    **{name: DATA / "templates" / f"{name}.yaml" for name in ("hull", "pipeline_inspection", "harbour_wall")}}
+    "munkholmen": ROOT / "examples/munkholmen/scene.yaml",
+    "starter": DATA / "starter.yaml",
+    **{name: DATA / "templates" / f"{name}.yaml" for name in ("hull", "pipeline_inspection", "harbour_wall")},
+}
 RESOLUTION = (320, 180)
 WAYS = ((4, "oidn"), (8, "oidn"), (16, "oidn"), (8, "nlm"), (20, "nlm"), (20, "none"))
 SEEDS, ESTIMATE_SPP, EDGES = 3, 256, 0.05
@@ -64,8 +66,16 @@ def measured(path: Path, device: str) -> list[dict]:
             found.append(made.radiance if method == "none" else made.denoised)
         seconds = (time.process_time() - start) / SEEDS
         whole, edges, worst = np.mean([percent(one, estimates) for one in found], axis=0).round(2).tolist()
-        rows.append({"spp": spp, "denoise": method, "whole": whole, "edges": edges, "worst_block": worst,
-                     "core_seconds": round(seconds, 2)})
+        rows.append(
+            {
+                "spp": spp,
+                "denoise": method,
+                "whole": whole,
+                "edges": edges,
+                "worst_block": worst,
+                "core_seconds": round(seconds, 2),
+            }
+        )
     return rows
 
 

@@ -23,8 +23,16 @@ SECONDS, QUICK_SECONDS = 150.0, 25.0
 """Of a scene and an output, where nobody says otherwise; preparation comes on top."""
 
 
-def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick: bool = False,
-        seconds: float | None = None, out: Path = Path("bench"), quiet: bool = False) -> dict:
+def run(
+    names=(),
+    method_names=(),
+    outputs=OUTPUTS,
+    device: str = "auto",
+    quick: bool = False,
+    seconds: float | None = None,
+    out: Path = Path("bench"),
+    quiet: bool = False,
+) -> dict:
     """Measure, write and draw; returns what bench.json holds.
 
     Args:
@@ -43,8 +51,9 @@ def run(names=(), method_names=(), outputs=OUTPUTS, device: str = "auto", quick:
     """
     for output in outputs:
         if output not in OUTPUTS:
-            raise InputError("there is no such chart", key="--outputs", value=output,
-                             remedy=f"There are: {', '.join(OUTPUTS)}.")
+            raise InputError(
+                "there is no such chart", key="--outputs", value=output, remedy=f"There are: {', '.join(OUTPUTS)}."
+            )
     seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
     if seconds <= 0.0:
         raise InputError("must be above 0", key="--seconds", value=seconds)
@@ -89,8 +98,13 @@ def main(arguments: list[str] | None = None) -> int:
     """The command line; returns its exit status."""
     parser = argparse.ArgumentParser(prog="benchmarks.bench", description="Chart errors of methods against time.")
     parser.add_argument("names", nargs="*", metavar="SCENE", help="ref1, open_water, jerlov_1b ... (none: all)")
-    parser.add_argument("--methods", type=_names, default=[], metavar="NAME,...",
-                        help="methods of A: direct, single, path, field, field+oidn ...")
+    parser.add_argument(
+        "--methods",
+        type=_names,
+        default=[],
+        metavar="NAME,...",
+        help="methods of A: direct, single, path, field, field+oidn ...",
+    )
     parser.add_argument("--outputs", type=_names, default=list(OUTPUTS), metavar="A,sensors", help="charts to make")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     parser.add_argument("--quick", action="store_true", help="two scenes, few methods: two minutes")
@@ -100,8 +114,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-q", "--quiet", action="store_true", help="no lines of progress")
     given = parser.parse_args(arguments)
     try:
-        result = run(given.names, given.methods, given.outputs, given.device, given.quick, given.seconds, given.out,
-                     given.quiet)
+        result = run(
+            given.names, given.methods, given.outputs, given.device, given.quick, given.seconds, given.out, given.quiet
+        )
     except InputError as error:
         print(f"{parser.prog}: {error.message}", file=sys.stderr)
         return 2

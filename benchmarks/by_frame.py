@@ -43,8 +43,13 @@ def check(frames: Frames, plan: Plan, frame: int) -> dict:
     made, seconds = timed(renderer, lambda: image(spp=spp, denoise=method, copied=["denoised"]))
     estimates = [image(spp=ESTIMATE_LEVEL * spp, seed=SEED + k).radiance for k in range(ESTIMATES)]
     found, upper = error([made.denoised], estimates, (0.0, 1.0)).max(1)
-    return {"frame": frame, "spp": made.spp, "error": round(float(found), 5),
-            "with_a_standard_error": round(float(upper), 5), "seconds": round(seconds, 4)}
+    return {
+        "frame": frame,
+        "spp": made.spp,
+        "error": round(float(found), 5),
+        "with_a_standard_error": round(float(upper), 5),
+        "seconds": round(seconds, 4),
+    }
 
 
 def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) -> dict:
@@ -57,10 +62,18 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
     chosen = np.sort(np.random.default_rng(seed).choice(len(poses), min(frames, len(poses)), replace=False)).tolist()
     camera = scene.vehicle.cameras[0].id
     result = {
-        "machine": machine(device), "scene": scene.name, "frames": len(poses), "tolerance": scene.render.tolerance,
-        "resolution": scene.vehicle.cameras[0].resolution, "planning_s": round(planning, 1), "spp": plan.spp,
-        "mean_spp": round(plan.mean_spp(camera, len(poses)), 2), "spp_by_frame": plan.spp_by_frame,
-        "predicted": None if plan.error is None else plan.error.round(5).tolist(), "checked": []}
+        "machine": machine(device),
+        "scene": scene.name,
+        "frames": len(poses),
+        "tolerance": scene.render.tolerance,
+        "resolution": scene.vehicle.cameras[0].resolution,
+        "planning_s": round(planning, 1),
+        "spp": plan.spp,
+        "mean_spp": round(plan.mean_spp(camera, len(poses)), 2),
+        "spp_by_frame": plan.spp_by_frame,
+        "predicted": None if plan.error is None else plan.error.round(5).tolist(),
+        "checked": [],
+    }
     for frame in chosen:
         result["checked"].append(check(Frames.of(scene, renderer, poses, motion=simulation.motion), plan, frame))
         keep(result)
@@ -84,8 +97,11 @@ def chart(result: dict, path: Path) -> None:
         bottom.plot(*zip(*pairs, strict=True), ".-", label=camera)
     bottom.set(xlabel="frame", ylabel="samples per pixel", ylim=(0, None))
     width, height = result["resolution"]
-    figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, {result['mean_spp']:.3g} "
-                    f"samples on average\n{subtitle(result)}", fontsize=11)
+    figure.suptitle(
+        f"{result['scene']}: {result['frames']} frames of {width} x {height}, {result['mean_spp']:.3g} "
+        f"samples on average\n{subtitle(result)}",
+        fontsize=11,
+    )
     save(figure, path)
 
 

@@ -13,13 +13,21 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from benchmarks import sensors
 
-COLOURS = {"direct": "#9a9a9a", "single": "#8c564b", "scatterings_1": "#d8b7e8", "scatterings_2": "#b07cc6",
-           "scatterings_3": "#7b3f98", "reference": "#000000", "path": "#1f77b4", "field": "#ff7f0e",
-           "mitsuba": "#2ca02c", "cycles": "#d62728"}
+COLOURS = {
+    "direct": "#9a9a9a",
+    "single": "#8c564b",
+    "scatterings_1": "#d8b7e8",
+    "scatterings_2": "#b07cc6",
+    "scatterings_3": "#7b3f98",
+    "reference": "#000000",
+    "path": "#1f77b4",
+    "field": "#ff7f0e",
+    "mitsuba": "#2ca02c",
+    "cycles": "#d62728",
+}
 MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
 ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
-MAIN = ("direct", "single", "reference", "path", "path+oidn", "field", "field+oidn", "mitsuba", "cycles",
-        "cycles+oidn")
+MAIN = ("direct", "single", "reference", "path", "path+oidn", "field", "field+oidn", "mitsuba", "cycles", "cycles+oidn")
 """Methods that differ most: what is drawn where there is little room."""
 DPI = 110
 
@@ -61,7 +69,8 @@ def subtitle(result: dict) -> str:
     facts = result["machine"]
     cores = f"{facts['cores']} cores of {facts['cpu']}"
     return (f"{cores}" if facts["device"] == "cpu" else f"{facts['device_name']}, {cores}") + (
-        f"; Warp {facts['warp']}, {facts['commit']}")
+        f"; Warp {facts['warp']}, {facts['commit']}"
+    )
 
 
 # ----------------------------------------------------------------------------------------------------------------- A
@@ -77,8 +86,11 @@ def radiance(result: dict, scene: str, path: Path) -> None:
     handles, labels = axes[0].get_legend_handles_labels()
     about = result["scenes"][scene]
     width, height = about["resolution"]
-    figure.suptitle(f"{scene}: {about['title']}; {width} x {height}, light of all orders as truth; numbers: samples "
-                    f"per pixel of the last point\n{subtitle(result)}", fontsize=11)
+    figure.suptitle(
+        f"{scene}: {about['title']}; {width} x {height}, light of all orders as truth; numbers: samples "
+        f"per pixel of the last point\n{subtitle(result)}",
+        fontsize=11,
+    )
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
     rows_of_legend = -(-len(labels) // 6)
     figure.subplots_adjust(left=0.055, right=0.985, top=0.89, bottom=0.13 + 0.032 * rows_of_legend, wspace=0.2)
@@ -88,10 +100,16 @@ def radiance(result: dict, scene: str, path: Path) -> None:
 def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
     points = [(seconds_of(row, device), row[f"{kind}_limit"]) for row in rows if row[f"{kind}_limit"] > 0.0]
     front = pareto(points)
-    axis.set(xscale="log", yscale="log",
-             xlabel="CPU-seconds of an image" if device == "cpu" else "seconds of an image")
-    axis.plot(*zip(*front, strict=True), "-", color="#ffe08a", linewidth=9, solid_capstyle="round", zorder=1,
-              label="Pareto front")
+    axis.set(xscale="log", yscale="log", xlabel="CPU-seconds of an image" if device == "cpu" else "seconds of an image")
+    axis.plot(
+        *zip(*front, strict=True),
+        "-",
+        color="#ffe08a",
+        linewidth=9,
+        solid_capstyle="round",
+        zorder=1,
+        label="Pareto front",
+    )
     for (name, label), series in _by(rows, "method", "label").items():
         first = series[0]
         colour = COLOURS.get(name, COLOURS.get(first["family"], "#e377c2"))
@@ -101,12 +119,29 @@ def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
         known = np.array([row[f"{kind}_resolved"] for row in series])
         marker = MARKERS[first["denoise"]]
         axis.plot(x, y, style, color=colour, marker=marker, markersize=6, linewidth=1.3, label=label, zorder=2)
-        axis.plot(x[~known], y[~known], linestyle="", marker=marker, markersize=6, color=colour,
-                  markerfacecolor="white", zorder=3)
-        axis.annotate(str(series[-1]["spp"]), (x[-1], y[-1]), textcoords="offset points", xytext=(5, 4), fontsize=7,
-                      color=colour)
-    axis.plot([1.0], [np.nan], linestyle="", marker="o", markersize=6, color="#555555", markerfacecolor="white",
-              label="hollow: within the reference's noise")
+        axis.plot(
+            x[~known],
+            y[~known],
+            linestyle="",
+            marker=marker,
+            markersize=6,
+            color=colour,
+            markerfacecolor="white",
+            zorder=3,
+        )
+        axis.annotate(
+            str(series[-1]["spp"]), (x[-1], y[-1]), textcoords="offset points", xytext=(5, 4), fontsize=7, color=colour
+        )
+    axis.plot(
+        [1.0],
+        [np.nan],
+        linestyle="",
+        marker="o",
+        markersize=6,
+        color="#555555",
+        markerfacecolor="white",
+        label="hollow: within the reference's noise",
+    )
     axis.grid(True, which="major", alpha=0.35)
     axis.grid(True, which="minor", alpha=0.12)
     for one in (axis.xaxis, axis.yaxis):
@@ -117,8 +152,9 @@ def scenes(result: dict, path: Path) -> None:
     """RMSE against time of every scene beside each other, the series that differ most."""
     names = list(dict.fromkeys(row["scene"] for row in result["A"]))
     columns = min(3, len(names))
-    figure, axes = plt.subplots(-(-len(names) // columns), columns, figsize=(15, 4.3 * -(-len(names) // columns) + 0.9),
-                                squeeze=False)
+    figure, axes = plt.subplots(
+        -(-len(names) // columns), columns, figsize=(15, 4.3 * -(-len(names) // columns) + 0.9), squeeze=False
+    )
     labels: dict = {}
     for axis, name in zip(axes.flat, names, strict=False):
         rows = [row for row in result["A"] if row["scene"] == name and row["truth"] == "full"]
@@ -127,7 +163,7 @@ def scenes(result: dict, path: Path) -> None:
         axis.set(title=f"{name}: {result['scenes'][name]['title']}", ylabel=ERRORS["rmse"])
         axis.title.set_fontsize(10)
         labels |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
-    for axis in axes.flat[len(names):]:
+    for axis in axes.flat[len(names) :]:
         axis.set_visible(False)
     figure.suptitle(subtitle(result), fontsize=11)
     figure.tight_layout(rect=(0, 0.9 / figure.get_figheight(), 1, 0.99))
@@ -143,37 +179,66 @@ def steps_and_rates(result: dict, path: Path) -> None:
     steps = [row for row in result["sensors"] if row["sweep"] == "step"]
     rates = [row for row in result["sensors"] if row["sweep"] == "rate"]
     figure, axes = plt.subplots(1, 3, figsize=(15, 5.2), constrained_layout=True)
-    kinds = {"position_m": "position [m]", "attitude_rad": "attitude [rad]",
-             "specific_force": "accelerometer [m/s^2]", "angular_velocity": "gyroscope [rad/s]"}
+    kinds = {
+        "position_m": "position [m]",
+        "attitude_rad": "attitude [rad]",
+        "specific_force": "accelerometer [m/s^2]",
+        "angular_velocity": "gyroscope [rad/s]",
+    }
     _lines(axes[0], steps, kinds, lambda row: row["substep_ms"], "integration step [ms]", sensors.STEP_ORDER)
     axes[0].axvline(5.0, color="#888888", linestyle=":")
-    axes[0].annotate("the simulator's", (5.0, axes[0].get_ylim()[0]), xytext=(3, 6), textcoords="offset points",
-                     fontsize=8, color="#555555")
+    axes[0].annotate(
+        "the simulator's",
+        (5.0, axes[0].get_ylim()[0]),
+        xytext=(3, 6),
+        textcoords="offset points",
+        fontsize=8,
+        color="#555555",
+    )
     _lines(axes[1], steps, kinds, lambda row: row["cpu_seconds_per_second"], "CPU-seconds per simulated second", None)
     for row in (row for row in steps if row["actuator_frame"] == "world"):
-        axes[1].annotate(f"{row['substep_ms']:g} ms", (row["cpu_seconds_per_second"], row["position_m"]), fontsize=8,
-                         xytext=(-34, -12), textcoords="offset points")
-    _lines(axes[2], rates, dict(list(kinds.items())[:2]), lambda row: row["step_ms"],
-           "interval of the IMU rows [ms], 5 is 200 Hz", sensors.RATE_ORDER)
+        axes[1].annotate(
+            f"{row['substep_ms']:g} ms",
+            (row["cpu_seconds_per_second"], row["position_m"]),
+            fontsize=8,
+            xytext=(-34, -12),
+            textcoords="offset points",
+        )
+    _lines(
+        axes[2],
+        rates,
+        dict(list(kinds.items())[:2]),
+        lambda row: row["step_ms"],
+        "interval of the IMU rows [ms], 5 is 200 Hz",
+        sensors.RATE_ORDER,
+    )
     axes[0].set_ylabel(f"rms error against steps of {sensors.TRUTH_MS:g} ms")
     axes[1].set_ylabel("rms error, step by step")
     axes[2].set_ylabel("rms error of integrating the IMU alone, whole course")
     for axis in axes:
         axis.legend(fontsize=8)
-    figure.suptitle(f"Poses and IMU: filled: thrusters lag in world axes, hollow: in body axes. {subtitle(result)}",
-                    fontsize=11)
+    figure.suptitle(
+        f"Poses and IMU: filled: thrusters lag in world axes, hollow: in body axes. {subtitle(result)}", fontsize=11
+    )
     save(figure, path)
 
 
-def _lines(axis, rows: list[dict], kinds: dict[str, str], x_of: Callable[[dict], float], title: str,
-           order: int | None) -> None:
+def _lines(
+    axis, rows: list[dict], kinds: dict[str, str], x_of: Callable[[dict], float], title: str, order: int | None
+) -> None:
     """A line for each kind of error; the expected order of convergence as a grey line through the first's middle."""
     for number, (kind, label) in enumerate(kinds.items()):
         for (frame,), group in _by(rows, "actuator_frame").items():
             hollow = {"markerfacecolor": "white"} if frame == "body" else {"label": label}
-            axis.plot([x_of(row) for row in group], [row[kind] for row in group], "o" if frame == "body" else "o-",
-                      color=f"C{number}", markersize=8 if frame == "body" else 5, zorder=1 if frame == "body" else 2,
-                      **hollow)
+            axis.plot(
+                [x_of(row) for row in group],
+                [row[kind] for row in group],
+                "o" if frame == "body" else "o-",
+                color=f"C{number}",
+                markersize=8 if frame == "body" else 5,
+                zorder=1 if frame == "body" else 2,
+                **hollow,
+            )
     if order is not None:
         x = np.array(sorted({x_of(row) for row in rows}))
         middle = min(rows, key=lambda row: abs(np.log(x_of(row) / np.sqrt(x[0] * x[-1]))))

@@ -61,8 +61,13 @@ def along_rays(scene: Scene, lamp, origin: np.ndarray, rays: np.ndarray, nodes: 
     if axis is not None:
         integrand *= _edge((v @ axis + t * (rays @ axis)[:, None]) / d, lamp)
     path = np.maximum(t + d, 0.0)
-    return np.stack([water.sigma_s[k] * lamp.intensity[k] * (integrand * np.exp(-water.sigma_t[k] * path)).sum(axis=1)
-                     for k in range(3)], axis=1)
+    return np.stack(
+        [
+            water.sigma_s[k] * lamp.intensity[k] * (integrand * np.exp(-water.sigma_t[k] * path)).sum(axis=1)
+            for k in range(3)
+        ],
+        axis=1,
+    )
 
 
 def _crossings(v, rays, axis, cosine: float) -> np.ndarray:

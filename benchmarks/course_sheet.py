@@ -33,8 +33,17 @@ def panel(axis, name: str):
     shown = axis.scatter(place[::10, 0], place[::10, 1], c=speed[::10], s=5, vmin=0.0, vmax=FASTEST, cmap="viridis")
     rows = np.flatnonzero(step.time_ns % round(LOOKS_S * 1e9) == 0)
     forward = step.rotation().as_matrix()[rows, :, 1]
-    axis.quiver(place[rows, 0], place[rows, 1], forward[:, 0], forward[:, 1], color="0.35", angles="xy",
-                scale_units="xy", scale=1.6, width=0.006)
+    axis.quiver(
+        place[rows, 0],
+        place[rows, 1],
+        forward[:, 0],
+        forward[:, 1],
+        color="0.35",
+        angles="xy",
+        scale_units="xy",
+        scale=1.6,
+        width=0.006,
+    )
     axis.plot(*place[0, :2], "o", color="crimson", markersize=6)
     axis.set_title(f"{name}: {facts['length_m']:.0f} m in {facts['duration_s']:.0f} s", fontsize=10)
     axis.set_aspect("equal", adjustable="datalim")

@@ -83,8 +83,15 @@ def dissimilarity(images: np.ndarray, reference: Reference) -> tuple[float, floa
     truth = encode_color(reference.mean, gain)
 
     def against(image):
-        return 1.0 - structural_similarity(truth, encode_color(image, gain), channel_axis=2, data_range=255,
-                                           gaussian_weights=True, sigma=1.5, use_sample_covariance=False)
+        return 1.0 - structural_similarity(
+            truth,
+            encode_color(image, gain),
+            channel_axis=2,
+            data_range=255,
+            gaussian_weights=True,
+            sigma=1.5,
+            use_sample_covariance=False,
+        )
 
     noise = np.random.default_rng(0).standard_normal(truth.shape) * reference.stderr
     return float(np.mean([against(image) for image in images])), float(against(reference.mean + noise))
@@ -105,11 +112,18 @@ def measure(images: np.ndarray, reference: Reference) -> dict:
     worst, middle = int(np.argmax(limit)), int(np.argmax(median))
     known = reference.known
     off = images[:, known].mean(axis=(0, 1)) / reference.mean[known].mean(axis=0) - 1.0
-    row = {"rmse": float(rmse[worst]), "rmse_limit": float(limit[worst]), "rmse_resolved": bool(rmse[worst] > 0.0),
-           "median": float(median[middle]), "median_limit": float(median[middle]),
-           "median_resolved": bool(median[middle] > 2.0 * floor[middle]),
-           "pixels": float(reference.known.mean()),
-           "ssim": ssim, "ssim_limit": ssim, "ssim_resolved": bool(ssim > 2.0 * ssim_floor)}
+    row = {
+        "rmse": float(rmse[worst]),
+        "rmse_limit": float(limit[worst]),
+        "rmse_resolved": bool(rmse[worst] > 0.0),
+        "median": float(median[middle]),
+        "median_limit": float(median[middle]),
+        "median_resolved": bool(median[middle] > 2.0 * floor[middle]),
+        "pixels": float(reference.known.mean()),
+        "ssim": ssim,
+        "ssim_limit": ssim,
+        "ssim_resolved": bool(ssim > 2.0 * ssim_floor),
+    }
     for name, values in (("rmse", rmse), ("median", median), ("mean_off", off)):
         row |= {f"{name}_{channel}": float(value) for channel, value in zip("rgb", values, strict=True)}
     return row

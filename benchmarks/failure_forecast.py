@@ -30,8 +30,10 @@ TABLE = ROOT / "benchmarks" / "results" / "failure_forecast.csv"
 FORECAST = ROOT / "varos_warp" / "data" / "readiness" / "forecast.json"
 WATERS = ("IB", "III", "1C", "3C", "7C")
 COMMON = ("vehicle.cameras.0.resolution=[320,180]", "particles=[]", "render.max_triangles=250000")
-LEFT = ("{id: L0, position: [-0.1, 0, 0], rotation_euler_deg: [-65, 0, 0], resolution: [320, 180], "
-        "sensor_mm: [7.2, 4.05], focal_mm: 5.0}")
+LEFT = (
+    "{id: L0, position: [-0.1, 0, 0], rotation_euler_deg: [-65, 0, 0], resolution: [320, 180], "
+    "sensor_mm: [7.2, 4.05], focal_mm: 5.0}"
+)
 SCENES = {
     "pipeline_inspection": ("render.frame_rate_hz=4", "trajectory.duration_s=3.5"),
     "hull": ("render.frame_rate_hz=4",),
@@ -51,9 +53,31 @@ def make(out: Path) -> None:
     for name, changes in SCENES.items():
         scene = ROOT / "varos_warp" / "data" / "templates" / f"{name}.yaml"
         words = [f"--set={change}" for change in (*COMMON, *changes)]
-        subprocess.run([sys.executable, "-m", "varos_warp", "sweep", str(scene), "-o", str(out / name),
-                        "--over", f"water.jerlov.type={','.join(WATERS)}", *words, "--outputs", "A", "--frames", "0:12",
-                        "--spp", "2", "--integrator", "path", "--seed", "1"], check=True)
+        subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "varos_warp",
+                "sweep",
+                str(scene),
+                "-o",
+                str(out / name),
+                "--over",
+                f"water.jerlov.type={','.join(WATERS)}",
+                *words,
+                "--outputs",
+                "A",
+                "--frames",
+                "0:12",
+                "--spp",
+                "2",
+                "--integrator",
+                "path",
+                "--seed",
+                "1",
+            ],
+            check=True,
+        )
 
 
 def table(out: Path) -> None:
@@ -66,9 +90,15 @@ def table(out: Path) -> None:
             found = by_frame(data, camera)
             for step, failed in enumerate(odometries(data, camera, SEEDS)[0]["mono"].failed_steps):
                 signs = {sign: found[sign][step] if sign in found else None for sign in SIGNS}
-                rows.append({"scene": name, "water": root.name, "frame": data.frames[step],
-                             **{k: "" if v is None else f"{v:.6g}" for k, v in signs.items()},
-                             "failed": f"{failed:.6g}"})
+                rows.append(
+                    {
+                        "scene": name,
+                        "water": root.name,
+                        "frame": data.frames[step],
+                        **{k: "" if v is None else f"{v:.6g}" for k, v in signs.items()},
+                        "failed": f"{failed:.6g}",
+                    }
+                )
     with TABLE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, rows[0], lineterminator="\n")
         writer.writeheader()
@@ -84,8 +114,11 @@ def read() -> list[dict[str, str]]:
 def arrays(rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Regressors [N, 5], whether the step failed [N], and the dataset that it is of [N]."""
     x = np.array([regressors({sign: float(row[sign] or 0.0) for sign in SIGNS}) for row in rows])
-    return x, np.array([float(row["failed"]) >= 0.5 for row in rows]), np.array(
-        [f"{row['scene']} {row['water']}" for row in rows])
+    return (
+        x,
+        np.array([float(row["failed"]) >= 0.5 for row in rows]),
+        np.array([f"{row['scene']} {row['water']}" for row in rows]),
+    )
 
 
 def fitted(x: np.ndarray, failed: np.ndarray) -> Forecast:
@@ -120,9 +153,15 @@ def bootstrap(score: np.ndarray, failed: np.ndarray, dataset: np.ndarray) -> flo
 
 def tested(score: np.ndarray, failed: np.ndarray, dataset: np.ndarray) -> dict[str, float | int]:
     """How well a score tells the steps that fail from the others."""
-    return {"datasets": len(np.unique(dataset)), "steps": len(failed), "failed": int(failed.sum()),
-            "auc": round(auc(score, failed), 4), "auc_stderr": round(bootstrap(score, failed, dataset), 4),
-            "brier": round(float(((score - failed) ** 2).mean()), 4), "mean_chance": round(float(score.mean()), 4)}
+    return {
+        "datasets": len(np.unique(dataset)),
+        "steps": len(failed),
+        "failed": int(failed.sum()),
+        "auc": round(auc(score, failed), 4),
+        "auc_stderr": round(bootstrap(score, failed, dataset), 4),
+        "brier": round(float(((score - failed) ** 2).mean()), 4),
+        "mean_chance": round(float(score.mean()), 4),
+    }
 
 
 def result() -> dict:
@@ -132,18 +171,29 @@ def result() -> dict:
     x, failed, dataset = arrays(parts[False])
     model, (unseen_x, unseen, unseen_of) = fitted(x, failed), arrays(parts[True])
     chance = model.chance(unseen_x)
-    by_scene = {name: tested(chance[of], unseen[of], unseen_of[of]) for name in HELD_OUT
-                if (of := np.char.startswith(unseen_of, name)).any()}
-    numbers = {name: dict(zip(SIGNS, np.round(getattr(model, name), 6).tolist(), strict=True))
-               for name in ("mean", "scale", "coefficients")}
-    return {"made_by": "benchmarks/failure_forecast.py, from benchmarks/results/failure_forecast.csv",
-            "forecasts": "that the mono odometry fails at the step to the next frame (readiness/score.py, failed)",
-            "rendered": "templates, 12 frames of 320 x 180, 2 samples by path tracing, denoised by OIDN, no snow",
-            "fitted_on": {"scenes": sorted({row["scene"] for row in parts[False]}),
-                          "waters": sorted({row["water"] for row in parts[False]}),
-                          **tested(model.chance(x), failed, dataset)},
-            "held_out": {"scenes": list(HELD_OUT), **tested(chance, unseen, unseen_of), "by_scene": by_scene},
-            "penalty": PENALTY, **numbers, "intercept": round(model.intercept, 6)}
+    by_scene = {
+        name: tested(chance[of], unseen[of], unseen_of[of])
+        for name in HELD_OUT
+        if (of := np.char.startswith(unseen_of, name)).any()
+    }
+    numbers = {
+        name: dict(zip(SIGNS, np.round(getattr(model, name), 6).tolist(), strict=True))
+        for name in ("mean", "scale", "coefficients")
+    }
+    return {
+        "made_by": "benchmarks/failure_forecast.py, from benchmarks/results/failure_forecast.csv",
+        "forecasts": "that the mono odometry fails at the step to the next frame (readiness/score.py, failed)",
+        "rendered": "templates, 12 frames of 320 x 180, 2 samples by path tracing, denoised by OIDN, no snow",
+        "fitted_on": {
+            "scenes": sorted({row["scene"] for row in parts[False]}),
+            "waters": sorted({row["water"] for row in parts[False]}),
+            **tested(model.chance(x), failed, dataset),
+        },
+        "held_out": {"scenes": list(HELD_OUT), **tested(chance, unseen, unseen_of), "by_scene": by_scene},
+        "penalty": PENALTY,
+        **numbers,
+        "intercept": round(model.intercept, 6),
+    }
 
 
 def main(words: list[str]) -> None:

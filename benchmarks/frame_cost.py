@@ -79,20 +79,29 @@ def main() -> None:
     parser.add_argument("--estimate-spp", type=int, default=768)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "frame_cost.json")
     options = parser.parse_args()
-    numbers = {name: [kind(n) for n in getattr(options, name).split(",")]
-               for name, kind in (("frames", int), ("spp", float), ("spp_b", int))}
+    numbers = {
+        name: [kind(n) for n in getattr(options, name).split(",")]
+        for name, kind in (("frames", int), ("spp", float), ("spp_b", int))
+    }
     scene = load_scene(options.scene)
     simulation = simulate(scene)
     poses = list(simulation.frames.poses())
     renderer = FrameRenderer(scene, options.device)
-    result = {"machine": machine(renderer.device), "scene": scene.name,
-              "resolution": scene.vehicle.cameras[0].resolution, "estimate_spp": options.estimate_spp}
+    result = {
+        "machine": machine(renderer.device),
+        "scene": scene.name,
+        "resolution": scene.vehicle.cameras[0].resolution,
+        "estimate_spp": options.estimate_spp,
+    }
     result["cost"] = [{"spp": spp} | cost(renderer, poses, "A", spp=spp, **AS_IN_A_RUN) for spp in numbers["spp"]]
     result["cost"] += [{"spp": spp} | cost(renderer, poses, "B", spp_b=spp, **AS_IN_A_RUN) for spp in numbers["spp_b"]]
     result["cost"].append(cost(renderer, poses, "CDS"))
-    result["errors"] = [{"frame": frame} | row for frame in numbers["frames"]
-                        for letter, counts in (("A", numbers["spp"]), ("B", numbers["spp_b"]))
-                        for row in errors(renderer, poses[frame], letter, counts, options.estimate_spp)]
+    result["errors"] = [
+        {"frame": frame} | row
+        for frame in numbers["frames"]
+        for letter, counts in (("A", numbers["spp"]), ("B", numbers["spp_b"]))
+        for row in errors(renderer, poses[frame], letter, counts, options.estimate_spp)
+    ]
     for row in result["cost"] + result["errors"]:
         print(json.dumps(row))
     options.out.parent.mkdir(parents=True, exist_ok=True)

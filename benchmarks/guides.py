@@ -82,9 +82,15 @@ def measured(name: str, device: str) -> Iterator[dict]:
             for guides in frames[0]:
                 images = np.array([frame[guides] for frame in frames])
                 row = scores.block_row(images, reference)
-                yield {"scene": name, "integrator": integrator, "spp": spp, "guides": guides,
-                       "error": round(100 * float(scores.relative_rmse(images, reference).max()), 3),
-                       "block_99": round(100 * row["block_99"], 2), "worst_block": round(100 * row["block_worst"], 2)}
+                yield {
+                    "scene": name,
+                    "integrator": integrator,
+                    "spp": spp,
+                    "guides": guides,
+                    "error": round(100 * float(scores.relative_rmse(images, reference).max()), 3),
+                    "block_99": round(100 * row["block_99"], 2),
+                    "worst_block": round(100 * row["block_worst"], 2),
+                }
 
 
 def main() -> None:

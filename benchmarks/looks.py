@@ -90,7 +90,7 @@ def _squares(luminance: np.ndarray) -> Iterable[np.ndarray]:
     side = min(luminance.shape)
     long = luminance if luminance.shape[1] >= side and luminance.shape[0] == side else luminance.T
     for start in range(0, long.shape[1] - side + 1, max(side // 2, 1)):
-        yield long[:, start:start + side]
+        yield long[:, start : start + side]
 
 
 def _power(square: np.ndarray) -> np.ndarray:
@@ -124,10 +124,16 @@ def table(looks: dict[str, Look]) -> str:
     rows = {**looks, "median": Look(*np.median([list(asdict(look).values()) for look in looks.values()], axis=0))}
     wide = max(map(len, rows))
     head = f"{'':{wide}}  power slope  upper slope  log gradients: std  kurtosis  clipped %  dark %"
-    return "\n".join([head, *(
-        f"{name:{wide}}  {look.power_slope:11.2f}  {look.upper_slope:11.2f}  {look.gradient_std:18.3f}  "
-        f"{look.gradient_kurtosis:8.1f}  {100 * look.clipped:9.2f}  {100 * look.dark:6.1f}"
-        for name, look in rows.items())])
+    return "\n".join(
+        [
+            head,
+            *(
+                f"{name:{wide}}  {look.power_slope:11.2f}  {look.upper_slope:11.2f}  {look.gradient_std:18.3f}  "
+                f"{look.gradient_kurtosis:8.1f}  {100 * look.clipped:9.2f}  {100 * look.dark:6.1f}"
+                for name, look in rows.items()
+            ),
+        ]
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -16,8 +16,9 @@ def commit() -> str:
     """Short hash of the checkout; without its history what VAROS_WARP_COMMIT says, or unknown."""
     given = os.environ.get("VAROS_WARP_COMMIT", "unknown")
     try:
-        result = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True,
-                                cwd=Path(__file__).parent)
+        result = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
+        )
     except OSError:
         return given
     return result.stdout.strip() or given
@@ -35,9 +36,16 @@ def cpu_name() -> str:
 
 def machine(device: str) -> dict:
     """Facts that stand beside the numbers."""
-    return {"device": device, "device_name": cpu_name() if device == "cpu" else wp.get_device(device).name,
-            "cpu": cpu_name(), "cores": usable_cores(), "system": platform.system(), "warp": wp.__version__,
-            "commit": commit(), "date": datetime.now(UTC).date().isoformat()}
+    return {
+        "device": device,
+        "device_name": cpu_name() if device == "cpu" else wp.get_device(device).name,
+        "cpu": cpu_name(),
+        "cores": usable_cores(),
+        "system": platform.system(),
+        "warp": wp.__version__,
+        "commit": commit(),
+        "date": datetime.now(UTC).date().isoformat(),
+    }
 
 
 class Stopwatch:

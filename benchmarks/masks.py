@@ -28,16 +28,21 @@ from varos_warp.scene.file.load import scene_from_dict
 ROOT = Path(__file__).parents[1]
 KINDS = ("opaque", "one hole", "holes everywhere", "half")
 REPEATS, FRAMES = 5, 3
-LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.2], "direction": [0, 1, 0], "cone_deg": 65,
-          "intensity": [100, 100, 100]} for x in (-0.4, 0.4)]
+LAMPS = [
+    {"kind": "spot", "position": [x, -0.1, 0.2], "direction": [0, 1, 0], "cone_deg": 65, "intensity": [100, 100, 100]}
+    for x in (-0.4, 0.4)
+]
 
 
 def leaf(kind: str) -> Image.Image:
     """A texture of 256 x 256 texels whose alpha cuts nothing, some texels or half of the area."""
     row, col = np.indices((256, 256))
-    alpha = {"opaque": row >= 0, "one hole": (row != 128) | (col != 128),
-             "holes everywhere": (row % 12 != 6) | (col % 64 != 32),
-             "half": (np.sin(row / 7.0) + np.sin(col / 5.0)) > 0.0}[kind]
+    alpha = {
+        "opaque": row >= 0,
+        "one hole": (row != 128) | (col != 128),
+        "holes everywhere": (row % 12 != 6) | (col % 64 != 32),
+        "half": (np.sin(row / 7.0) + np.sin(col / 5.0)) > 0.0,
+    }[kind]
     colour = np.stack([80 + row // 3, 120 + col // 3, 60 + 0 * row], axis=-1)
     return Image.fromarray(np.concatenate([colour, 255 * alpha[..., None]], axis=-1).astype(np.uint8))
 
@@ -48,8 +53,9 @@ def board_file(folder: Path, kind: str) -> str:
     places = np.array([[0.4 * u - 0.2, 0.15 * np.sin(3 * v), 2 * v] for v in rows for u in (0, 1)])
     uv = np.array([[u, v] for v in rows for u in (0, 1)])
     faces = [face for k in range(0, 22, 2) for face in ([k, k + 1, k + 3], [k, k + 3, k + 2])]
-    material = PBRMaterial(baseColorTexture=leaf(kind), alphaMode="OPAQUE" if kind == "opaque" else "MASK",
-                           alphaCutoff=0.5)
+    material = PBRMaterial(
+        baseColorTexture=leaf(kind), alphaMode="OPAQUE" if kind == "opaque" else "MASK", alphaCutoff=0.5
+    )
     mesh = trimesh.Trimesh(places, faces, visual=TextureVisuals(uv, material=material), process=False)
     name = f"{kind.replace(' ', '_')}.glb"
     mesh.export(folder / name)
@@ -59,13 +65,22 @@ def board_file(folder: Path, kind: str) -> str:
 def scene(folder: Path, kind: str, resolution: list[int], many: int):
     """Boards that stand before a camera."""
     name, rng = board_file(folder, kind), np.random.default_rng(1)
-    boards = [{"kind": "mesh", "file": name, "up_axis": "z", "position": [x, y, 0], "rotation_euler_deg": [0, 0, turn]}
-              for x, y, turn in zip(rng.uniform(-2, 2, many), rng.uniform(1.5, 6, many),
-                                    rng.uniform(0, 360, many), strict=True)]
-    return scene_from_dict({
-        "water": {"jerlov": {"type": "3C"}}, "terrain": {"kind": "procedural", "resolution": 65}, "objects": boards,
-        "vehicle": {"cameras": [{"resolution": resolution}], "lights": LAMPS},
-        "trajectory": {"poses": [{"position": [0, 0, 1.0]}]}}, folder)
+    boards = [
+        {"kind": "mesh", "file": name, "up_axis": "z", "position": [x, y, 0], "rotation_euler_deg": [0, 0, turn]}
+        for x, y, turn in zip(
+            rng.uniform(-2, 2, many), rng.uniform(1.5, 6, many), rng.uniform(0, 360, many), strict=True
+        )
+    ]
+    return scene_from_dict(
+        {
+            "water": {"jerlov": {"type": "3C"}},
+            "terrain": {"kind": "procedural", "resolution": 65},
+            "objects": boards,
+            "vehicle": {"cameras": [{"resolution": resolution}], "lights": LAMPS},
+            "trajectory": {"poses": [{"position": [0, 0, 1.0]}]},
+        },
+        folder,
+    )
 
 
 def kernel_ms(renderer: FrameRenderer, spp: int) -> float:
@@ -79,8 +94,9 @@ def kernel_ms(renderer: FrameRenderer, spp: int) -> float:
 def frame_times(options, resolution: list[int]) -> tuple[str, dict[str, float]]:
     """The device, and median milliseconds of a frame with each texture; the first, which compiles, is not counted."""
     with tempfile.TemporaryDirectory() as folder:
-        renderers = {kind: FrameRenderer(scene(Path(folder), kind, resolution, options.boards), options.device)
-                     for kind in KINDS}
+        renderers = {
+            kind: FrameRenderer(scene(Path(folder), kind, resolution, options.boards), options.device) for kind in KINDS
+        }
         times: dict[str, list[float]] = {kind: [] for kind in KINDS}
         for _ in range(REPEATS + 1):
             for kind, renderer in renderers.items():
@@ -98,8 +114,14 @@ def main() -> None:
     options = parser.parse_args()
     resolution = [int(side) for side in options.resolution.split("x")]
     at, frames = frame_times(options, resolution)
-    result = {"machine": machine(at), "boards": options.boards, "resolution": resolution, "spp": options.spp,
-              "kernels_ms": frames, "of_opaque": {kind: round(ms / frames["opaque"], 4) for kind, ms in frames.items()}}
+    result = {
+        "machine": machine(at),
+        "boards": options.boards,
+        "resolution": resolution,
+        "spp": options.spp,
+        "kernels_ms": frames,
+        "of_opaque": {kind: round(ms / frames["opaque"], 4) for kind, ms in frames.items()},
+    }
     print(json.dumps(result))
     options.out.write_text(json.dumps(result, indent=1) + "\n")
 

@@ -39,10 +39,23 @@ class Method:
 NOTHING_MORE = ("full", "single")
 OURS = (
     Method("direct", "direct light only", "direct", {"layers": ("direct",)}, LADDER[:4]),
-    Method("single", "direct + single scattering", "single", {"layers": ("direct", "single")}, LADDER[:4],
-           truth=NOTHING_MORE),
-    *(Method(f"scatterings_{n}", f"paths, at most {n} scattering{'s' * (n > 1)}", f"scatterings_{n}",
-             {"integrator": "path", "max_scatterings": n}) for n in (1, 2, 3)),
+    Method(
+        "single",
+        "direct + single scattering",
+        "single",
+        {"layers": ("direct", "single")},
+        LADDER[:4],
+        truth=NOTHING_MORE,
+    ),
+    *(
+        Method(
+            f"scatterings_{n}",
+            f"paths, at most {n} scattering{'s' * (n > 1)}",
+            f"scatterings_{n}",
+            {"integrator": "path", "max_scatterings": n},
+        )
+        for n in (1, 2, 3)
+    ),
     Method("reference", "plain path tracer", "reference", {"integrator": "reference"}),
     Method("path", "paths", "path", {"integrator": "path"}),
     Method("path+nlm", "paths, NLM", "path", {"integrator": "path"}, LADDER[:5], denoise="nlm"),
@@ -63,9 +76,18 @@ def peers() -> list[Method]:
         from benchmarks.peers import available
     except ImportError:
         return []
-    return [Method(f"{name}{'+oidn' * denoised}", f"{name.capitalize()}{', OIDN' * denoised}", name, spp=LADDER[1:],
-                   denoise="oidn" if denoised else "none", peer=name)
-            for name in available() for denoised in range(1 + (name in DENOISING_PEERS))]
+    return [
+        Method(
+            f"{name}{'+oidn' * denoised}",
+            f"{name.capitalize()}{', OIDN' * denoised}",
+            name,
+            spp=LADDER[1:],
+            denoise="oidn" if denoised else "none",
+            peer=name,
+        )
+        for name in available()
+        for denoised in range(1 + (name in DENOISING_PEERS))
+    ]
 
 
 def find(names, quick: bool = False) -> list[Method]:
@@ -77,8 +99,9 @@ def find(names, quick: bool = False) -> list[Method]:
     known = {method.name: method for method in (*OURS, *peers())}
     for name in names:
         if name not in known:
-            raise InputError("there is no such method", key="--methods", value=name,
-                             remedy=f"There are: {', '.join(known)}.")
+            raise InputError(
+                "there is no such method", key="--methods", value=name, remedy=f"There are: {', '.join(known)}."
+            )
     return [known[name] for name in dict.fromkeys(names or (QUICK if quick else known))]
 
 
@@ -148,6 +171,13 @@ class Workshop:
     def _peer(self, method: Method, spp: int) -> Timed:
         from benchmarks.peers import render
 
-        made = render(method.peer, self.bench.scene, self.bench.parts, self.bench.camera, self.bench.T_w_v, spp=spp,
-                      denoise=method.denoise != "none")
+        made = render(
+            method.peer,
+            self.bench.scene,
+            self.bench.parts,
+            self.bench.camera,
+            self.bench.T_w_v,
+            spp=spp,
+            denoise=method.denoise != "none",
+        )
         return Timed(np.array([made.radiance], float), made.seconds, made.cpu_seconds, made.setup_seconds)

@@ -94,10 +94,21 @@ def _methods(rows: list[dict], device: str) -> str:
     """The last point of every method: what its error comes down to and what it costs."""
     last = {row["method"]: row for row in rows if row["truth"] == "full"}
     unit = "CPU-s" if device == "cpu" else "s"
-    return _table(["method", "samples", unit, "relative RMSE", "median R / G / B", "1 - SSIM", "set up [s]"], [
-        [row["label"], row["spp"], f"{chart.seconds_of(row, device):.3g}",
-         _number(row["rmse_limit"], row["rmse_resolved"]), " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
-         _number(row["ssim"], row["ssim_resolved"]), f"{row['setup_seconds']:.2g}"] for row in last.values()])
+    return _table(
+        ["method", "samples", unit, "relative RMSE", "median R / G / B", "1 - SSIM", "set up [s]"],
+        [
+            [
+                row["label"],
+                row["spp"],
+                f"{chart.seconds_of(row, device):.3g}",
+                _number(row["rmse_limit"], row["rmse_resolved"]),
+                " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
+                _number(row["ssim"], row["ssim_resolved"]),
+                f"{row['setup_seconds']:.2g}",
+            ]
+            for row in last.values()
+        ],
+    )
 
 
 def seconds_to(rows: list[dict], target: float, device: str) -> str:
@@ -126,8 +137,9 @@ def _targets(rows: list[dict], device: str) -> str:
     lines = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
         for method in chart.MAIN:
-            series = [row for row in rows if row["scene"] == scene and row["method"] == method
-                      and row["truth"] == "full"]
+            series = [
+                row for row in rows if row["scene"] == scene and row["method"] == method and row["truth"] == "full"
+            ]
             cells = [seconds_to(series, target, device) for target in TARGETS if series]
             if not all(cell.startswith(">") for cell in cells):
                 lines.append([scene, series[0]["label"], *cells])
@@ -138,15 +150,27 @@ def _targets(rows: list[dict], device: str) -> str:
 def _own_truth(rows: list[dict]) -> str:
     """Direct light and single scattering against a reference of just these."""
     last = {row["scene"]: row for row in rows if row["truth"] == "single"}
-    return _table(["scene", "samples", "relative RMSE", "median R / G / B", "image means off R / G / B [%]"], [
-        [name, row["spp"], _number(row["rmse_limit"], row["rmse_resolved"]),
-         " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
-         " / ".join(f"{100 * row[f'mean_off_{c}']:.2f}" for c in "rgb")] for name, row in last.items()])
+    return _table(
+        ["scene", "samples", "relative RMSE", "median R / G / B", "image means off R / G / B [%]"],
+        [
+            [
+                name,
+                row["spp"],
+                _number(row["rmse_limit"], row["rmse_resolved"]),
+                " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
+                " / ".join(f"{100 * row[f'mean_off_{c}']:.2f}" for c in "rgb"),
+            ]
+            for name, row in last.items()
+        ],
+    )
 
 
 def _left_out(scenes: dict[str, dict]) -> str:
-    lines = [f"* {name}: {method}: {why.splitlines()[0]}\n" for name, scene in scenes.items()
-             for method, why in scene.get("left_out", {}).items()]
+    lines = [
+        f"* {name}: {method}: {why.splitlines()[0]}\n"
+        for name, scene in scenes.items()
+        for method, why in scene.get("left_out", {}).items()
+    ]
     return "".join(lines) or "* nothing\n"
 
 
@@ -154,11 +178,25 @@ def _sensors(rows: list[dict]) -> str:
     steps = [row for row in rows if row["sweep"] == "step" and row["actuator_frame"] == "world"]
     rates = [row for row in rows if row["sweep"] == "rate"]
     keys = ("position_m", "attitude_rad", "specific_force", "angular_velocity", "cpu_seconds_per_second")
-    text = _table(["integration step [ms]", "position [m]", "attitude [rad]", "accelerometer [m/s^2]",
-                   "gyroscope [rad/s]", "CPU-s per s"],
-                  [[f"{row['substep_ms']:g}", *(f"{row[key]:.2g}" for key in keys)] for row in steps])
-    return text + "\n" + _table(["IMU rate [Hz]", "dead reckoning: position [m]", "attitude [rad]"], [
-        [row["rate_hz"], *(f"{row[key]:.2g}" for key in keys[:2])] for row in rates])
+    text = _table(
+        [
+            "integration step [ms]",
+            "position [m]",
+            "attitude [rad]",
+            "accelerometer [m/s^2]",
+            "gyroscope [rad/s]",
+            "CPU-s per s",
+        ],
+        [[f"{row['substep_ms']:g}", *(f"{row[key]:.2g}" for key in keys)] for row in steps],
+    )
+    return (
+        text
+        + "\n"
+        + _table(
+            ["IMU rate [Hz]", "dead reckoning: position [m]", "attitude [rad]"],
+            [[row["rate_hz"], *(f"{row[key]:.2g}" for key in keys[:2])] for row in rates],
+        )
+    )
 
 
 if __name__ == "__main__":

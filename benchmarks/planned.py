@@ -30,8 +30,10 @@ from varos_warp.sim.trajectory import simulate
 EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"
 SIZE = "vehicle.cameras.0.resolution=[320,180]"
 CLEAR, REF1 = HERE / "scenes/floor_clear.yaml", HERE / "scenes/ref1/scene.yaml"
-PAPER = ("water={principled: {density: 0.125, color: [0.014, 0.146, 0.345], absorption_color: [0.0, 0.394, 1.0], "
-         "anisotropy: 0.8}}")
+PAPER = (
+    "water={principled: {density: 0.125, color: [0.014, 0.146, 0.345], absorption_color: [0.0, 0.394, 1.0], "
+    "anisotropy: 0.8}}"
+)
 ABOVE = "trajectory.poses=[{position: [0, 0, 6], look_at: [0, 3, 0]}]"
 NEAR = "trajectory.poses=[{position: [-0.4, 3.0, 0.9], look_at: [0, 5, 0.2]}]"
 
@@ -59,8 +61,11 @@ CASES = {
     "ref1": Case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
     "ref1_plain": Case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
     "ref1_tight": Case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
-    "ref1_loose": Case("ref1, 5 %, 1280 x 720", REF1, ("render.denoise=oidn", "render.tolerance=0.05",
-                                                       "vehicle.cameras.0.resolution=[1280,720]")),
+    "ref1_loose": Case(
+        "ref1, 5 %, 1280 x 720",
+        REF1,
+        ("render.denoise=oidn", "render.tolerance=0.05", "vehicle.cameras.0.resolution=[1280,720]"),
+    ),
     "demo": Case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
     "ocean_III": Case("Jerlov III, from 6 m", CLEAR, (jerlov("III"), ABOVE)),
     "near_IB": Case("Jerlov IB, near by", CLEAR, (jerlov("IB"), NEAR)),
@@ -68,12 +73,23 @@ CASES = {
     "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
     "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
     "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
-    "boom": Case("lights a metre off", CLEAR, (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in
-                                                       enumerate((-1.0, 1.0))))),
+    "boom": Case(
+        "lights a metre off",
+        CLEAR,
+        (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in enumerate((-1.0, 1.0)))),
+    ),
     "peaked": Case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
-    "fixed_camera": Case("a camera in the world", CLEAR,
-                         (PAPER, "vehicle.cameras.0.mount=world", "vehicle.cameras.0.position=[-1.5,1,1.3]",
-                          "vehicle.cameras.0.look_at=[0,5,0.2]", "render.tolerance=0.03")),
+    "fixed_camera": Case(
+        "a camera in the world",
+        CLEAR,
+        (
+            PAPER,
+            "vehicle.cameras.0.mount=world",
+            "vehicle.cameras.0.position=[-1.5,1,1.3]",
+            "vehicle.cameras.0.look_at=[0,5,0.2]",
+            "render.tolerance=0.03",
+        ),
+    ),
     "no_water": Case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
 }
 
@@ -117,8 +133,9 @@ class Bench:
     def many(self, integrator: str) -> list[np.ndarray]:
         """Independent images with many samples each."""
         watch, images = Stopwatch(), []
-        while len(images) < ESTIMATES or (noise(images) > 0.2 * self.scene.render.tolerance
-                                       and watch.seconds < ESTIMATE_SECONDS):
+        while len(images) < ESTIMATES or (
+            noise(images) > 0.2 * self.scene.render.tolerance and watch.seconds < ESTIMATE_SECONDS
+        ):
             image = self.image(-1 - len(images), integrator=integrator, spp=ESTIMATE_SPP[integrator]).radiance
             images.append(image.astype(float))
         return images
@@ -159,12 +176,23 @@ def check(name: str, device: str) -> dict:
     made = bench.measure(estimates, **plan.options)
     hand = bench.by_hand(estimates, max(tolerance, *made["error"]))
     best = min(hand, key=lambda row: row["seconds"], default=None)
-    return {"case": name, "title": bench.case.title, "tolerance": tolerance, "plan": plan.to_dict(),
-            "predicted": plan.error.tolist(), "measured": made["error"], "seconds": made["seconds"],
-            "spp": made["spp"], "planning_s": planning, "estimates_noise": noise(estimates), "best": best,
-            "bounded": bool(np.all(np.array(made["error"]) <= plan.error)),
-            "kept": bool(max(made["error"]) <= tolerance),
-            "time_ratio": None if best is None else made["seconds"] / best["seconds"], "by_hand": hand}
+    return {
+        "case": name,
+        "title": bench.case.title,
+        "tolerance": tolerance,
+        "plan": plan.to_dict(),
+        "predicted": plan.error.tolist(),
+        "measured": made["error"],
+        "seconds": made["seconds"],
+        "spp": made["spp"],
+        "planning_s": planning,
+        "estimates_noise": noise(estimates),
+        "best": best,
+        "bounded": bool(np.all(np.array(made["error"]) <= plan.error)),
+        "kept": bool(max(made["error"]) <= tolerance),
+        "time_ratio": None if best is None else made["seconds"] / best["seconds"],
+        "by_hand": hand,
+    }
 
 
 def chart(rows: list[dict], path: Path):
@@ -200,8 +228,23 @@ def main():
         row = check(name, arguments.device)
         rows = [old for old in rows if old["case"] != name] + [row]
         arguments.output.write_text(json.dumps({**machine(arguments.device), "rows": rows}, indent=1) + "\n")
-        print({key: row[key] for key in ("case", "predicted", "measured", "spp", "seconds", "time_ratio", "best",
-                                         "planning_s", "estimates_noise")}, flush=True)
+        print(
+            {
+                key: row[key]
+                for key in (
+                    "case",
+                    "predicted",
+                    "measured",
+                    "spp",
+                    "seconds",
+                    "time_ratio",
+                    "best",
+                    "planning_s",
+                    "estimates_noise",
+                )
+            },
+            flush=True,
+        )
     chart(rows, arguments.output.with_suffix(".png"))
 
 

@@ -54,9 +54,15 @@ def compare(bench: BenchScene, methods: list[Method], device: str, seconds: floa
     the field, references that must be made first. Returns the number of points.
     """
     known, workshop, clock = references(bench, device, tell), Workshop(bench, device), Budget(device)
-    facts = store.scenes.setdefault(bench.name, {
-        "title": bench.title, "triangles": sum(len(part.faces) for part in bench.parts),
-        "resolution": list(bench.camera.resolution), "left_out": {}})
+    facts = store.scenes.setdefault(
+        bench.name,
+        {
+            "title": bench.title,
+            "triangles": sum(len(part.faces) for part in bench.parts),
+            "resolution": list(bench.camera.resolution),
+            "left_out": {},
+        },
+    )
     running, points = [Series(method, list(method.spp)) for method in methods], 0
     with tables_of_its_own():
         while running:
@@ -78,8 +84,9 @@ def compare(bench: BenchScene, methods: list[Method], device: str, seconds: floa
     return points
 
 
-def _point(workshop: Workshop, series: Series, known: dict[str, Reference], clock: Budget, store: Store,
-           tell: Tell) -> None:
+def _point(
+    workshop: Workshop, series: Series, known: dict[str, Reference], clock: Budget, store: Store, tell: Tell
+) -> None:
     """The next number of samples of a series: rows in the store, and how long the one after that will take."""
     bench, method = workshop.bench, series.method
     if series.render is None:
@@ -87,14 +94,27 @@ def _point(workshop: Workshop, series: Series, known: dict[str, Reference], cloc
     spp, before = series.left.pop(0), clock.seconds
     made = series.render(spp)
     for truth in (truth for truth in method.truth if truth in known):
-        row = {"scene": bench.name, "method": method.name, "label": method.label, "family": method.family, "spp": spp,
-               "denoise": method.denoise, "peer": method.peer, "truth": truth, "repeats": len(made.images),
-               "seconds": made.seconds, "cpu_seconds": made.cpu_seconds,
-               "setup_seconds": series.setup_seconds + made.setup_seconds, **measure(made.images, known[truth])}
+        row = {
+            "scene": bench.name,
+            "method": method.name,
+            "label": method.label,
+            "family": method.family,
+            "spp": spp,
+            "denoise": method.denoise,
+            "peer": method.peer,
+            "truth": truth,
+            "repeats": len(made.images),
+            "seconds": made.seconds,
+            "cpu_seconds": made.cpu_seconds,
+            "setup_seconds": series.setup_seconds + made.setup_seconds,
+            **measure(made.images, known[truth]),
+        }
         store.add("A", row)
-        tell(f"{bench.name}: {method.name} {spp} spp, {made.seconds:.3g} s ({made.cpu_seconds:.3g} CPU-s), rmse "
-             f"{row['rmse']:.3g}, median {row['median']:.3g}, 1 - SSIM {row['ssim']:.3g}"
-             + ("" if truth == "full" else f" against {truth}"))
+        tell(
+            f"{bench.name}: {method.name} {spp} spp, {made.seconds:.3g} s ({made.cpu_seconds:.3g} CPU-s), rmse "
+            f"{row['rmse']:.3g}, median {row['median']:.3g}, 1 - SSIM {row['ssim']:.3g}"
+            + ("" if truth == "full" else f" against {truth}")
+        )
     # the part that grows with the samples, once; the rest as now
     ratio = series.left[0] / spp if series.left else 1.0
     one = made.cpu_seconds / usable_cores() if workshop.device == "cpu" else made.seconds

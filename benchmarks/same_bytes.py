@@ -21,10 +21,14 @@ DEMO, STARTER = "varos_warp/data/demo.yaml", "varos_warp/data/starter.yaml"
 MUNKHOLMEN = "examples/munkholmen"
 SMALL = ["--device", "cpu", "-q", "--set", "vehicle.cameras.0.resolution=[48, 27]"]
 ALL = [*SMALL, "--spp", "4", "--set", "render.spp_b=4", "--outputs", "A,B,C,D,S", "--linear-exr"]
-GREEN = "water={coefficients: {sigma_s: [0.2, 0.3, 0.4], sigma_a: [0.3, 0.1, 0.1], phase: {kind: fournier_forand, " \
-        "backscatter_fraction: 0.0183}}}"
-STEREO = "vehicle.cameras=[{id: L0, position: [-0.1, 0, 0], resolution: [40, 24]}, {id: R0, position: [0.1, 0, 0], " \
-         "resolution: [40, 24], f_stop: 0}]"
+GREEN = (
+    "water={coefficients: {sigma_s: [0.2, 0.3, 0.4], sigma_a: [0.3, 0.1, 0.1], phase: {kind: fournier_forand, "
+    "backscatter_fraction: 0.0183}}}"
+)
+STEREO = (
+    "vehicle.cameras=[{id: L0, position: [-0.1, 0, 0], resolution: [40, 24]}, {id: R0, position: [0.1, 0, 0], "
+    "resolution: [40, 24], f_stop: 0}]"
+)
 
 JOBS = {
     "demo": ["run", DEMO, "-o", "out", "--frames", "0:2", *ALL],
@@ -32,19 +36,47 @@ JOBS = {
     "path": ["run", DEMO, "-o", "out", "--frames", "3", *ALL, "--integrator", "path", "--denoise", "nlm"],
     "reference": ["render", DEMO, "-o", "out", "--frames", "3", *ALL, "--integrator", "reference"],
     "green": ["render", DEMO, "-o", "out", "--frames", "5", *ALL, "--set", GREEN],
-    "metal": ["render", DEMO, "-o", "out", "--frames", "5", *ALL, "--set", "water={jerlov: {type: 1C}}", "--set",
-              "materials.steel={kind: metal, base: [0.56, 0.57, 0.58], roughness: 0.3}"],
+    "metal": [
+        "render",
+        DEMO,
+        "-o",
+        "out",
+        "--frames",
+        "5",
+        *ALL,
+        "--set",
+        "water={jerlov: {type: 1C}}",
+        "--set",
+        "materials.steel={kind: metal, base: [0.56, 0.57, 0.58], roughness: 0.3}",
+    ],
     "stereo": ["run", DEMO, "-o", "out", "--frames", "7:9", "--device", "cpu", "-q", "--spp", "2", "--set", STEREO],
     "munkholmen": ["run", f"{MUNKHOLMEN}/scene.yaml", "-o", "out", "--frames", "120", *ALL],
     "simulate": ["simulate", f"{MUNKHOLMEN}/scene.yaml", "-o", "out", "-q"],
     "info": ["info", DEMO, "--json"],
-    "preprocess": ["preprocess", f"{MUNKHOLMEN}/meshes/munkholmen_seabed.dae", "-o", "out.ply", "--vertices", "2000",
-                   "--shrinkwrap", "129", "--region", "850,270,930,350", "--device", "cpu", "-q"],
+    "preprocess": [
+        "preprocess",
+        f"{MUNKHOLMEN}/meshes/munkholmen_seabed.dae",
+        "-o",
+        "out.ply",
+        "--vertices",
+        "2000",
+        "--shrinkwrap",
+        "129",
+        "--region",
+        "850,270,930,350",
+        "--device",
+        "cpu",
+        "-q",
+    ],
 }
 """Commands by name; each is run in a folder of its own."""
-AFTER = {"demo": [["noise", "out", "--profile", "mpu6050", "-o", "noisy", "-q"],
-                  *(["export", "out", "--to", to, "-o", to, "-q"] for to in ("kitti", "tum", "colmap", "nerfstudio"))],
-         "stereo": [["export", "out", "--to", "euroc", "-o", "euroc", "-q"]]}
+AFTER = {
+    "demo": [
+        ["noise", "out", "--profile", "mpu6050", "-o", "noisy", "-q"],
+        *(["export", "out", "--to", to, "-o", to, "-q"] for to in ("kitti", "tum", "colmap", "nerfstudio")),
+    ],
+    "stereo": [["export", "out", "--to", "euroc", "-o", "euroc", "-q"]],
+}
 UNLIKE = ("log/", "checksums", "report", "contact_sheet")
 """Parts of paths that tell of a run, or that another test compares."""
 
@@ -65,14 +97,18 @@ def run(tree: Path, name: str, folder: Path) -> dict[str, str]:
     printed = b""
     for words in (JOBS[name], *AFTER.get(name, ())):
         words = [str(ROOT / word) if word.startswith(("varos_warp/", "examples/")) else word for word in words]
-        done = subprocess.run([sys.executable, "-m", "varos_warp", *words], cwd=folder, env=environment,
-                              capture_output=True)
+        done = subprocess.run(
+            [sys.executable, "-m", "varos_warp", *words], cwd=folder, env=environment, capture_output=True
+        )
         printed += done.stdout if name == "info" else b""
         if done.returncode:
             print(f"{tree.name}: {name}: {done.stderr.decode()[-600:]}", file=sys.stderr)
             return {"status": str(done.returncode)}
-    sums = {path.relative_to(folder).as_posix(): hashlib.sha256(content(path)).hexdigest()
-            for path in sorted(folder.rglob("*")) if path.is_file()}
+    sums = {
+        path.relative_to(folder).as_posix(): hashlib.sha256(content(path)).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
     sums = {path: value for path, value in sums.items() if not any(part in path for part in UNLIKE)}
     return sums | {"printed": hashlib.sha256(printed).hexdigest()}
 

@@ -34,32 +34,56 @@ def measure(scene, frames: int, workers: int, device: str, out: Path, step: int 
         out: Folder to make.
         step: Every so many-th frame.
     """
-    summary = produce(scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None,
-                      quiet=True)
+    summary = produce(
+        scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None, quiet=True
+    )
     logs = [json.loads(path.read_text()) for path in (out / "log").glob("*.json")]
     seconds, spp = summary.stages, [entry["spp"] for log in logs for entry in log["frames"] if "spp" in entry]
     ending, images = seconds["expose"] + seconds["checksums"], sum(len(log["frames"]) for log in logs)
-    return {"workers": workers, "device": summary.device, "frames": frames, "images": summary.rendered,
-            "frames_per_s": summary.rate, "seconds": summary.seconds,
-            "until_first_image_s": round(summary.seconds - ending - (images - 1) / summary.rate, 2),
-            "load_s": seconds["load"], "plan_s": seconds["plan"], "expose_and_checksums_s": ending,
-            "compile_s": max(log["compile_seconds"] for log in logs),
-            "spp": round(sum(spp) / len(spp), 2) if spp else None, "stages": seconds,
-            "checksums": (out / "checksums").read_text()}
+    return {
+        "workers": workers,
+        "device": summary.device,
+        "frames": frames,
+        "images": summary.rendered,
+        "frames_per_s": summary.rate,
+        "seconds": summary.seconds,
+        "until_first_image_s": round(summary.seconds - ending - (images - 1) / summary.rate, 2),
+        "load_s": seconds["load"],
+        "plan_s": seconds["plan"],
+        "expose_and_checksums_s": ending,
+        "compile_s": max(log["compile_seconds"] for log in logs),
+        "spp": round(sum(spp) / len(spp), 2) if spp else None,
+        "stages": seconds,
+        "checksums": (out / "checksums").read_text(),
+    }
 
 
-def scaling(scene, frames: int, counts: list[int], device: str, folder: Path, compiled: bool = False,
-            step: int = 1, say=print, keep=lambda result: None) -> dict:
+def scaling(
+    scene,
+    frames: int,
+    counts: list[int],
+    device: str,
+    folder: Path,
+    compiled: bool = False,
+    step: int = 1,
+    say=print,
+    keep=lambda result: None,
+) -> dict:
     """All runs, and what they gained over one worker; ``keep`` is told after each."""
     if not compiled:
         measure(scene, max(1, *counts), max(counts), device, folder / "first")
     rows = []
     for count in counts:
         rows.append(measure(scene, frames, count, device, folder / str(count), step))
-        result = {"machine": machine(resolve_device(device)), "scene": scene.name, "frames": frames,
-                  "differ": differ([row["checksums"] for row in rows]),
-                  "resolution": scene.vehicle.cameras[0].resolution, "outputs": scene.render.outputs,
-                  "runs": [compared(row, rows) for row in rows]}
+        result = {
+            "machine": machine(resolve_device(device)),
+            "scene": scene.name,
+            "frames": frames,
+            "differ": differ([row["checksums"] for row in rows]),
+            "resolution": scene.vehicle.cameras[0].resolution,
+            "outputs": scene.render.outputs,
+            "runs": [compared(row, rows) for row in rows],
+        }
         say(json.dumps({key: value for key, value in result["runs"][-1].items() if key != "stages"}))
         keep(result)
     return result
@@ -92,13 +116,22 @@ def chart(result: dict, path: Path) -> None:
     left.plot(counts, [rates[0] / counts[0] * n for n in counts], "--", color="#999999", label="in proportion")
     left.plot(counts, rates, "o-", label="workers")
     for row in rows:
-        left.annotate(f"{row['frames_per_s']:.3g}" + (f", {row['efficiency']:.0%}" if row["efficiency"] else ""),
-                      (row["workers"], row["frames_per_s"]), textcoords="offset points", xytext=(6, -12), fontsize=9)
+        left.annotate(
+            f"{row['frames_per_s']:.3g}" + (f", {row['efficiency']:.0%}" if row["efficiency"] else ""),
+            (row["workers"], row["frames_per_s"]),
+            textcoords="offset points",
+            xytext=(6, -12),
+            fontsize=9,
+        )
     for row in (row for row in result["runs"] if not row["workers"]):
-        left.axhline(row["frames_per_s"], color="C2", linestyle=":",
-                     label=f"one process: {row['frames_per_s']:.3g}")
-    left.set(xlabel="workers", ylabel="frames/s from the first image on, all files written", ylim=(0, None),
-             xticks=counts, xlim=(0, 1.2 * counts[-1]))
+        left.axhline(row["frames_per_s"], color="C2", linestyle=":", label=f"one process: {row['frames_per_s']:.3g}")
+    left.set(
+        xlabel="workers",
+        ylabel="frames/s from the first image on, all files written",
+        ylim=(0, None),
+        xticks=counts,
+        xlim=(0, 1.2 * counts[-1]),
+    )
     left.legend(fontsize=9)
     bottom = [0.0] * len(rows)
     for name in ("until_first_image_s", "expose_and_checksums_s"):
@@ -109,8 +142,11 @@ def chart(result: dict, path: Path) -> None:
     right.margins(y=0.25)
     right.legend(fontsize=9, loc="upper center", ncols=2)
     width, height = result["resolution"]
-    figure.suptitle(f"{result['scene']}: {result['frames']} frames of {width} x {height}, "
-                    f"{''.join(result['outputs'])}\n{subtitle(result)}", fontsize=11)
+    figure.suptitle(
+        f"{result['scene']}: {result['frames']} frames of {width} x {height}, "
+        f"{''.join(result['outputs'])}\n{subtitle(result)}",
+        fontsize=11,
+    )
     save(figure, path)
 
 
@@ -135,8 +171,16 @@ def main() -> None:
     if options.folder:
         os.makedirs(options.folder, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
-        result = scaling(load_scene(options.scene, options.changed), options.frames, counts, options.device,
-                         Path(folder), options.compiled, options.step, keep=keep)
+        result = scaling(
+            load_scene(options.scene, options.changed),
+            options.frames,
+            counts,
+            options.device,
+            Path(folder),
+            options.compiled,
+            options.step,
+            keep=keep,
+        )
     chart(result, options.out.with_suffix(".png"))
 
 

@@ -78,14 +78,25 @@ class BenchScene:
         return load_scene(self.path, (*self.changes, *changes))
 
 
-SCENES = {scene.name: scene for scene in (
-    BenchScene("ref1", "a sea floor and pipes of 522 000 triangles, the paper's water",
-               HERE / "scenes/ref1/scene.yaml"),
-    BenchScene("open_water", "the paper's water with two lights, no surfaces", HERE / "scenes/open_water.yaml"),
-    *(BenchScene(name, unlike.SCENES[name][0]) for name in
-      ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")),
-    BenchScene("demo", "a pipe and boulders: textures, depth of field", HERE / "scenes/textured.yaml",
-               ("vehicle.cameras.0.resolution=[160,90]",)))}
+SCENES = {
+    scene.name: scene
+    for scene in (
+        BenchScene(
+            "ref1", "a sea floor and pipes of 522 000 triangles, the paper's water", HERE / "scenes/ref1/scene.yaml"
+        ),
+        BenchScene("open_water", "the paper's water with two lights, no surfaces", HERE / "scenes/open_water.yaml"),
+        *(
+            BenchScene(name, unlike.SCENES[name][0])
+            for name in ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")
+        ),
+        BenchScene(
+            "demo",
+            "a pipe and boulders: textures, depth of field",
+            HERE / "scenes/textured.yaml",
+            ("vehicle.cameras.0.resolution=[160,90]",),
+        ),
+    )
+}
 QUICK = ("open_water", "jerlov_1b")
 
 
@@ -97,8 +108,9 @@ def find(names) -> list[BenchScene]:
     """
     for name in names:
         if name not in SCENES:
-            raise InputError("there is no such scene", key="SCENE-NAMES", value=name,
-                             remedy=f"There are: {', '.join(SCENES)}.")
+            raise InputError(
+                "there is no such scene", key="SCENE-NAMES", value=name, remedy=f"There are: {', '.join(SCENES)}."
+            )
     return [SCENES[name] for name in dict.fromkeys(names or SCENES)]
 
 
@@ -163,12 +175,18 @@ def _depends_on(bench: BenchScene) -> dict:
     blocks = {"terrain", "objects", "scatter", "materials", "water", "vehicle"}
     scene = bench.scene.model_dump(mode="json", include=blocks, exclude_defaults=True)
     bounds = [np.round([part.vertices.min(axis=0), part.vertices.max(axis=0)], 2).tolist() for part in bench.parts]
-    return {"scene": scene, "T_w_v": np.round(bench.T_w_v, 6).tolist(), "version": REFERENCE_VERSION,
-            "triangles": [len(part.faces) for part in bench.parts], "bounds": bounds}
+    return {
+        "scene": scene,
+        "T_w_v": np.round(bench.T_w_v, 6).tolist(),
+        "version": REFERENCE_VERSION,
+        "triangles": [len(part.faces) for part in bench.parts],
+        "bounds": bounds,
+    }
 
 
 def _closed_form(bench: BenchScene) -> Reference:
     """Single scattering by quadrature; its standard error is what fewer nodes and points change, rounding at least."""
+
     def build():
         mean = single_scattering_image(bench.scene, nodes=12, points=3)
         coarse = single_scattering_image(bench.scene, nodes=10, points=2)

@@ -51,13 +51,19 @@ class Flight:
 
 def course(actuator_frame: str = "world") -> Scene:
     """A vehicle that turns, climbs and brakes in a current that comes and goes."""
-    waypoints = [{"position": (0, 0, 0), "look_at": (0, 5, -1)},
-                 {"position": (0, 4, 0), "rotation_euler_deg": (-10, 0, 40)},
-                 {"position": (3, 6, 0.5), "rotation_euler_deg": (15, 10, -60)}, {"position": (0, 9, 1)}]
-    return scene_from_dict({
-        "trajectory": {"waypoints": waypoints, "speed": 1.0, "max_acceleration": 1.0, "max_angular_speed_deg": 60},
-        "current": {"velocity": (0.1, 0.05, 0.0), "fluctuation": 0.1, "period_s": 5.0},
-        "vehicle": {"actuator_frame": actuator_frame, "metacentric_height": 0.01}})
+    waypoints = [
+        {"position": (0, 0, 0), "look_at": (0, 5, -1)},
+        {"position": (0, 4, 0), "rotation_euler_deg": (-10, 0, 40)},
+        {"position": (3, 6, 0.5), "rotation_euler_deg": (15, 10, -60)},
+        {"position": (0, 9, 1)},
+    ]
+    return scene_from_dict(
+        {
+            "trajectory": {"waypoints": waypoints, "speed": 1.0, "max_acceleration": 1.0, "max_angular_speed_deg": 60},
+            "current": {"velocity": (0.1, 0.05, 0.0), "fluctuation": 0.1, "period_s": 5.0},
+            "vehicle": {"actuator_frame": actuator_frame, "metacentric_height": 0.01},
+        }
+    )
 
 
 def commands(scene: Scene) -> list[tuple]:
@@ -111,13 +117,19 @@ def step_rows(steps_ms=STEPS_MS) -> list[dict]:
         for step_ms in steps_ms:
             flights = [fly(scene, held, 1e-3 * step_ms) for _ in range(REPEATS)]
             flight = flights[0]
-            rows.append({
-                "sweep": "step", "actuator_frame": frame, "step_ms": step_ms, "substep_ms": step_ms / flight.substeps,
-                "position_m": rms(flight.position - truth.position),
-                "attitude_rad": rms((truth.attitude.inv() * flight.attitude).as_rotvec()),
-                "specific_force": rms(flight.specific_force - truth.specific_force),
-                "angular_velocity": rms(flight.angular_velocity - truth.angular_velocity),
-                "cpu_seconds_per_second": min(one.cpu_seconds for one in flights) / SECONDS})
+            rows.append(
+                {
+                    "sweep": "step",
+                    "actuator_frame": frame,
+                    "step_ms": step_ms,
+                    "substep_ms": step_ms / flight.substeps,
+                    "position_m": rms(flight.position - truth.position),
+                    "attitude_rad": rms((truth.attitude.inv() * flight.attitude).as_rotvec()),
+                    "specific_force": rms(flight.specific_force - truth.specific_force),
+                    "angular_velocity": rms(flight.angular_velocity - truth.angular_velocity),
+                    "cpu_seconds_per_second": min(one.cpu_seconds for one in flights) / SECONDS,
+                }
+            )
     return rows
 
 
@@ -130,8 +142,16 @@ def rate_rows(rates_hz=RATES_HZ) -> list[dict]:
     cost = watch.cpu_seconds / (len(simulation.trajectory.time_ns) * TICK_S)
     for rate in rates_hz:
         position, attitude = dead_reckoning(simulation, round(1.0 / (TICK_S * rate)), scene.gravity)
-        rows.append({"sweep": "rate", "rate_hz": rate, "step_ms": 1e3 / rate, "position_m": position,
-                     "attitude_rad": attitude, "cpu_seconds_per_second": cost})
+        rows.append(
+            {
+                "sweep": "rate",
+                "rate_hz": rate,
+                "step_ms": 1e3 / rate,
+                "position_m": position,
+                "attitude_rad": attitude,
+                "cpu_seconds_per_second": cost,
+            }
+        )
     return rows
 
 

@@ -25,15 +25,34 @@ from varos_warp.scene.water.particles import particle_laws
 FOURNIER_FORAND = {"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}
 CAMERA = {"id": "M0", "resolution": [64, 40], "sensor_mm": [8, 5], "focal_mm": 6}
 FOCAL_PX = 48.0
-LAMP = {"kind": "spot", "position": [0.5, 0, 0.2], "direction": [-0.1, 1, 0], "intensity": [100, 100, 100],
-        "cone_deg": 90, "blend": 0.5}
-FOUR = [LAMP | {"position": [x, 0, z], "direction": [-0.3 * x, 1, -0.6 * z], "cone_deg": 70}
-        for x in (-0.5, 0.5) for z in (-0.3, 0.3)]
-TERRAIN = {"terrain": {"kind": "procedural", "size_m": 12, "resolution": 65, "relief_m": 0.3, "position": [0, 2, -0.8]},
-           "scatter": [{"object": {"kind": "boulder", "diameter": 0.3, "seed": 2}, "count": 30, "circle": [0, 2, 1.5]}]}
-BOX = [{"kind": "concrete_block", "only": ["block"], "size_m": size, "position": position} for size, position in (
-    ([4, 4, 0.4], [0, 0, -1.1]), ([4, 4, 0.4], [0, 0, 0.7]), ([0.6, 3.6, 1.8], [-1.3, 0, -0.9]),
-    ([0.6, 3.6, 1.8], [1.3, 0, -0.9]), ([3.6, 0.6, 1.8], [0, 1.5, -0.9]), ([3.6, 0.6, 1.8], [0, -1.5, -0.9]))]
+LAMP = {
+    "kind": "spot",
+    "position": [0.5, 0, 0.2],
+    "direction": [-0.1, 1, 0],
+    "intensity": [100, 100, 100],
+    "cone_deg": 90,
+    "blend": 0.5,
+}
+FOUR = [
+    LAMP | {"position": [x, 0, z], "direction": [-0.3 * x, 1, -0.6 * z], "cone_deg": 70}
+    for x in (-0.5, 0.5)
+    for z in (-0.3, 0.3)
+]
+TERRAIN = {
+    "terrain": {"kind": "procedural", "size_m": 12, "resolution": 65, "relief_m": 0.3, "position": [0, 2, -0.8]},
+    "scatter": [{"object": {"kind": "boulder", "diameter": 0.3, "seed": 2}, "count": 30, "circle": [0, 2, 1.5]}],
+}
+BOX = [
+    {"kind": "concrete_block", "only": ["block"], "size_m": size, "position": position}
+    for size, position in (
+        ([4, 4, 0.4], [0, 0, -1.1]),
+        ([4, 4, 0.4], [0, 0, 0.7]),
+        ([0.6, 3.6, 1.8], [-1.3, 0, -0.9]),
+        ([0.6, 3.6, 1.8], [1.3, 0, -0.9]),
+        ([3.6, 0.6, 1.8], [0, 1.5, -0.9]),
+        ([3.6, 0.6, 1.8], [0, -1.5, -0.9]),
+    )
+]
 """A closed room of 2 x 2.4 x 1.4 m around the vehicle."""
 SHUTTER = {"exposure_s": 0.05}
 SIDEWAYS = [0.5, 0.2, 0.1]
@@ -46,20 +65,30 @@ def water(kind):
 
 
 def scene(camera=None, lights=(LAMP,), kind="1C", share=0.005, **more):
-    return scene_from_dict({
-        "water": water(kind), "particles": [{"share": share}],
-        "vehicle": {"lights": list(lights), "cameras": [CAMERA | (camera or {})]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}} | more)
+    return scene_from_dict(
+        {
+            "water": water(kind),
+            "particles": [{"share": share}],
+            "vehicle": {"lights": list(lights), "cameras": [CAMERA | (camera or {})]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        }
+        | more
+    )
 
 
 SCENES = {
-    **{f"{kind}, share {share}": ({"kind": kind, "share": share, "render": {"integrator": "path"}}, None)
-       for kind in ("IB", "1C") for share in (0.002, 0.005, 0.013)},
+    **{
+        f"{kind}, share {share}": ({"kind": kind, "share": share, "render": {"integrator": "path"}}, None)
+        for kind in ("IB", "1C")
+        for share in (0.002, 0.005, 0.013)
+    },
     "terrain, four lamps": ({"lights": FOUR, "kind": "3C"} | TERRAIN, None),
     "closed box": ({"kind": "7C", "objects": BOX}, None),
     "world camera": ({"camera": {"mount": "world", "position": [0.6, 0.2, 0.3], "look_at": [0, 2, 0]}}, None),
-    "lamp in view": ({"lights": [LAMP | {"position": [0.3, 1.2, 0.1], "direction": [-0.3, -0.2, 0], "cone_deg": 120}]},
-                     None),
+    "lamp in view": (
+        {"lights": [LAMP | {"position": [0.3, 1.2, 0.1], "direction": [-0.3, -0.2, 0], "cone_deg": 120}]},
+        None,
+    ),
     "moving, shutter": ({"camera": {"shutter": SHUTTER}}, SIDEWAYS),
     "forward, shutter": ({"camera": {"shutter": SHUTTER}}, [0.0, 0.5, 0.0]),
     "rolling": ({"camera": {"shutter": SHUTTER | {"readout_s": 0.05}}}, SIDEWAYS),
@@ -131,8 +160,17 @@ def campbell(law, corner, rng):
     g = light_of_bodies(law, t[:, None] * d, d, t, r, area) / 64
     R = np.sqrt(r**2 / area + 0.7**2) + 0.25
     one, two = (in_block(x, y, R, corner, rng) for _ in "12")
-    weight = (law.density * r**-law.block.slope * area * (8 + 2 * beside) ** 2
-              * t * np.log(reach / 0.05) * r * np.log(r1 / r0) / n)
+    weight = (
+        law.density
+        * r**-law.block.slope
+        * area
+        * (8 + 2 * beside) ** 2
+        * t
+        * np.log(reach / 0.05)
+        * r
+        * np.log(r1 / r0)
+        / n
+    )
     return (weight * one) @ g, (weight * (one & two)) @ g**2 * (1.0 + 0.3**2 / 2)
 
 
@@ -148,16 +186,20 @@ def line_of(drawn, mean, expected=None):
     seeds, off = len(drawn), drawn - mean
     variance, known = off.var(0, ddof=1), ""
     if expected is not None:
-        known = (f"   mean of Campbell / E {expected[0].mean() / mean.mean():.4f}, variance sampled / Campbell "
-                 f"{np.median(variance / expected[1]):.3f} (median)")
+        known = (
+            f"   mean of Campbell / E {expected[0].mean() / mean.mean():.4f}, variance sampled / Campbell "
+            f"{np.median(variance / expected[1]):.3f} (median)"
+        )
         variance = expected[1]
     z = off.mean(0) / np.maximum(np.sqrt(variance / seeds), 1e-30)
     worst = tuple(map(int, np.unravel_index(np.abs(z).argmax(), z.shape)))
     frames, total = drawn.mean((1, 2, 3)), mean.mean()
-    return (f"{frames.mean() / total:7.4f} +- {frames.std(ddof=1) / np.sqrt(seeds) / total:.4f}   "
-            f"z of frames {(off.mean((1, 2, 3)).mean() / off.mean((1, 2, 3)).std(ddof=1) * np.sqrt(seeds)):5.2f}   "
-            f"largest {z[worst]:6.2f} at {worst}, skewness {stats.skew(off[(slice(None), *worst)]):5.2f}   "
-            f"{(np.abs(z) > 4).sum()} of {z.size} beyond 4{known}")
+    return (
+        f"{frames.mean() / total:7.4f} +- {frames.std(ddof=1) / np.sqrt(seeds) / total:.4f}   "
+        f"z of frames {(off.mean((1, 2, 3)).mean() / off.mean((1, 2, 3)).std(ddof=1) * np.sqrt(seeds)):5.2f}   "
+        f"largest {z[worst]:6.2f} at {worst}, skewness {stats.skew(off[(slice(None), *worst)]):5.2f}   "
+        f"{(np.abs(z) > 4).sum()} of {z.size} beyond 4{known}"
+    )
 
 
 def main(arguments):

@@ -33,27 +33,52 @@ COUNTED = ("rss_mb", "handles", "threads")
 def small_scene(frames: int, size: tuple[int, int], **render):
     """Two lights and a camera that turn over a rough floor; as many frames as asked for."""
     seconds = (frames - 1) / 10.0
-    poses = [{"time_s": t, "position": [0, 0, 0], "rotation_euler_deg": [-20, 0, 40 * (k % 2)]}
-             for k, t in enumerate(np.linspace(0.0, seconds, 2 + frames // 100))]
-    lamps = [{"kind": "spot", "position": [x, -0.1, 0], "direction": [0, 1, 0], "cone_deg": 65, "blend": 0.15,
-              "intensity": [100, 100, 100]} for x in (-0.15, 0.15)]
-    return scene_from_dict({
-        "name": "soak", "seed": 1,
-        "water": {"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345],
-                                 "absorption_color": [0.0, 0.394, 1.0], "anisotropy": 0.8}},
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 1.0},
-        "objects": [{"kind": "pipe", "radius": 0.2, "length": 3.0, "position": [0, 4, 0],
-                     "rotation_euler_deg": [0, 90, 0]}],
-        "vehicle": {"lights": lamps, "cameras": [{"id": "M0", "resolution": list(size), "position": [0, 0, 1]}]},
-        "trajectory": {"poses": poses},
-        "render": {"frame_rate_hz": 10, "spp": 1, "spp_b": 1, **render}})
+    poses = [
+        {"time_s": t, "position": [0, 0, 0], "rotation_euler_deg": [-20, 0, 40 * (k % 2)]}
+        for k, t in enumerate(np.linspace(0.0, seconds, 2 + frames // 100))
+    ]
+    lamps = [
+        {
+            "kind": "spot",
+            "position": [x, -0.1, 0],
+            "direction": [0, 1, 0],
+            "cone_deg": 65,
+            "blend": 0.15,
+            "intensity": [100, 100, 100],
+        }
+        for x in (-0.15, 0.15)
+    ]
+    return scene_from_dict(
+        {
+            "name": "soak",
+            "seed": 1,
+            "water": {
+                "principled": {
+                    "density": 0.125,
+                    "color": [0.014, 0.146, 0.345],
+                    "absorption_color": [0.0, 0.394, 1.0],
+                    "anisotropy": 0.8,
+                }
+            },
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 1.0},
+            "objects": [
+                {"kind": "pipe", "radius": 0.2, "length": 3.0, "position": [0, 4, 0], "rotation_euler_deg": [0, 90, 0]}
+            ],
+            "vehicle": {"lights": lamps, "cameras": [{"id": "M0", "resolution": list(size), "position": [0, 0, 1]}]},
+            "trajectory": {"poses": poses},
+            "render": {"frame_rate_hz": 10, "spp": 1, "spp_b": 1, **render},
+        }
+    )
 
 
 def resources() -> dict[str, float]:
     """What the process holds: resident memory [MB], open handles, threads of the operating system."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return {"rss_mb": pages * os.sysconf("SC_PAGE_SIZE") / 1e6, "handles": len(os.listdir("/proc/self/fd")),
-            "threads": len(os.listdir("/proc/self/task"))}
+    return {
+        "rss_mb": pages * os.sysconf("SC_PAGE_SIZE") / 1e6,
+        "handles": len(os.listdir("/proc/self/fd")),
+        "threads": len(os.listdir("/proc/self/task")),
+    }
 
 
 class Watched(FrameRenderer):
@@ -73,14 +98,15 @@ class Watched(FrameRenderer):
     def note(self):
         """Look at the process, if it is time."""
         if self.count % self.every == 0:
-            self.samples.append({"frame": self.count, "seconds": round(time.perf_counter() - self.start, 2),
-                                 **resources()})
+            self.samples.append(
+                {"frame": self.count, "seconds": round(time.perf_counter() - self.start, 2), **resources()}
+            )
         self.count += 1
 
 
 def growth(samples: list[dict]) -> dict[str, float]:
     """How much each kind grows with each frame once the run has settled: memory in bytes."""
-    settled = samples[int(SETTLED * len(samples)):]
+    settled = samples[int(SETTLED * len(samples)) :]
     frame = [sample["frame"] for sample in settled]
     slopes = {name: float(np.polyfit(frame, [sample[name] for sample in settled], 1)[0]) for name in COUNTED}
     return {"bytes": 1e6 * slopes["rss_mb"], "handles": slopes["handles"], "threads": slopes["threads"]}
@@ -102,11 +128,20 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
     summary = produce(scene, out, device=device, renderer=renderer, quiet=True)
     if not summary.complete:
         raise RuntimeError("the dataset is not complete")
-    return {"machine": machine(device), "frames": frames, "size": list(size), "render": render,
-            "images": summary.rendered, "seconds": round(time.perf_counter() - wall, 1),
-            "cpu_seconds": round(time.process_time() - cpu, 1), "stages": summary.stages,
-            "growth_per_frame": growth(renderer.samples), "after": resources(),
-            "python_threads_left": threading.active_count() - before, "samples": renderer.samples}
+    return {
+        "machine": machine(device),
+        "frames": frames,
+        "size": list(size),
+        "render": render,
+        "images": summary.rendered,
+        "seconds": round(time.perf_counter() - wall, 1),
+        "cpu_seconds": round(time.process_time() - cpu, 1),
+        "stages": summary.stages,
+        "growth_per_frame": growth(renderer.samples),
+        "after": resources(),
+        "python_threads_left": threading.active_count() - before,
+        "samples": renderer.samples,
+    }
 
 
 def chart(result: dict, path: Path) -> None:
@@ -127,9 +162,12 @@ def chart(result: dict, path: Path) -> None:
     axes[0].set(ylabel="resident memory [MB]")
     axes[1].set(xlabel="frame", ylabel="count")
     width, height = result["size"]
-    figure.suptitle(f"{result['frames']} frames of {width} x {height}, A B C D: "
-                    f"{result['growth_per_frame']['bytes'] / 1e3:.2f} kB a frame, {result['seconds']:.0f} s on "
-                    f"{result['machine']['cores']} cores", fontsize=11)
+    figure.suptitle(
+        f"{result['frames']} frames of {width} x {height}, A B C D: "
+        f"{result['growth_per_frame']['bytes'] / 1e3:.2f} kB a frame, {result['seconds']:.0f} s on "
+        f"{result['machine']['cores']} cores",
+        fontsize=11,
+    )
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

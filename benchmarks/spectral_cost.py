@@ -55,8 +55,10 @@ class Variant:
     """A scene in three channels or in bands, ready to be rendered."""
 
     def __init__(self, scene: Scene, parts, options):
-        self.renderer, self.how = FrameRenderer(scene, options.device, parts), AS_IN_A_RUN | {
-            "spp": options.spp, "integrator": options.integrator}
+        self.renderer, self.how = (
+            FrameRenderer(scene, options.device, parts),
+            AS_IN_A_RUN | {"spp": options.spp, "integrator": options.integrator},
+        )
         if options.spp_b:
             self.how |= {"spp_b": options.spp_b}
 
@@ -80,13 +82,22 @@ def ratios(template: str, letters: str, options) -> dict:
             count = counts[(repeat + turn) % len(counts)]
             pose = poses[repeat * len(poses) // options.repeats]
             seconds[count].append(made[count].seconds(pose, letters, repeat + 1))
-    row = {"template": template, "outputs": letters, "rgb_s": float(np.median(seconds[None])),
-           "rgb_first_s": first[None]}
+    row = {
+        "template": template,
+        "outputs": letters,
+        "rgb_s": float(np.median(seconds[None])),
+        "rgb_first_s": first[None],
+    }
     for count in options.bands:
         ratio = np.divide(seconds[count], seconds[None])
         low, middle, high = np.quantile(ratio, (0.25, 0.5, 0.75)).round(3).tolist()
-        row[f"{count}_bands"] = {"over_rgb": middle, "quartiles": [low, high], "passes": -(-count // 3),
-                                 "over_passes": round(middle / -(-count // 3), 3), "first_s": first[count]}
+        row[f"{count}_bands"] = {
+            "over_rgb": middle,
+            "quartiles": [low, high],
+            "passes": -(-count // 3),
+            "over_passes": round(middle / -(-count // 3), 3),
+            "first_s": first[count],
+        }
     return row
 
 

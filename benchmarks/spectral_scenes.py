@@ -62,7 +62,8 @@ CASES = {
     "facing_lamp": Case("facing_lamp", {"jerlov": "II"}, 9),
     "moving": Case("coastal_pole", {"jerlov": "III"}, 3, blur=True),
     "port": Case("paper_room", {"iop": {"chlorophyll_mg_m3": 0.05}}, 6, view=PORT),
-    "two_lamps": Case("canyon", {"jerlov": "1C"}, 7, ("halogen_3200K", "led_b5"))}
+    "two_lamps": Case("canyon", {"jerlov": "1C"}, 7, ("halogen_3200K", "led_b5")),
+}
 
 
 class Held:
@@ -73,8 +74,13 @@ class Held:
         self.case, self.parts, self.how = case, [] if case.empty else built.parts, {"T_w_v": built.T_w_v}
         view = case.view
         if case.blur:
-            moved = moving_scenes.Case(built.scene, built.parts, moving_scenes.Course(
-                built.T_w_v, tuple(built.T_w_v[:3, :3] @ (0.6, 0.8, 0.1)), 20.0), {}, None)
+            moved = moving_scenes.Case(
+                built.scene,
+                built.parts,
+                moving_scenes.Course(built.T_w_v, tuple(built.T_w_v[:3, :3] @ (0.6, 0.8, 0.1)), 20.0),
+                {},
+                None,
+            )
             view = view | {"shutter": {"exposure_s": 0.15}}
             self.how |= {"motion": moved.motion, "time_ns": round(1e9 * moving_scenes.NOW_S)}
         self.scene = self._spectral(built.scene, view)
@@ -82,16 +88,21 @@ class Held:
     def _spectral(self, scene: Scene, view: dict) -> Scene:
         dump = scene.model_dump(exclude_unset=True)
         vehicle, case = dump["vehicle"], self.case
-        lights = [{k: v for k, v in light.items() if k != "intensity"} | {
-            "spectrum": case.lamps[i % len(case.lamps)], "power_W": WATTS} for i, light in enumerate(vehicle["lights"])]
+        lights = [
+            {k: v for k, v in light.items() if k != "intensity"}
+            | {"spectrum": case.lamps[i % len(case.lamps)], "power_W": WATTS}
+            for i, light in enumerate(vehicle["lights"])
+        ]
         vehicle |= {"lights": lights, "cameras": [vehicle["cameras"][0] | {"response": "nikon_5100"} | view]}
         return Scene(**dump | {"water": {"spectral": case.water}, "vehicle": vehicle, "render": {"bands": case.bands}})
 
     def images(self, scene: Scene, parts, seeds, spp: int, integrator: str) -> tuple[np.ndarray, np.ndarray]:
         """Radiance and standard errors [n, H, W, 3]."""
         renderer = FrameRenderer(scene, "cpu", parts)
-        made = [renderer.render(outputs="A", seed=seed, spp=spp, integrator=integrator, denoise="none", **self.how).A
-                for seed in seeds]
+        made = [
+            renderer.render(outputs="A", seed=seed, spp=spp, integrator=integrator, denoise="none", **self.how).A
+            for seed in seeds
+        ]
         return np.array([A.radiance for A in made], float), np.array([A.stderr for A in made], float)
 
     def with_bands(self, count: int) -> Scene:
@@ -106,14 +117,18 @@ class Held:
             weights = bands.weights[:, number] / bands.white[:, None]
             number = np.pad(number, (0, 3 - len(number)), "edge")
             scene, parts = self._triple(bands, number, float(share))
-            total = total + self.images(scene, parts, seeds, spp, integrator)[0][..., :weights.shape[1]] @ weights.T
+            total = total + self.images(scene, parts, seeds, spp, integrator)[0][..., : weights.shape[1]] @ weights.T
         return total
 
     def _triple(self, bands, number, share: float):
         nm, dump = bands.wavelength_nm[number], self.scene.model_dump(exclude_unset=True)
-        phase = {"kind": "mixture", "of": [
-            {"kind": "fournier_forand", "backscatter_fraction": B, "weight": 1.0 - share},
-            {"kind": "rayleigh", "weight": share}]}
+        phase = {
+            "kind": "mixture",
+            "of": [
+                {"kind": "fournier_forand", "backscatter_fraction": B, "weight": 1.0 - share},
+                {"kind": "rayleigh", "weight": share},
+            ],
+        }
         b = bands.b_water + bands.b_particles
         water = {"coefficients": {"sigma_a": bands.a[number].tolist(), "sigma_s": b[number].tolist(), "phase": phase}}
         vehicle = dump["vehicle"]
@@ -122,8 +137,15 @@ class Held:
         if "n_water" in view:
             view["n_water"] = [float(seawater_index(*SEAWATER.values(), one)) for one in nm]
         vehicle["cameras"] = [view]
-        parts = [replace(part, material=Diffuse(reflectance=tuple(
-            reflectance_of_rgb(part.material.reflectance, nm).clip(0.0, 1.0).tolist()))) for part in self.parts]
+        parts = [
+            replace(
+                part,
+                material=Diffuse(
+                    reflectance=tuple(reflectance_of_rgb(part.material.reflectance, nm).clip(0.0, 1.0).tolist())
+                ),
+            )
+            for part in self.parts
+        ]
         return Scene(**dump | {"water": water, "vehicle": vehicle, "render": {}}), parts
 
 
@@ -146,7 +168,8 @@ def row_of(name: str, options) -> dict:
     truth = Estimate(held.by_hand([OTHER_SEEDS + seed for seed in seeds], options.spp, options.by_hand))
     row = {"scene": name, "bands": held.case.bands, "integrator": options.integrator, "by_hand": options.by_hand}
     row["weaving"] = scores.bias(Estimate(ours), truth) | {
-        "reference_block_percent": 100.0 * float(scores.block_row(ours, truth)["reference_block_rms"])}
+        "reference_block_percent": 100.0 * float(scores.block_row(ours, truth)["reference_block_rms"])
+    }
     row["bars"] = scores.calibration(ours, stderr)
     if options.most:
         many, _ = held.images(held.with_bands(options.most), held.parts, seeds, options.spp, options.integrator)
@@ -162,9 +185,15 @@ def reduction(few: np.ndarray, many: np.ndarray, bands) -> dict:
     farthest = np.abs(off).reshape(-1, 3).argmax(0), np.arange(3)
     whole, whole_unsure = Estimate(few - many).whole
     scale = many.mean(axis=(0, 1, 2))
-    percent = {"mean_percent": whole / scale, "mean_stderr": whole_unsure / scale,
-               "rms_percent": np.sqrt((off ** 2).mean((0, 1))), "block_percent": off.reshape(-1, 3)[farthest],
-               "block_stderr": unsure.reshape(-1, 3)[farthest], "stated_rms": bands.rms, "stated_worst": bands.worst}
+    percent = {
+        "mean_percent": whole / scale,
+        "mean_stderr": whole_unsure / scale,
+        "rms_percent": np.sqrt((off**2).mean((0, 1))),
+        "block_percent": off.reshape(-1, 3)[farthest],
+        "block_stderr": unsure.reshape(-1, 3)[farthest],
+        "stated_rms": bands.rms,
+        "stated_worst": bands.worst,
+    }
     return {key: (100.0 * value).round(3).tolist() for key, value in percent.items()}
 
 

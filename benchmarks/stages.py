@@ -61,11 +61,22 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
         done = produce.produce(scene, Path(folder) / "out", device="cpu", frames=slice(0, frames), quiet=True)
         plan = json.loads((Path(folder) / "out/dataset.json").read_text())["samples"]["plan"]
     cores, took = usable_cores(), done.stages
-    parts = {"start": start, "simulate": took["simulate"], "load": took["load"], "plan": took["plan"],
-             "render": took["render"] + took["wait"], "finish": took["expose"] + took["checksums"]}
-    row = {"scene": name, "stages": {stage: round(seconds / cores, 2) for stage, seconds in parts.items()},
-           "first_image": round(min(first) / cores, 2), "a_frame": round(parts["render"] / frames / cores, 3),
-           "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024), "spp": plan["spp"]}
+    parts = {
+        "start": start,
+        "simulate": took["simulate"],
+        "load": took["load"],
+        "plan": took["plan"],
+        "render": took["render"] + took["wait"],
+        "finish": took["expose"] + took["checksums"],
+    }
+    row = {
+        "scene": name,
+        "stages": {stage: round(seconds / cores, 2) for stage, seconds in parts.items()},
+        "first_image": round(min(first) / cores, 2),
+        "a_frame": round(parts["render"] / frames / cores, 3),
+        "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "spp": plan["spp"],
+    }
     return row | ({"foretold": foretold(scene, frames)} if foretell else {})
 
 
@@ -78,8 +89,12 @@ def foretold(scene, frames: int) -> float:
     from varos_warp.sim.trajectory import simulate
 
     simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
-    plan = kept_plan(scene, renderer, simulation.frames, lambda: plan_sequence(
-        scene, renderer, simulation.frames, simulation.motion, quiet=True))
+    plan = kept_plan(
+        scene,
+        renderer,
+        simulation.frames,
+        lambda: plan_sequence(scene, renderer, simulation.frames, simulation.motion, quiet=True),
+    )
     costed = Frames(renderer, list(simulation.frames.poses()[:frames]), simulation.frames.time_ns, simulation.motion)
     return sequence_cost(scene, costed, plan)["seconds_per_frame"]
 
@@ -113,17 +128,30 @@ def forget_plans() -> None:
 def table(result: dict) -> str:
     """Rows for docs/benchmarks.md."""
     facts = ("first image [s]", "planned before [s]", "a frame [s]", FORETOLD, "memory [MB]", "spp")
-    lines = ["| scene | " + " | ".join((*(f"{stage} [s]" for stage in STAGES), *facts)) + " |",
-             "| --- |" + " --- |" * (len(STAGES) + len(facts))]
+    lines = [
+        "| scene | " + " | ".join((*(f"{stage} [s]" for stage in STAGES), *facts)) + " |",
+        "| --- |" + " --- |" * (len(STAGES) + len(facts)),
+    ]
     for row in result["rows"]:
-        values = [*row["stages"].values(), row["first_image"], row["first_image_planned"], row["a_frame"],
-                  row[FORETOLD], row["peak_mb"], row["spp"]]
-        lines.append(f"| {row['scene']} | " + " | ".join(f"{value:.3g}" if value < 100 else f"{value:.0f}"
-                                                         for value in values) + " |")
+        values = [
+            *row["stages"].values(),
+            row["first_image"],
+            row["first_image_planned"],
+            row["a_frame"],
+            row[FORETOLD],
+            row["peak_mb"],
+            row["spp"],
+        ]
+        lines.append(
+            f"| {row['scene']} | "
+            + " | ".join(f"{value:.3g}" if value < 100 else f"{value:.0f}" for value in values)
+            + " |"
+        )
     facts = result["machine"]
-    return (f"{facts['cores']} cores of {facts['cpu']}{result['note']}; {facts['commit']}, {facts['date']}; "
-            f"{result['frames']} frames.\n\n" + "\n".join(lines)
-            + "\n\n![Stages of runs](images/stages_cpu.png)\n")
+    return (
+        f"{facts['cores']} cores of {facts['cpu']}{result['note']}; {facts['commit']}, {facts['date']}; "
+        f"{result['frames']} frames.\n\n" + "\n".join(lines) + "\n\n![Stages of runs](images/stages_cpu.png)\n"
+    )
 
 
 def chart(result: dict, path: Path) -> None:
@@ -169,8 +197,12 @@ def main():
             measure(name, 1)  # compiles, and fills the caches
         rows[name] = check(name, arguments.frames)
         print(rows[name], flush=True)
-        result = {"machine": machine("cpu"), "note": arguments.note, "frames": arguments.frames,
-                  "rows": [rows[name] for name in SCENES if name in rows]}
+        result = {
+            "machine": machine("cpu"),
+            "note": arguments.note,
+            "frames": arguments.frames,
+            "rows": [rows[name] for name in SCENES if name in rows],
+        }
         arguments.output.write_text(json.dumps(result, indent=1) + os.linesep)
     chart(result, IMAGES / "stages_cpu.png")
     PAGE.write_text(fill(PAGE.read_text(), "cpu: stages", table(result)))

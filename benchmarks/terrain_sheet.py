@@ -48,8 +48,11 @@ def picture(label, vertices, faces, width, device):
     part = Part("terrain", vertices, faces, Diffuse(), smooth_angle=0.0)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     middle, size = (low + high) / 2, float(np.ptp(vertices[:, :2], axis=0).max())
-    pose = pose_matrix(scene.trajectory.waypoints[0].model_copy(
-        update={"position": tuple(middle + size * np.array([0.0, -0.75, 0.6])), "look_at": tuple(middle)}))
+    pose = pose_matrix(
+        scene.trajectory.waypoints[0].model_copy(
+            update={"position": tuple(middle + size * np.array([0.0, -0.75, 0.6])), "look_at": tuple(middle)}
+        )
+    )
     normal = FrameRenderer(scene, device, parts=[part]).render(pose, outputs="C").C.normal
     shade = np.where(normal.any(axis=-1), 0.15 + 0.85 * np.clip(normal @ SUN, 0.0, 1.0), 1.0)
     image = Image.fromarray((255 * srgb_oetf(shade[..., None] * [0.9, 0.85, 0.75])).astype(np.uint8))

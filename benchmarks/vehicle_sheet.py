@@ -22,16 +22,29 @@ TURBULENCE = {"rms": [0.06, 0.06, 0.04], "correlation_time_s": 5}
 
 def survey(current: dict) -> Simulation:
     """Three lanes at 0.5 m/s with six thrusters, the horizontal ones 4 cm above the centre of mass."""
-    vectored = [{"position": [x * 0.11, y * 0.16, 0.04], "direction": [-x, y, 0], "max_force": 40}
-                for x in (1, -1) for y in (1, -1)]
+    vectored = [
+        {"position": [x * 0.11, y * 0.16, 0.04], "direction": [-x, y, 0], "max_force": 40}
+        for x in (1, -1)
+        for y in (1, -1)
+    ]
     upwards = [{"position": [x * 0.12, 0, 0], "direction": [0, 0, 1], "max_force": 40} for x in (1, -1)]
-    body = {"inertia": [0.26, 0.23, 0.37], "added_mass": [7.1, 6.4, 18.7, 0.19, 0.12, 0.22],
-            "linear_drag": [18, 14, 60, 1.1, 0.9, 1.2], "quadratic_drag": [60, 40, 90, 1.6, 1.3, 1.6],
-            "thrusters": vectored + upwards}
+    body = {
+        "inertia": [0.26, 0.23, 0.37],
+        "added_mass": [7.1, 6.4, 18.7, 0.19, 0.12, 0.22],
+        "linear_drag": [18, 14, 60, 1.1, 0.9, 1.2],
+        "quadratic_drag": [60, 40, 90, 1.6, 1.3, 1.6],
+        "thrusters": vectored + upwards,
+    }
     lanes = {"kind": "lawn_mower", "centre": [0, 0, 2], "length_m": 6, "width_m": 2, "spacing_m": 1}
-    return simulate(scene_from_dict({
-        "current": current, "trajectory": {"speed": 0.5, "pattern": lanes},
-        "vehicle": {"mass_kg": 13.5, "metacentric_height": 0.06, "rigid_body": body}}))
+    return simulate(
+        scene_from_dict(
+            {
+                "current": current,
+                "trajectory": {"speed": 0.5, "pattern": lanes},
+                "vehicle": {"mass_kg": 13.5, "metacentric_height": 0.06, "rigid_body": body},
+            }
+        )
+    )
 
 
 def main():

@@ -21,8 +21,9 @@ def decoded(path):
 
     topics = {}
     with path.open("rb") as file:
-        for _, channel, message, content in make_reader(file, decoder_factories=[DecoderFactory()]
-                                                        ).iter_decoded_messages():
+        for _, channel, message, content in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
             topics.setdefault(channel.topic, []).append((message.log_time, content))
     return topics
 

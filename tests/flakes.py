@@ -8,24 +8,47 @@ from varos_warp.kernels.particles.bodies import Cells
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 
-WATER = {"coefficients": {"sigma_s": [0.2, 0.3, 0.25], "sigma_a": [0.3, 0.1, 0.05],
-                          "phase": {"kind": "henyey_greenstein", "g": 0.5}}}
-LAMP = {"kind": "spot", "position": [0.5, 0.1, 0.3], "direction": [-0.1, 1, -0.05], "intensity": [100, 80, 60],
-        "cone_deg": 90, "blend": 0.5}
+WATER = {
+    "coefficients": {
+        "sigma_s": [0.2, 0.3, 0.25],
+        "sigma_a": [0.3, 0.1, 0.05],
+        "phase": {"kind": "henyey_greenstein", "g": 0.5},
+    }
+}
+LAMP = {
+    "kind": "spot",
+    "position": [0.5, 0.1, 0.3],
+    "direction": [-0.1, 1, -0.05],
+    "intensity": [100, 80, 60],
+    "cone_deg": 90,
+    "blend": 0.5,
+}
 CAMERA = {"id": "M0", "resolution": [96, 54], "sensor_mm": [8, 4.5], "focal_mm": 6}
 
 
 def snow_scene(camera=None, particles=None, lights=(LAMP,), bodies=True, **changes):
     """Open water with one camera that looks along y, and bodies, on which only lamps shine."""
-    return scene_from_dict({
-        "seed": 1, "water": WATER, "particles": [{"share": 0.005} | (particles or {})] if bodies else [],
-        "vehicle": {"lights": list(lights), "cameras": [CAMERA | (camera or {})]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": {"integrator": "path"}} | changes)
+    return scene_from_dict(
+        {
+            "seed": 1,
+            "water": WATER,
+            "particles": [{"share": 0.005} | (particles or {})] if bodies else [],
+            "vehicle": {"lights": list(lights), "cameras": [CAMERA | (camera or {})]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": {"integrator": "path"},
+        }
+        | changes
+    )
 
 
 @wp.kernel(enable_backward=False)
-def list_bodies(cells: Cells, p: wp.array(dtype=wp.vec3), r: wp.array(dtype=float), u: wp.array(dtype=wp.vec4),
-                counts: wp.array(dtype=int)):
+def list_bodies(
+    cells: Cells,
+    p: wp.array(dtype=wp.vec3),
+    r: wp.array(dtype=float),
+    u: wp.array(dtype=wp.vec4),
+    counts: wp.array(dtype=int),
+):
     """Up to 32 bodies of each cell."""
     i = wp.tid()
     at = bodies.cell_of(cells, i)

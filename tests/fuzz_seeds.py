@@ -63,27 +63,50 @@ FILE_STORAGE = """<?xml version="1.0"?>
 """
 
 
-QUADS = "mtllib quads.mtl\n" + "".join(f"v {x} {y} 0 1 0 0\n" for x, y, _ in BOARD) + (
-    "vt 0 0\nvt 1 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/3 4/1\ng b\nf -4 -3 -2\n")
+QUADS = (
+    "mtllib quads.mtl\n"
+    + "".join(f"v {x} {y} 0 1 0 0\n" for x, y, _ in BOARD)
+    + ("vt 0 0\nvt 1 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/3 4/1\ng b\nf -4 -3 -2\n")
+)
 
 
 def board() -> Gltf:
     """Much of what glTF has: a picture that masks, colours, sparse values, copies, a skin, morphs, a transform."""
     made = Gltf(scenes=[{"nodes": [0]}], scene=0).uses("KHR_texture_transform").uses("EXT_mesh_gpu_instancing")
     pixels = np.concatenate([QUARTERS, np.full((2, 2, 1), 200)], axis=2)
-    material = made.textured(picture(pixels, side=1), alphaMode="MASK", info={
-        "extensions": {"KHR_texture_transform": {"scale": [2, 2], "rotation": 0.5}}})
-    sparse = {"count": 1, "indices": {"bufferView": made.view(b"\2\0"), "componentType": 5123},
-              "values": {"bufferView": made.view(BOARD[2].astype("<f4").tobytes())}}
+    material = made.textured(
+        picture(pixels, side=1),
+        alphaMode="MASK",
+        info={"extensions": {"KHR_texture_transform": {"scale": [2, 2], "rotation": 0.5}}},
+    )
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": made.view(b"\2\0"), "componentType": 5123},
+        "values": {"bufferView": made.view(BOARD[2].astype("<f4").tobytes())},
+    }
     places = made.accessor(BOARD, sparse=sparse, min=[-1, -1, 0], max=[1, 1, 0])
-    made.mesh(places, material=material, node=False, targets=[{"POSITION": made.accessor(BOARD)}], attributes={
-        "TEXCOORD_0": made.uv(), "COLOR_0": made.accessor(np.full((4, 4), 200), "u1", normalized=True),
-        "JOINTS_0": made.accessor([[0, 0, 0, 0]] * 4, "u1"), "WEIGHTS_0": made.accessor([[1, 0, 0, 0]] * 4)})
+    made.mesh(
+        places,
+        material=material,
+        node=False,
+        targets=[{"POSITION": made.accessor(BOARD)}],
+        attributes={
+            "TEXCOORD_0": made.uv(),
+            "COLOR_0": made.accessor(np.full((4, 4), 200), "u1", normalized=True),
+            "JOINTS_0": made.accessor([[0, 0, 0, 0]] * 4, "u1"),
+            "WEIGHTS_0": made.accessor([[1, 0, 0, 0]] * 4),
+        },
+    )
     made.document["meshes"][0]["weights"] = [0.5]
     made.node(children=[1, 2])
     made.node(mesh=0, skin=0)
-    made.node(mesh=0, matrix=np.eye(4).ravel().tolist(), extensions={"EXT_mesh_gpu_instancing": {
-        "attributes": {"TRANSLATION": made.accessor([[0.0, 0, 1], [0, 0, 2]])}}})
+    made.node(
+        mesh=0,
+        matrix=np.eye(4).ravel().tolist(),
+        extensions={
+            "EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": made.accessor([[0.0, 0, 1], [0, 0, 2]])}}
+        },
+    )
     made.document["skins"] = [{"joints": [0], "inverseBindMatrices": made.accessor([np.eye(4).ravel()])}]
     return made
 
@@ -92,28 +115,48 @@ def polygons_dae() -> str:
     """Polygons with a hole, fans, coordinates, colours and a material."""
     places = dae_places(np.concatenate([BOARD, 0.5 * BOARD[::-1]]))
     uv = dae_source("t", UV, "ST") + dae_source("c", np.full((1, 3), 0.5), "RGB")
-    inputs = VERTEX + ('<input semantic="TEXCOORD" source="#t" offset="1" set="0"/>'
-                       '<input semantic="COLOR" source="#c" offset="2"/>')
+    inputs = VERTEX + (
+        '<input semantic="TEXCOORD" source="#t" offset="1" set="0"/><input semantic="COLOR" source="#c" offset="2"/>'
+    )
     rings = [" ".join(f"{i} {i % 4} 0" for i in ring) for ring in (range(4), range(4, 8))]
     cut = f"<ph><p>{rings[0]}</p><h>{rings[1]}</h></ph>"
-    geometry = uv + places + (f'<polygons material="x" count="1">{inputs}{cut}</polygons>'
-                              f'<trifans count="1">{VERTEX}<p>0 1 2 3</p></trifans>')
-    return dae(geometry, before=dae_effect('<texture texture="a" texcoord="U"/>', SAMPLER.format("")),
-               materials=BOUND.format(""))
+    geometry = (
+        uv
+        + places
+        + (
+            f'<polygons material="x" count="1">{inputs}{cut}</polygons>'
+            f'<trifans count="1">{VERTEX}<p>0 1 2 3</p></trifans>'
+        )
+    )
+    return dae(
+        geometry,
+        before=dae_effect('<texture texture="a" texcoord="U"/>', SAMPLER.format("")),
+        materials=BOUND.format(""),
+    )
 
 
 def strips_ply() -> str:
     """Colours, texture coordinates, polygons and strips in text."""
-    return ply("float x,float y,float z,uchar red,uchar green,uchar blue,float s,float t", "\n".join(
-        f"{x} {y} 0 9 99 200 0 1" for x, y, _ in BOARD), "list uchar int vertex_indices", "4 0 1 2 3\n3 0 1 2",
-        more="element tristrips 1\nproperty list int int vertex_indices\n", comments="comment TextureFile q.png\n"
-        ) + "5 0 1 -1 2 3\n"
+    return (
+        ply(
+            "float x,float y,float z,uchar red,uchar green,uchar blue,float s,float t",
+            "\n".join(f"{x} {y} 0 9 99 200 0 1" for x, y, _ in BOARD),
+            "list uchar int vertex_indices",
+            "4 0 1 2 3\n3 0 1 2",
+            more="element tristrips 1\nproperty list int int vertex_indices\n",
+            comments="comment TextureFile q.png\n",
+        )
+        + "5 0 1 -1 2 3\n"
+    )
 
 
 def binary_ply() -> bytes:
     """Quads and triangles with coordinates of their corners, big end first."""
-    head = ("ply\nformat binary_big_endian 1.0\nelement vertex 4\n" + "".join(f"property double {x}\n" for x in "xyz")
-            + "element face 2\nproperty list uchar uint vertex_index\nproperty list uchar float texcoord\nend_header\n")
+    head = (
+        "ply\nformat binary_big_endian 1.0\nelement vertex 4\n"
+        + "".join(f"property double {x}\n" for x in "xyz")
+        + "element face 2\nproperty list uchar uint vertex_index\nproperty list uchar float texcoord\nend_header\n"
+    )
     body = BOARD.astype(">f8").tobytes()
     for ring in ([0, 1, 2, 3], [0, 1, 2]):
         body += bytes([len(ring)]) + np.array(ring, ">u4").tobytes()
@@ -121,8 +164,17 @@ def binary_ply() -> bytes:
     return head.encode() + body
 
 
-SURVEYS = {"a.tif": {}, "packed.tif": {}, "a.asc": {}, "a.xyz": {}, "a.csv": {}, "a.las": {}, "a.laz": {},
-           "heights.png": {"pixel_m": 1.0, "height_range_m": [-5, 0]}, "a.npy": {"pixel_m": 1.0, "first_row": "north"}}
+SURVEYS = {
+    "a.tif": {},
+    "packed.tif": {},
+    "a.asc": {},
+    "a.xyz": {},
+    "a.csv": {},
+    "a.las": {},
+    "a.laz": {},
+    "heights.png": {"pixel_m": 1.0, "height_range_m": [-5, 0]},
+    "a.npy": {"pixel_m": 1.0, "first_row": "north"},
+}
 """Keys that a survey file is read with, by its name."""
 
 
@@ -133,8 +185,14 @@ def survey_files() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         surveys.write_geotiff(place / "a.tif", grid, nodata=-9999)
-        surveys.write_geotiff(place / "packed.tif", grid.astype(np.float32), place="matrix", compression="deflate",
-                              tile=(16, 16), predictor=True)
+        surveys.write_geotiff(
+            place / "packed.tif",
+            grid.astype(np.float32),
+            place="matrix",
+            compression="deflate",
+            tile=(16, 16),
+            predictor=True,
+        )
         surveys.write_asc(place / "a.asc", grid, digits=6)
         surveys.write_text(place / "a.xyz", points)
         surveys.write_text(place / "a.csv", points[::2], delimiter=",", header="x,y,z")
@@ -149,22 +207,36 @@ def lamps() -> dict[str, str]:
     """Files of lamps: IES of type C with symmetry and tilt, and of type B; CSV of two angles."""
     angles, tilt = np.arange(0.0, 91.0, 15.0), "TILT=INCLUDE\n1\n2\n0 90\n1 0.9"
     around = [f"{polar},{azimuth},{polar + azimuth}" for azimuth in (0, 90, 180, 270) for polar in (0, 40, 80)]
-    return {"quadrants.ies": ies_text("C", angles, angles, measured("C", angles, angles), tilt=tilt),
-            "flood.ies": ies_text("B", angles, angles, measured("B", angles, angles)),
-            "around.csv": "\n".join(["polar_deg,azimuth_deg,intensity", *around])}
+    return {
+        "quadrants.ies": ies_text("C", angles, angles, measured("C", angles, angles), tilt=tilt),
+        "flood.ies": ies_text("B", angles, angles, measured("B", angles, angles)),
+        "around.csv": "\n".join(["polar_deg,azimuth_deg,intensity", *around]),
+    }
 
 
 def seeds() -> dict[str, bytes]:
     """A good file of each kind, by name."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     made = {f"x.{kind}": ball.export(file_type=kind) for kind in ("obj", "ply", "stl", "glb")}
-    made |= {"ascii.ply": ball.export(file_type="ply", encoding="ascii"), "ascii.stl": ball.export(
-        file_type="stl_ascii"), "x.dae": nodes_dae(), "scene.yaml": template_text()}
-    made |= {"board.gltf": board().text(), "board.glb": board().packed(), "polygons.dae": polygons_dae(),
-             "polygons.off": "COFF\n4 2 0\n" + "".join(f"{x} {y} 0 255 0 0 255\n" for x, y, _ in BOARD)
-             + "4 0 1 2 3 0.5 0.5 0.5\n3 0 1 2\n", "strips.ply": strips_ply(), "binary.ply": binary_ply(),
-             "quads.obj": QUADS, "quads.mtl": "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 2 2 1 -clamp on q.png\n"
-             "map_d -imfchan m quads.png\nd 0.5 # half\nKe 0 \\\n 0 0\n"}
+    made |= {
+        "ascii.ply": ball.export(file_type="ply", encoding="ascii"),
+        "ascii.stl": ball.export(file_type="stl_ascii"),
+        "x.dae": nodes_dae(),
+        "scene.yaml": template_text(),
+    }
+    made |= {
+        "board.gltf": board().text(),
+        "board.glb": board().packed(),
+        "polygons.dae": polygons_dae(),
+        "polygons.off": "COFF\n4 2 0\n"
+        + "".join(f"{x} {y} 0 255 0 0 255\n" for x, y, _ in BOARD)
+        + "4 0 1 2 3 0.5 0.5 0.5\n3 0 1 2\n",
+        "strips.ply": strips_ply(),
+        "binary.ply": binary_ply(),
+        "quads.obj": QUADS,
+        "quads.mtl": "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd -s 2 2 1 -clamp on q.png\n"
+        "map_d -imfchan m quads.png\nd 0.5 # half\nKe 0 \\\n 0 0\n",
+    }
     for kind in ("png", "jpeg", "tiff"):
         file = io.BytesIO()
         Image.effect_noise((16, 16), 50).convert("RGB").save(file, kind)

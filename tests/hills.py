@@ -48,8 +48,10 @@ def depth_of_hills(origin, rays):
 class HillsRenderer(standins.FlatFloorRenderer):
     """Rays marched to a height field; B is its albedo, A falls off with the distance, S parts light from dark."""
 
-    segments = tuple({"id": i + 1, "key": f"objects.{i}", "kind": "boulder", "material": key, "material_id": i + 1}
-                     for i, key in enumerate(("dark", "light")))
+    segments = tuple(
+        {"id": i + 1, "key": f"objects.{i}", "kind": "boulder", "material": key, "material_id": i + 1}
+        for i, key in enumerate(("dark", "light"))
+    )
 
     @staticmethod
     def second(x, tone):
@@ -71,8 +73,9 @@ class HillsRenderer(standins.FlatFloorRenderer):
         found = np.isfinite(z)
         point = np.where(found[..., None], world * np.where(found, z, 0)[..., None], 0.0) + T[..., :3, 3]
         x, y, h = point[..., 0], point[..., 1], 1e-6
-        n = np.stack([height(x - h, y) - height(x + h, y), height(x, y - h) - height(x, y + h),
-                      np.full_like(x, 2 * h)], -1)
+        n = np.stack(
+            [height(x - h, y) - height(x + h, y), height(x, y - h) - height(x, y + h), np.full_like(x, 2 * h)], -1
+        )
         n /= np.linalg.norm(n, axis=-1, keepdims=True)
         tone = np.where(found, 0.5 + 0.2 * np.sin(4 * x) * np.sin(5 * y) + 0.1 * np.sin(9 * x), 0.02)
         grey = (tone[..., None] * np.ones(3)).astype(np.float32)
@@ -83,10 +86,11 @@ class HillsRenderer(standins.FlatFloorRenderer):
             "A": SimpleNamespace(**plain, radiance=light, stderr=light * 0.01),
             "B": SimpleNamespace(**plain, radiance=grey, stderr=grey * 0),
             "C": SimpleNamespace(normal=np.where(found[..., None], n, 0.0).astype(np.float32)),
-            "D": SimpleNamespace(depth=z.astype(np.float32),
-                                 range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32)),
-            "S": SimpleNamespace(instance=np.where(found, 1 + self.second(x, tone), 0).astype(np.int32),
-                                 material=None)}
+            "D": SimpleNamespace(
+                depth=z.astype(np.float32), range=(z * np.linalg.norm(ray, axis=-1)).astype(np.float32)
+            ),
+            "S": SimpleNamespace(instance=np.where(found, 1 + self.second(x, tone), 0).astype(np.int32), material=None),
+        }
         return SimpleNamespace(**{k: v for k, v in images.items() if k in outputs})
 
 
@@ -102,15 +106,22 @@ class ShutterRenderer(HillsRenderer):
         made = super().render(T_w_v, camera, outputs, motion=motion, following=following, **how)
         exposure_ns = in_ns(view.shutter.exposure_s * (np.arange(EXPOSED) + 0.5 - EXPOSED / 2) / EXPOSED).tolist()
         if "B" in outputs and any(exposure_ns):
-            made.B.radiance = np.mean([super(ShutterRenderer, self).render(
-                T_w_v, camera, "B", motion=lambda offset_ns, later=later: motion(offset_ns + later), **how).B.radiance
-                for later in exposure_ns], axis=0)
+            made.B.radiance = np.mean(
+                [
+                    super(ShutterRenderer, self)
+                    .render(T_w_v, camera, "B", motion=lambda offset_ns, later=later: motion(offset_ns + later), **how)
+                    .B.radiance
+                    for later in exposure_ns
+                ],
+                axis=0,
+            )
         if "F" in outputs:
             model, points = camera_model(view), pixel_centres(*view.resolution)
             here, there = (camera_pose(view, moved(in_ns(row_offsets_s(view)))) for moved in (motion, following.motion))
             moved = flow_by_rows(model, points, model.rays(points), made.D.range, here, there)
-            made.F = FlowImage(moved.flow.astype(np.float32), np.zeros(points.shape[:2], bool),
-                               moved.motion.astype(np.float32))
+            made.F = FlowImage(
+                moved.flow.astype(np.float32), np.zeros(points.shape[:2], bool), moved.motion.astype(np.float32)
+            )
         return made
 
 
@@ -134,9 +145,9 @@ def hills_scene(outputs="ABCDS", objects=None, **camera_keys):
     vehicle = standins.scene_dict()["vehicle"]
     camera = {"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-40, 0, 0], "resolution": [144, 80]}
     tones = {"dark": 0.3, "light": 0.6}
-    return standins.make_scene(vehicle=vehicle | {"cameras": [camera | camera_keys]},
-                               materials={key: {"kind": "diffuse", "reflectance": [x] * 3} for key, x in tones.items()},
-                               objects=[block | {"material": key}
-                                        for block, key in zip(objects or [about, about], tones, strict=True)],
-                               render={"denoise": "none", "denoise_b": "none", "depth_exr": True,
-                                       "outputs": list(outputs)})
+    return standins.make_scene(
+        vehicle=vehicle | {"cameras": [camera | camera_keys]},
+        materials={key: {"kind": "diffuse", "reflectance": [x] * 3} for key, x in tones.items()},
+        objects=[block | {"material": key} for block, key in zip(objects or [about, about], tones, strict=True)],
+        render={"denoise": "none", "denoise_b": "none", "depth_exr": True, "outputs": list(outputs)},
+    )

@@ -8,9 +8,22 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 
-def ies_text(kind, vertical, horizontal, candela, *, header="IESNA:LM-63-2002", tilt="TILT=NONE", multiplier=1.0,
-             unit=2, opening="0 0 0", lumens=-1, ballast=1.0):
+def ies_text(
+    kind,
+    vertical,
+    horizontal,
+    candela,
+    *,
+    header="IESNA:LM-63-2002",
+    tilt="TILT=NONE",
+    multiplier=1.0,
+    unit=2,
+    opening="0 0 0",
+    lumens=-1,
+    ballast=1.0,
+):
     """A file with intensities [horizontal, vertical]."""
+
     def row(values):
         return " ".join(f"{value:.6f}" for value in values)
 
@@ -23,8 +36,8 @@ def intensity_by_hand(text: str, ahead, up, right) -> np.ndarray:
     """Intensities towards unit vectors with these parts along the axis, the lamp's upward direction and its right."""
     numbers = [float(word) for word in text.split("TILT=NONE", 1)[1].split()]
     nv, nh, kind = int(numbers[3]), int(numbers[4]), int(numbers[5])
-    vertical, horizontal = numbers[13:13 + nv], numbers[13 + nv:13 + nv + nh]
-    candela = numbers[2] * np.reshape(numbers[13 + nv + nh:], (nh, nv))
+    vertical, horizontal = numbers[13 : 13 + nv], numbers[13 + nv : 13 + nv + nh]
+    candela = numbers[2] * np.reshape(numbers[13 + nv + nh :], (nh, nv))
     v, h = {1: type_c, 2: type_b, 3: type_a}[kind](*np.array([ahead, up, right]), horizontal)
     if kind != 1 and vertical[0] == 0.0:
         v = np.abs(v)

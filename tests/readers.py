@@ -5,10 +5,40 @@
 
 import pytest
 
-PACKAGES = {"DracoPy", "allantools", "axe_playwright_python", "collada", "colour", "cv2", "evo", "gtsam", "gymnasium",
-            "imagecodecs", "ipykernel", "laspy", "lazrs", "mcap", "mcap_ros2", "meshio", "mitsuba",
-            "mkdocs", "mkdocstrings", "mlcroissant", "nbclient", "nerfbaselines", "pandas", "playwright",
-            "pycocotools", "pycolmap", "pygltflib", "pykitti", "rasterio", "rerun", "rosbags", "tqdm"}
+PACKAGES = {
+    "DracoPy",
+    "allantools",
+    "axe_playwright_python",
+    "collada",
+    "colour",
+    "cv2",
+    "evo",
+    "gtsam",
+    "gymnasium",
+    "imagecodecs",
+    "ipykernel",
+    "laspy",
+    "lazrs",
+    "mcap",
+    "mcap_ros2",
+    "meshio",
+    "mitsuba",
+    "mkdocs",
+    "mkdocstrings",
+    "mlcroissant",
+    "nbclient",
+    "nerfbaselines",
+    "pandas",
+    "playwright",
+    "pycocotools",
+    "pycolmap",
+    "pygltflib",
+    "pykitti",
+    "rasterio",
+    "rerun",
+    "rosbags",
+    "tqdm",
+}
 
 
 def pytest_addoption(parser):

@@ -10,8 +10,10 @@ from varos_warp.scene.optics.shutter import in_ns, offsets_of_rows_s
 from varos_warp.sim.clock import frame_time_ns
 from varos_warp.sim.companions import motions
 
-PATH = [{"time_s": 0, "position": [-1.4, 3.4, 0.5], "rotation_euler_deg": [20, 70, 0]},
-        {"time_s": 0.4, "position": [0.2, 3.6, 0.6], "rotation_euler_deg": [0, 90, 40]}]
+PATH = [
+    {"time_s": 0, "position": [-1.4, 3.4, 0.5], "rotation_euler_deg": [20, 70, 0]},
+    {"time_s": 0.4, "position": [0.2, 3.6, 0.6], "rotation_euler_deg": [0, 90, 40]},
+]
 ROUGH = {"chord_error_m": 0.05}
 SCENE = {
     "name": "hidden",
@@ -21,21 +23,45 @@ SCENE = {
         {"kind": "pipe", "radius": 0.25, "length": 1.6, "position": [0, 2.6, 0], **ROUGH},  # before it
         {"kind": "boulder", "position": [0, -4, 0], "class": "rock", **ROUGH},  # behind the cameras
         {"kind": "pipe", "radius": 0.2, "length": 1.0, "path": PATH, **ROUGH},
-        {"kind": "boulder", "position": [-2.5, 4, 0.2], "diameter": 1.0, "rotation_euler_deg": [30, 40, 50],
-         "scale": [1.0, 1.4, 0.7], **ROUGH},  # leaves the image
-        {"kind": "boulder", "position": [0, 3.6, -0.1], "diameter": 0.2, **ROUGH}],  # hidden by the pipe
-    "scatter": [{"object": {"kind": "boulder", "diameter": 0.3, **ROUGH}, "count": 12, "area": [-2, 2, 2, 6],
-                 "scale_range": [0.5, 2]}],
+        {
+            "kind": "boulder",
+            "position": [-2.5, 4, 0.2],
+            "diameter": 1.0,
+            "rotation_euler_deg": [30, 40, 50],
+            "scale": [1.0, 1.4, 0.7],
+            **ROUGH,
+        },  # leaves the image
+        {"kind": "boulder", "position": [0, 3.6, -0.1], "diameter": 0.2, **ROUGH},
+    ],  # hidden by the pipe
+    "scatter": [
+        {
+            "object": {"kind": "boulder", "diameter": 0.3, **ROUGH},
+            "count": 12,
+            "area": [-2, 2, 2, 6],
+            "scale_range": [0.5, 2],
+        }
+    ],
     "growth": [{"on": ["objects.0", "terrain"], "kind": "tube_worm", "per_m2": 8, "size_m": [0.1, 0.15]}],
-    "vehicle": {"cameras": [
-        {"id": "M0", "resolution": [64, 36]},
-        {"id": "M1", "resolution": [48, 27], "rotation_euler_deg": [-10, 0, 0],
-         "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, 0, 0]},
-         "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.002, 0, 0.003]}},
-        {"id": "R0", "resolution": [48, 27], "shutter": {"exposure_s": 0.004, "readout_s": 0.06}}]},
-    "trajectory": {"poses": [{"time_s": 0, "position": [0, 0, 0]},
-                             {"time_s": 1, "position": [0.6, 0.2, 0], "rotation_euler_deg": [0, 0, 20]}],
-                   "duration_s": 0.3},
+    "vehicle": {
+        "cameras": [
+            {"id": "M0", "resolution": [64, 36]},
+            {
+                "id": "M1",
+                "resolution": [48, 27],
+                "rotation_euler_deg": [-10, 0, 0],
+                "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, 0, 0]},
+                "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.002, 0, 0.003]},
+            },
+            {"id": "R0", "resolution": [48, 27], "shutter": {"exposure_s": 0.004, "readout_s": 0.06}},
+        ]
+    },
+    "trajectory": {
+        "poses": [
+            {"time_s": 0, "position": [0, 0, 0]},
+            {"time_s": 1, "position": [0.6, 0.2, 0], "rotation_euler_deg": [0, 0, 20]},
+        ],
+        "duration_s": 0.3,
+    },
     "render": {"frame_rate_hz": 10, "outputs": ["B", "D", "S"], "spp_b": 1, "denoise_b": "none"},
 }
 NEAR = 1e-4
@@ -51,7 +77,7 @@ def distances(vertices, faces, origin, direction):
     radius = 1.01 * np.linalg.norm(vertices - middle, axis=1).max()
     near = np.flatnonzero(np.linalg.norm(np.cross(middle - origin, direction), axis=1) < radius)
     for i in range(0, len(near), 64):
-        some = near[i:i + 64]
+        some = near[i : i + 64]
         o, d = origin[some, None], direction[some, None]
         p = np.cross(d, (c - a)[None])
         det = (p * (b - a)).sum(-1)
@@ -88,9 +114,11 @@ def rays_of(data, frame, camera, aside):
     about, model = data.camera(camera), data.camera_model(camera)
     rays = model.rays(pixel_centres(about["width"], about["height"]) + aside)
     T = data.T_w_c_rows(frame, camera)[:, None]
-    return (np.einsum("hwij,hwj->hwi", np.broadcast_to(T[..., :3, :3], (*rays.origin.shape, 3)), rays.origin)
-            + T[..., :3, 3], np.einsum("hwij,hwj->hwi", np.broadcast_to(T[..., :3, :3], (*rays.origin.shape, 3)),
-                                       rays.direction))
+    return (
+        np.einsum("hwij,hwj->hwi", np.broadcast_to(T[..., :3, :3], (*rays.origin.shape, 3)), rays.origin)
+        + T[..., :3, 3],
+        np.einsum("hwij,hwj->hwi", np.broadcast_to(T[..., :3, :3], (*rays.origin.shape, 3)), rays.direction),
+    )
 
 
 def truth(data, frame, camera):
@@ -103,11 +131,20 @@ def truth(data, frame, camera):
     seen, whole = {}, {}
     for aside in NEAR * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]):
         o, d = rays_of(data, frame, camera, aside)
-        t = {number: np.stack([np.min([distances(*mesh, o[r], d[r]) for mesh in every[r if rolls else 0][number]], 0)
-                               for r in range(len(o))]) for number in every[0]}
+        t = {
+            number: np.stack(
+                [
+                    np.min([distances(*mesh, o[r], d[r]) for mesh in every[r if rolls else 0][number]], 0)
+                    for r in range(len(o))
+                ]
+            )
+            for number in every[0]
+        }
         nearest = np.min(list(t.values()), 0)
         for number, own in t.items():
             seen.setdefault(number, []).append(np.isfinite(own) & (own <= nearest))
             whole.setdefault(number, []).append(np.isfinite(own))
-    return {number: (np.all(seen[number], 0), np.any(seen[number], 0), np.all(whole[number], 0),
-                     np.any(whole[number], 0)) for number in seen}
+    return {
+        number: (np.all(seen[number], 0), np.any(seen[number], 0), np.all(whole[number], 0), np.any(whole[number], 0))
+        for number in seen
+    }

@@ -15,9 +15,13 @@ def tile_means(image):
     for i, row in enumerate(tops):
         for j, col in enumerate(lefts):
             top, left = max(min(row, height - side), 0), max(min(col, width - side), 0)  # at the edge: those before it
-            means[i, j] = image[top:row + side, left:col + side].mean((0, 1))
-    around = np.array([[means[max(i - 1, 0):i + 2, max(j - 1, 0):j + 2].mean((0, 1)) for j in range(len(lefts))]
-                       for i in range(len(tops))])
+            means[i, j] = image[top : row + side, left : col + side].mean((0, 1))
+    around = np.array(
+        [
+            [means[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].mean((0, 1)) for j in range(len(lefts))]
+            for i in range(len(tops))
+        ]
+    )
     mixed = (1.0 - SHARE_AROUND) * means + SHARE_AROUND * around
     return mixed.repeat(side, axis=0).repeat(side, axis=1)[:height, :width]
 

@@ -27,12 +27,16 @@ FLOOR_Z = -3.0
 def scene_dict(**changes):
     """A scene of one second with a stereo pair; ``changes`` replace whole blocks."""
     return {
-        "name": "test", "seed": 3, "surface_depth_m": 80.0,
+        "name": "test",
+        "seed": 3,
+        "surface_depth_m": 80.0,
         "water": {"coefficients": {"sigma_s": [0.01, 0.02, 0.04], "sigma_a": [0.1, 0.04, 0.0]}},
         "vehicle": {
             "lights": [{"kind": "spot", "position": [0.15, -0.1, 0.0], "direction": [0, 1, -0.2], "blend": 0.15}],
-            "cameras": [{"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-15, 0, 0], "resolution": [48, 27]}
-                        for name, x in (("L0", -0.1), ("R0", 0.1))],
+            "cameras": [
+                {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-15, 0, 0], "resolution": [48, 27]}
+                for name, x in (("L0", -0.1), ("R0", 0.1))
+            ],
             "imu": {"position": [0.1, 0.2, 0.05], "rotation_euler_deg": [5, 10, 15]},
             "depth_gauge": {"position": [0.0, 0.3, 0.1]},
         },
@@ -76,15 +80,23 @@ def simulate(scene, parts=None, *, progress=None):
         white = scene.vehicle.imu.noise.accelerometer_noise_density * np.sqrt(rate)
         white = white * np.random.default_rng(scene.seed).standard_normal(body.shape)
         imu.acceleration = imu.acceleration + imu.acceleration_bias + white
-    trajectory = Trajectory(time_ns, position, velocity, acceleration,
-                            rotation.as_quat(canonical=True, scalar_first=True), omega, alpha)
+    trajectory = Trajectory(
+        time_ns, position, velocity, acceleration, rotation.as_quat(canonical=True, scalar_first=True), omega, alpha
+    )
     gauge = rotation.apply(scene.vehicle.depth_gauge.position) + position
     return SimpleNamespace(
-        trajectory=trajectory, frames=trajectory.at(time_ns[:200:20]), imu=imu,
+        trajectory=trajectory,
+        frames=trajectory.at(time_ns[:200:20]),
+        imu=imu,
         motion=lambda at_ns: lambda offset_ns: trajectory.from_before(at_ns + offset_ns).poses(),
-        depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]), messages=[],
-        **{sensor.key: measured(sensor, trajectory, block, Around(parts=parts or ()))
-           for sensor, block in mounted(scene.vehicle) if sensor.key in ASKED_FOR})
+        depth_gauge=SimpleNamespace(time_ns=time_ns, depth=scene.surface_depth_m - gauge[:, 2]),
+        messages=[],
+        **{
+            sensor.key: measured(sensor, trajectory, block, Around(parts=parts or ()))
+            for sensor, block in mounted(scene.vehicle)
+            if sensor.key in ASKED_FOR
+        },
+    )
 
 
 def course_facts(simulation, scene):
@@ -95,8 +107,12 @@ def course_facts(simulation, scene):
 def path_samples(simulation):
     """Where the vehicle is every 25 ms, and was meant to be."""
     trajectory = simulation.trajectory
-    return (trajectory.time_ns[::5], trajectory.position[::5], trajectory.position[::5],
-            np.zeros(len(trajectory.time_ns[::5]), int))
+    return (
+        trajectory.time_ns[::5],
+        trajectory.position[::5],
+        trajectory.position[::5],
+        np.zeros(len(trajectory.time_ns[::5]), int),
+    )
 
 
 class FlatFloorRenderer:
@@ -163,16 +179,22 @@ class FlatFloorRenderer:
 def plan_render(scene, renderer, poses, **options):
     """As the planner: where A is not among the outputs, it does not look for samples."""
     what, spp = ("spp", 8) if {"A", "P"} & set(scene.render.outputs) else ("A", 1)
-    return Plan(scene.render.spp or spp, scene.render.max_scatterings, scene.render.max_bounces,
-                decisions=[Decision(what, str(spp), "a test")], models=dict.fromkeys(scene.render.outputs, "a test"))
+    return Plan(
+        scene.render.spp or spp,
+        scene.render.max_scatterings,
+        scene.render.max_bounces,
+        decisions=[Decision(what, str(spp), "a test")],
+        models=dict.fromkeys(scene.render.outputs, "a test"),
+    )
 
 
 def install(monkeypatch):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
-    for name, members in {"sim.trajectory": {"simulate": simulate, "path_samples": path_samples,
-                                           "course_facts": course_facts},
-                          "render.planner.plan": {"plan_render": plan_render},
-                          "render.renderer": {"FrameRenderer": FlatFloorRenderer}}.items():
+    for name, members in {
+        "sim.trajectory": {"simulate": simulate, "path_samples": path_samples, "course_facts": course_facts},
+        "render.planner.plan": {"plan_render": plan_render},
+        "render.renderer": {"FrameRenderer": FlatFloorRenderer},
+    }.items():
         module = ModuleType(name)
         module.__dict__.update(members)
         monkeypatch.setitem(sys.modules, f"varos_warp.{name}", module)
@@ -180,5 +202,8 @@ def install(monkeypatch):
 
 def tree(root):
     """Bytes of every file of a dataset by its path, without the log of who rendered when."""
-    return {p.relative_to(root).as_posix(): p.read_bytes() for p in sorted(root.rglob("*"))
-            if p.is_file() and "log" not in p.relative_to(root).parts}
+    return {
+        p.relative_to(root).as_posix(): p.read_bytes()
+        for p in sorted(root.rglob("*"))
+        if p.is_file() and "log" not in p.relative_to(root).parts
+    }

@@ -65,8 +65,15 @@ def write_geotiff(path, values, *, corner=None, step=STEP, keys=UTM_32, nodata=N
     if place == "scale":
         extra += [(33550, "d", 3, (step, step, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, *corner, 0.0), True)]
     elif place == "matrix":
-        extra.append((34264, "d", 16, (step, 0.0, 0.0, corner[0], 0.0, -step, 0.0, corner[1], 0.0, 0.0, 0.0, 0.0,
-                                       0.0, 0.0, 0.0, 1.0), True))
+        extra.append(
+            (
+                34264,
+                "d",
+                16,
+                (step, 0.0, 0.0, corner[0], 0.0, -step, 0.0, corner[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+                True,
+            )
+        )
     if nodata is not None:
         extra.append((42113, "s", 0, str(nodata), True))
     tifffile.imwrite(path, values, photometric="minisblack", metadata=None, extratags=[*extra, *tags], **options)
@@ -78,8 +85,14 @@ def write_asc(path, values, *, corner=True, step=STEP, nodata=-9999, digits=17):
     rows, columns = values.shape
     half = 0.5 * step if corner else 0.0
     word = "corner" if corner else "center"
-    lines = [f"ncols {columns}", f"nrows {rows}", f"xll{word} {EAST - half!r}", f"yll{word} {NORTH - half!r}",
-             f"cellsize {step}", f"NODATA_value {nodata}"]
+    lines = [
+        f"ncols {columns}",
+        f"nrows {rows}",
+        f"xll{word} {EAST - half!r}",
+        f"yll{word} {NORTH - half!r}",
+        f"cellsize {step}",
+        f"NODATA_value {nodata}",
+    ]
     lines += [" ".join(f"{nodata if np.isnan(z) else z:.{digits}g}" for z in row) for row in values]
     path.write_text("\n".join(lines) + "\n")
     return path

@@ -114,7 +114,7 @@ def keep(number, size=25_000, days_ago=0.0):
     """An entry of 0.2 MB, used so long ago by a process that is gone."""
     before = set(cache_folder().iterdir())
     cached("light", {"number": number}, lambda: {"a": np.full(size, float(number))})
-    path, = set(cache_folder().iterdir()) - before
+    (path,) = set(cache_folder().iterdir()) - before
     os.utime(path, (time.time() - 86_400 * days_ago,) * 2)
     cache._in_use.discard(path)
     return path
@@ -137,8 +137,14 @@ def test_what_this_process_uses_stays_whatever_the_limit(folder):
 
 
 def test_nothing_that_is_not_ours_is_ever_deleted(folder):
-    names = ("notes.txt", "light.npz", f"light-{'0' * 31}.npz", f"light-{'g' * 32}.npz", f"light-{'0' * 32}.npz.bak",
-             "tmpabc.partial")
+    names = (
+        "notes.txt",
+        "light.npz",
+        f"light-{'0' * 31}.npz",
+        f"light-{'g' * 32}.npz",
+        f"light-{'0' * 32}.npz.bak",
+        "tmpabc.partial",
+    )
     for name in names:
         (folder / name).write_bytes(bytes(1_000_000))
     inside = folder / f"light-{'0' * 32}.npz"
@@ -150,8 +156,7 @@ def test_nothing_that_is_not_ours_is_ever_deleted(folder):
     for number in range(5):
         keep(number, days_ago=9 - number)
     clear()
-    assert {path.name for path in folder.iterdir()} == {
-        *names, inside.name, "elsewhere", f"light-{'1' * 32}.npz"}
+    assert {path.name for path in folder.iterdir()} == {*names, inside.name, "elsewhere", f"light-{'1' * 32}.npz"}
     assert target.read_bytes() == b"mine"
 
 
@@ -213,14 +218,18 @@ def hash_of(package):
     return code_hash.__wrapped__(open_water.__name__, open_water.CODE, package)
 
 
-@pytest.mark.parametrize(("file", "before", "after"), [
-    ("kernels/field/single_scattering.py", "wp.constant(10)", "wp.constant(11)"),
-    ("kernels/field/tabulate.py", "PANEL, PANEL_NODES = wp.constant(3.0)", "PANEL, PANEL_NODES = wp.constant(3.5)"),
-    ("kernels/conventions.py", "NEAR = ", "NEAR = 2.0 * "),
-    ("render/field/solver.py", "FINE = (64,", "FINE = (65,"),
-    ("render/field/scattering.py", "BETWEEN = 2", "BETWEEN = 3"),
-    ("render/field/along_camera.py", "(64, 19, 33)", "(65, 19, 33)"),
-    ("scene/water/phase/fournier_forand.py", "import numpy", "import numpy as other\nimport numpy")])
+@pytest.mark.parametrize(
+    ("file", "before", "after"),
+    [
+        ("kernels/field/single_scattering.py", "wp.constant(10)", "wp.constant(11)"),
+        ("kernels/field/tabulate.py", "PANEL, PANEL_NODES = wp.constant(3.0)", "PANEL, PANEL_NODES = wp.constant(3.5)"),
+        ("kernels/conventions.py", "NEAR = ", "NEAR = 2.0 * "),
+        ("render/field/solver.py", "FINE = (64,", "FINE = (65,"),
+        ("render/field/scattering.py", "BETWEEN = 2", "BETWEEN = 3"),
+        ("render/field/along_camera.py", "(64, 19, 33)", "(65, 19, 33)"),
+        ("scene/water/phase/fournier_forand.py", "import numpy", "import numpy as other\nimport numpy"),
+    ],
+)
 def test_changing_a_constant_that_decides_the_field_changes_its_key(package, file, before, after):
     key, path = hash_of(package), package / file
     assert path.read_text().count(before)

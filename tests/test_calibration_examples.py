@@ -29,8 +29,10 @@ def beside(monkeypatch):
 def made(tmp_path_factory):
     """The template with a port that is not straight: its dataset, without images, and the corners."""
     root = tmp_path_factory.mktemp("ports")
-    scene = load_scene(DATA / "templates/calibration.yaml", [f"vehicle.cameras.0.port.normal={list(NORMAL)}",
-                                                             "terrain.material=stand", "objects.3.material=stand"])
+    scene = load_scene(
+        DATA / "templates/calibration.yaml",
+        [f"vehicle.cameras.0.port.normal={list(NORMAL)}", "terrain.material=stand", "objects.3.material=stand"],
+    )
     produce(scene, root / "data", images=False, quiet=True)
     export(root / "data", "corners", root / "corners")
     return root
@@ -76,13 +78,21 @@ def errors(root, noise_px):
     example, data = runpy.run_path(str(EXAMPLES / "camera_imu.py")), Dataset(root / "data")
     board, stamps_s, points = example["corners"](root / "corners/camM0.csv")
     points = points + np.random.default_rng(1).normal(0.0, noise_px, points.shape)
-    fit = example["CameraImu"](data.intrinsics("M0", "opencv"), board, stamps_s - OFFSET_S, points,
-                               example["readings_of"](root / "data", 0), 9.81, 4.0)
+    fit = example["CameraImu"](
+        data.intrinsics("M0", "opencv"),
+        board,
+        stamps_s - OFFSET_S,
+        points,
+        example["readings_of"](root / "data", 0),
+        9.81,
+        4.0,
+    )
     R, x, covariance = fit.fit(CORNER_NOISE_PX)
     true = np.linalg.inv(data.camera("M0")["T_v_c"]) @ np.array(data.meta["sensors"]["imu0"]["T_v_s"])
     turned = Rotation.from_matrix(R @ true[:3, :3].T).as_rotvec()
-    return np.concatenate([turned, x[:10] - [*true[:3, 3], OFFSET_S, 0.004, -0.003, 0.005, 0.1, -0.05, 0.08]]
-                          ), covariance[:13, :13]
+    return np.concatenate(
+        [turned, x[:10] - [*true[:3, 3], OFFSET_S, 0.004, -0.003, 0.005, 0.1, -0.05, 0.08]]
+    ), covariance[:13, :13]
 
 
 def test_a_fit_finds_pose_of_a_camera_on_an_imu_time_offset_and_biases(tmp_path):
@@ -94,9 +104,15 @@ def test_a_fit_finds_pose_of_a_camera_on_an_imu_time_offset_and_biases(tmp_path)
     assert 3.0 < sizes[0] / sizes[1] < 5.0
 
 
-@pytest.mark.parametrize(("options", "camera", "says"), [
-    (["--part", "0"], {}, "--part is at least 0.1"), (["--offset-ms", "nan"], {}, "--offset-ms a number"),
-    ([], {"port": {"kind": "flat"}}, "a port, or"), ([], {"mount": "world"}, "stands in the world")])
+@pytest.mark.parametrize(
+    ("options", "camera", "says"),
+    [
+        (["--part", "0"], {}, "--part is at least 0.1"),
+        (["--offset-ms", "nan"], {}, "--offset-ms a number"),
+        ([], {"port": {"kind": "flat"}}, "a port, or"),
+        ([], {"mount": "world"}, "stands in the world"),
+    ],
+)
 def test_what_the_fit_of_an_imu_cannot_take_is_refused(tmp_path, capsys, options, camera, says):
     assert says in refusal("camera_imu", tmp_path, capsys, camera, options)
 
@@ -117,13 +133,18 @@ FLAT = {"port": {"kind": "flat"}}
 
 
 @pytest.mark.parametrize(("name", "kind"), [("camera_imu", {}), ("flat_port", FLAT)])
-@pytest.mark.parametrize(("changes", "says"), [
-    ({"file": "camL0.csv"}, "camL0.csv is no table of this dataset's cameras: camM0.csv"),
-    ({"table": "a,b\n1,2\n"}, f"camM0.csv is no table that `{REMEDY}` wrote: "),
-    ({"table": HEAD + "0,0,objects.0,0,many,2,visible,0,0,0\n"}, f"camM0.csv is no table that `{REMEDY}` wrote: "),
-    ({"table": HEAD}, "camM0.csv has no corners"), ({"options": ["--noise", "-1"]}, "--noise is at least 0"),
-    ({"camera": {"distortion": "rational"}}, "camM0.csv is of a camera with distortion"),
-    ({"camera": {"shutter": {"exposure_s": 0.01, "readout_s": 0.02}}}, "camM0.csv is of a rolling shutter")])
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"file": "camL0.csv"}, "camL0.csv is no table of this dataset's cameras: camM0.csv"),
+        ({"table": "a,b\n1,2\n"}, f"camM0.csv is no table that `{REMEDY}` wrote: "),
+        ({"table": HEAD + "0,0,objects.0,0,many,2,visible,0,0,0\n"}, f"camM0.csv is no table that `{REMEDY}` wrote: "),
+        ({"table": HEAD}, "camM0.csv has no corners"),
+        ({"options": ["--noise", "-1"]}, "--noise is at least 0"),
+        ({"camera": {"distortion": "rational"}}, "camM0.csv is of a camera with distortion"),
+        ({"camera": {"shutter": {"exposure_s": 0.01, "readout_s": 0.02}}}, "camM0.csv is of a rolling shutter"),
+    ],
+)
 def test_both_fits_tell_a_wrong_table_by_name(tmp_path, capsys, name, kind, changes, says):
     assert says in refusal(name, tmp_path, capsys, **{**changes, "camera": kind | changes.get("camera", {})})
 

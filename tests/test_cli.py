@@ -70,10 +70,38 @@ def test_run_makes_a_valid_dataset_and_says_so(scene_file, tmp_path):
 
 def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
     out = tmp_path / "out"
-    result = call("run", scene_file, "-o", out, "--device", "cpu", "--outputs", "A,D", "--spp", 4,
-                  "--max-scatterings", 2, "--max-bounces", 3, "--layers", "direct,single", "--seed", 9,
-                  "--denoise", "none", "--linear-exr", "--integrator", "reference",
-                  "--frames", "2:4", "--set", "render.depth_kind=range", "--set", "seed=5", "-q")
+    result = call(
+        "run",
+        scene_file,
+        "-o",
+        out,
+        "--device",
+        "cpu",
+        "--outputs",
+        "A,D",
+        "--spp",
+        4,
+        "--max-scatterings",
+        2,
+        "--max-bounces",
+        3,
+        "--layers",
+        "direct,single",
+        "--seed",
+        9,
+        "--denoise",
+        "none",
+        "--linear-exr",
+        "--integrator",
+        "reference",
+        "--frames",
+        "2:4",
+        "--set",
+        "render.depth_kind=range",
+        "--set",
+        "seed=5",
+        "-q",
+    )
     assert result.exit_code == 0, result.output
     data = Dataset(out)
     render = data.meta["scene"]["render"]
@@ -85,8 +113,10 @@ def test_options_have_the_last_word_over_the_scene(scene_file, tmp_path):
 
 
 def test_a_tolerance_replaces_the_scenes_samples():
-    assert {change for change, _ in options.Choices(tolerance=0.1).overrides()} == {"render.tolerance=0.1",
-                                                                                    "render.spp=null"}
+    assert {change for change, _ in options.Choices(tolerance=0.1).overrides()} == {
+        "render.tolerance=0.1",
+        "render.spp=null",
+    }
 
 
 def test_shards_together_make_a_whole_dataset(scene_file, tmp_path):
@@ -135,8 +165,10 @@ def test_plan_and_run_warn_of_what_info_warns_of(scene_file, tmp_path):
     assert f"note: {warning}\n" in call("run", scene_file, "-o", tmp_path / "out", *change, "--frames", "0").stderr
 
 
-COMMON = ("--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "
-          "--denoise --set")
+COMMON = (
+    "--device --frames --outputs --tolerance --spp --max-scatterings --layers --integrator --max-bounces --seed "
+    "--denoise --set"
+)
 JOB = COMMON + " --linear-exr --shard --json --quiet"
 
 
@@ -148,10 +180,19 @@ def test_help_goes_from_a_scene_to_a_dataset_and_names_every_format():
     assert all(name in to.help for name in FORMATS)
 
 
-@pytest.mark.parametrize(("verb", "options"), [
-    ("run", JOB + " --workers"), ("render", JOB + " --workers"), ("demo", JOB), ("plan", COMMON + " --json --quiet"),
-    ("simulate", "--seed --set --json --quiet"), ("info", "--set --json --quiet"), ("validate", "--json --quiet"),
-    ("report", "--json --quiet")])
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("run", JOB + " --workers"),
+        ("render", JOB + " --workers"),
+        ("demo", JOB),
+        ("plan", COMMON + " --json --quiet"),
+        ("simulate", "--seed --set --json --quiet"),
+        ("info", "--set --json --quiet"),
+        ("validate", "--json --quiet"),
+        ("report", "--json --quiet"),
+    ],
+)
 def test_every_verb_has_the_options_of_the_contract_that_mean_something_to_it(verb, options):
     command = typer.main.get_command(cli.app).commands[verb]
     assert set(options.split()) <= {name for parameter in command.params for name in parameter.opts}
@@ -238,7 +279,8 @@ def test_info_shows_water_and_cameras_with_their_units(scene_file):
 def test_info_says_what_a_calibration_gives_and_where_its_lens_ends(scene_file):
     (scene_file.parent / "chain.yaml").write_text(
         "cam0: {camera_model: pinhole, intrinsics: [50, 50, 23.5, 13], distortion_model: equidistant, "
-        "distortion_coeffs: [-0.9, 0, 0, 0], resolution: [48, 27], T_cam_imu: [[1]]}")
+        "distortion_coeffs: [-0.9, 0, 0, 0], resolution: [48, 27], T_cam_imu: [[1]]}"
+    )
     text = call("info", scene_file, "--set", "vehicle.cameras=[{id: M0, calibration: chain.yaml#cam0}]").output
     assert "intrinsics, distortion and resolution are those of chain.yaml#cam0; where it is mounted is as the" in text
     assert re.search(r"M0: \d+ pixels \(\d+ %\) see nothing and are black: the lens ends 34\.9 degrees from its", text)
@@ -263,8 +305,9 @@ def test_info_tells_by_how_much_a_measured_phase_function_was_normalised(scene_f
 def test_info_tells_frames_size_and_time_of_the_dataset(scene_file):
     """In proportion to what is rendered, whatever the factors."""
     changes = ("seed=3", "vehicle.cameras.1.resolution=[96,54]", "render.outputs=[A]")
-    once, more, less = (json.loads(call("info", scene_file, "--json", "--set", change).stdout)["dataset"]
-                        for change in changes)
+    once, more, less = (
+        json.loads(call("info", scene_file, "--json", "--set", change).stdout)["dataset"] for change in changes
+    )
     assert (once["frames"], once["images"], once["spp"]) == (10, 10 * 2 * 4, 8)
     assert more["bytes"] == pytest.approx(once["bytes"] * (1 + 4) / 2, abs=1)
     assert more["seconds"] >= once["seconds"] >= less["seconds"] > 0.0
@@ -293,9 +336,20 @@ def test_info_expects_little_of_images_without_water_and_speaks_of_no_samples_of
 @pytest.mark.parametrize("outputs", ["C", "S", "F", "B"])
 def test_info_expects_more_of_more_pixels_whatever_the_image(scene_file, outputs):
     """A thousand times as many."""
-    one, more = (json.loads(call("info", scene_file, "--json", "--set", f"render.outputs=[{outputs}]",
-                                 "--set", f"vehicle.cameras.0.resolution={size}").stdout)["dataset"]["seconds"]
-                 for size in ("[48,27]", "[1536,864]"))
+    one, more = (
+        json.loads(
+            call(
+                "info",
+                scene_file,
+                "--json",
+                "--set",
+                f"render.outputs=[{outputs}]",
+                "--set",
+                f"vehicle.cameras.0.resolution={size}",
+            ).stdout
+        )["dataset"]["seconds"]
+        for size in ("[48,27]", "[1536,864]")
+    )
     assert more > one
 
 
@@ -314,8 +368,10 @@ def test_help_shows_no_type_for_flags(verb):
 
 def test_frames_may_have_a_step(scene_file, tmp_path):
     out = tmp_path / "out"
-    assert call("run", scene_file, "-o", out, "--device", "cpu", "-q", "--outputs", "C", "--frames",
-                "1:9:3").exit_code == 0
+    assert (
+        call("run", scene_file, "-o", out, "--device", "cpu", "-q", "--outputs", "C", "--frames", "1:9:3").exit_code
+        == 0
+    )
     assert Dataset(out).frames == [1, 4, 7]
     assert call("validate", out, "-q").exit_code == 0
 
@@ -342,13 +398,22 @@ def test_a_machine_without_a_gpu_is_not_warned_of_by_the_driver():
     assert (done.stdout, done.stderr) == ("cpu\n", "")
 
 
-@pytest.mark.parametrize(("words", "offered"), [("varos-warp val", "validate"), ("varos-warp run --work", "--workers"),
-                                                ("varos-warp init --template hul", "hull"),
-                                                ("varos-warp schema vehicle.cameras.foc", "vehicle.cameras.focus_m")])
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("varos-warp val", "validate"),
+        ("varos-warp run --work", "--workers"),
+        ("varos-warp init --template hul", "hull"),
+        ("varos-warp schema vehicle.cameras.foc", "vehicle.cameras.focus_m"),
+    ],
+)
 def test_the_shell_completes_verbs_options_templates_and_keys(words, offered):
     words = words.split()
-    environment = os.environ | {"_VAROS_WARP_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words),
-                                "COMP_CWORD": str(len(words) - 1)}
+    environment = os.environ | {
+        "_VAROS_WARP_COMPLETE": "complete_bash",
+        "COMP_WORDS": " ".join(words),
+        "COMP_CWORD": str(len(words) - 1),
+    }
     code = "from varos_warp.cli import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
     assert offered in done.stdout.split()
@@ -362,7 +427,7 @@ def test_schema_is_json_schema():
 
 def test_schema_explains_one_key_in_words_or_as_json():
     assert "  default: 3.0" in call("schema", "vehicle.cameras.focus_m").stdout
-    entry, = json.loads(call("schema", "vehicle.cameras.focus_m", "--json").stdout)
+    (entry,) = json.loads(call("schema", "vehicle.cameras.focus_m", "--json").stdout)
     assert (entry["schema"]["x-unit"], entry["schema"]["minimum"], entry["required"]) == ("m", 0.001, False)
     assert "Did you mean 'cameras'?" in refused("schema", "vehicle.camera")
 
@@ -399,8 +464,9 @@ def test_preprocess_joins_and_decimates_and_states_its_error(tmp_path):
     for i in range(2):
         ball = trimesh.creation.icosphere(subdivisions=3).apply_translation([3.0 * i, 0, 0])
         ball.export(tmp_path / f"{i}.ply")
-    result = call("preprocess", tmp_path / "0.ply", tmp_path / "1.ply", "-o", tmp_path / "out.ply", "--vertices", 300,
-                  "--json")
+    result = call(
+        "preprocess", tmp_path / "0.ply", tmp_path / "1.ply", "-o", tmp_path / "out.ply", "--vertices", 300, "--json"
+    )
     assert result.exit_code == 0, result.output
     facts = json.loads(result.stdout)
     assert facts["before"]["vertices"] == 2 * 642
@@ -437,6 +503,7 @@ def test_no_function_of_the_command_line_takes_more_than_ten_arguments():
 
 def test_shells_complete_the_verbs_and_options():
     """As bash asks, with the line so far in the environment."""
+
     def complete(line: str) -> list[str]:
         words = line.split(" ")
         asked = {"_VAROS_WARP_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
@@ -454,13 +521,16 @@ def test_a_missing_scene_is_refused(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("line", "message"), [
-    ("watter: none", "watter: unknown key. Did you mean 'water'?"),
-    ("seed: -1", "seed = -1"),
-    ("trajectory: {waypoints: []}", "at least one waypoint"),
-    ("vehicle: {cameras: []}", "vehicle.cameras = []: has too few items. Give at least 1."),
-    ("vehicle: {lights: [{direction: [0, 1.0e-20, 0]}]}", "vehicle.lights.0.direction"),
-])
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("watter: none", "watter: unknown key. Did you mean 'water'?"),
+        ("seed: -1", "seed = -1"),
+        ("trajectory: {waypoints: []}", "at least one waypoint"),
+        ("vehicle: {cameras: []}", "vehicle.cameras = []: has too few items. Give at least 1."),
+        ("vehicle: {lights: [{direction: [0, 1.0e-20, 0]}]}", "vehicle.lights.0.direction"),
+    ],
+)
 def test_a_scene_that_says_something_wrong_is_refused_naming_file_and_key(tmp_path, line, message):
     path = tmp_path / "scene.yaml"
     data = standins.scene_dict()
@@ -492,8 +562,9 @@ nan 1 0
 def test_a_mesh_that_is_missing_empty_or_nan_is_refused_and_nothing_is_written(scene_file, tmp_path, mesh):
     if mesh is not None:
         (tmp_path / "m.ply").write_text(mesh)
-    text = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q",
-                   "--set", "objects=[{file: m.ply}]")
+    text = refused(
+        "run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", "--set", "objects=[{file: m.ply}]"
+    )
     assert "m.ply" in text
     assert "objects.0" in text
     assert not (tmp_path / "out").exists()
@@ -506,11 +577,30 @@ def test_an_unknown_device_is_refused_with_those_that_exist(scene_file, tmp_path
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("arguments", [
-    "--frames a:b", "--frames 1:2:3:4", "--frames 0:9:0", "--frames 0:9:-1",
-    "--frames -3:", "--frames 50:", "--shard 2/2", "--shard x", "--spp 0",
-    "--spp 4 --tolerance 0.1", "--outputs AX", "--layers all", "--integrator magic", "--denoise magic", "--seed -1",
-    "--tolerance 0", "--max-scatterings -1", "--set nonsense", "--set render.what=1"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "--frames a:b",
+        "--frames 1:2:3:4",
+        "--frames 0:9:0",
+        "--frames 0:9:-1",
+        "--frames -3:",
+        "--frames 50:",
+        "--shard 2/2",
+        "--shard x",
+        "--spp 0",
+        "--spp 4 --tolerance 0.1",
+        "--outputs AX",
+        "--layers all",
+        "--integrator magic",
+        "--denoise magic",
+        "--seed -1",
+        "--tolerance 0",
+        "--max-scatterings -1",
+        "--set nonsense",
+        "--set render.what=1",
+    ],
+)
 def test_a_bad_option_is_refused(scene_file, tmp_path, arguments):
     refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", *arguments.split())
     assert not (tmp_path / "out").exists()
@@ -560,8 +650,9 @@ def test_images_that_could_not_be_made_are_one_line_and_status_1(scene_file, tmp
     assert result.stderr == "varos-warp: frame 4, camera M0 could not be made: odd\n"
 
 
-@pytest.mark.parametrize(("verb", "called", "goes_on"), [
-    ("run", "run.produce.produce", True), ("validate", "validate.validate", False)])
+@pytest.mark.parametrize(
+    ("verb", "called", "goes_on"), [("run", "run.produce.produce", True), ("validate", "validate.validate", False)]
+)
 def test_only_what_goes_on_says_so_when_it_is_interrupted(scene_file, tmp_path, monkeypatch, verb, called, goes_on):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -583,7 +674,8 @@ def test_bad_input_ends_at_once_though_kernels_are_being_compiled(tmp_path):
         "from varos_warp.device.compile import compiling\n"
         "long = SimpleNamespace(load=lambda *_, **__: time.sleep(600.0))\n"
         "with compiling([SimpleNamespace(module=long)], 'cpu'):\n"
-        "    main()\n")
+        "    main()\n"
+    )
     done = subprocess.run([sys.executable, program, "info", "missing.yaml"], capture_output=True, text=True, timeout=99)
     assert done.returncode == 2
     assert "missing.yaml" in done.stderr
@@ -601,11 +693,16 @@ def test_a_run_that_is_asked_to_end_does_so_with_status_130_and_whole_files_only
         "standins.install(pytest.MonkeyPatch())\n"
         "render = standins.FlatFloorRenderer.render\n"
         "standins.FlatFloorRenderer.render = lambda *a, **k: (time.sleep(0.5), render(*a, **k))[1]\n"
-        "from varos_warp.cli import main\nmain()\n")
+        "from varos_warp.cli import main\nmain()\n"
+    )
     out = tmp_path / "out"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([os.path.dirname(standins.__file__), *sys.path])}
-    process = subprocess.Popen([sys.executable, program, "run", scene_file, "-o", out, "--device", "cpu"],
-                               stderr=subprocess.PIPE, text=True, env=environment)
+    process = subprocess.Popen(
+        [sys.executable, program, "run", scene_file, "-o", out, "--device", "cpu"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
     deadline = time.monotonic() + 60
     while not list(out.rglob("D/*.png")) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -619,11 +716,17 @@ def test_a_run_that_is_asked_to_end_does_so_with_status_130_and_whole_files_only
     assert call("validate", out, "-q").exit_code == 0
 
 
-@pytest.mark.parametrize(("imu", "line"), [
-    ("{}", "IMU: 200 Hz, no noise"),
-    ("{rate_hz: 100, noise: {gyroscope_noise_density: 1.7e-4, gyroscope_random_walk: 2.0e-5, "
-     "accelerometer_noise_density: 2.0e-3}}",
-     "IMU: 100 Hz, accelerometer 0.002 m/s^2/sqrt(Hz), random walk 0 m/s^3/sqrt(Hz); gyroscope 0.00017 rad/s/sqrt(Hz), "
-     "random walk 2e-05 rad/s^2/sqrt(Hz)")])
+@pytest.mark.parametrize(
+    ("imu", "line"),
+    [
+        ("{}", "IMU: 200 Hz, no noise"),
+        (
+            "{rate_hz: 100, noise: {gyroscope_noise_density: 1.7e-4, gyroscope_random_walk: 2.0e-5, "
+            "accelerometer_noise_density: 2.0e-3}}",
+            "IMU: 100 Hz, accelerometer 0.002 m/s^2/sqrt(Hz), random walk 0 m/s^3/sqrt(Hz); "
+            "gyroscope 0.00017 rad/s/sqrt(Hz), random walk 2e-05 rad/s^2/sqrt(Hz)",
+        ),
+    ],
+)
 def test_info_has_a_line_of_the_noise_of_the_imu(scene_file, imu, line):
     assert line in call("info", scene_file, "--set", f"vehicle.imu={imu}").output.splitlines()

@@ -38,12 +38,22 @@ def mesh(tmp_path):
 # ------------------------------------------------------------------------------------------------------------- scenes
 
 
-@pytest.mark.parametrize(("given", "key"), [
-    ("--spp 0", "render.spp = 0"), ("--spp 0.5", "render.spp = 0.5"), ("--set render.spp=0.0", "render.spp = 0.0"),
-    ("--tolerance 2", "render.tolerance = 2"), ("--outputs AX", "render.outputs.1 = 'X'"),
-    ("--layers direct,all", "render.layers.1 = 'all'"), ("--integrator magic", "render.integrator = 'magic'"),
-    ("--max-scatterings -1", "render.max_scatterings = -1"), ("--max-bounces -2", "render.max_bounces = -2"),
-    ("--seed -1", "seed = -1"), ("--denoise magic", "render.denoise = 'magic'")])
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [
+        ("--spp 0", "render.spp = 0"),
+        ("--spp 0.5", "render.spp = 0.5"),
+        ("--set render.spp=0.0", "render.spp = 0.0"),
+        ("--tolerance 2", "render.tolerance = 2"),
+        ("--outputs AX", "render.outputs.1 = 'X'"),
+        ("--layers direct,all", "render.layers.1 = 'all'"),
+        ("--integrator magic", "render.integrator = 'magic'"),
+        ("--max-scatterings -1", "render.max_scatterings = -1"),
+        ("--max-bounces -2", "render.max_bounces = -2"),
+        ("--seed -1", "seed = -1"),
+        ("--denoise magic", "render.denoise = 'magic'"),
+    ],
+)
 def test_a_refused_option_is_named_as_it_was_given(scene_file, tmp_path, given, key):
     said = refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", *given.split())
     assert said.startswith(f"varos-warp: {given}: {key}: ")
@@ -54,11 +64,16 @@ def test_an_option_is_blamed_for_itself_also_beside_set(scene_file, tmp_path):
     assert said.startswith("varos-warp: --spp 0: render.spp = 0: ")
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    ("--frames 50", "--frames = '50:51': names no frame. The sequence has frames 0 to 9."),
-    ("--frames 5:2", "--frames = '5:2': names no frame."), ("--device cuda:7", "--device = 'cuda:7': no such device"),
-    ("--workers 0", "--workers = 0: must be at least 1. Such as 2."),
-    ("--workers 2 --shard 0/2", "--workers = 2: cannot be given with --shard. Leave one of them out.")])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("--frames 50", "--frames = '50:51': names no frame. The sequence has frames 0 to 9."),
+        ("--frames 5:2", "--frames = '5:2': names no frame."),
+        ("--device cuda:7", "--device = 'cuda:7': no such device"),
+        ("--workers 0", "--workers = 0: must be at least 1. Such as 2."),
+        ("--workers 2 --shard 0/2", "--workers = 2: cannot be given with --shard. Leave one of them out."),
+    ],
+)
 def test_an_option_that_the_scene_cannot_serve_is_named_as_an_option(scene_file, tmp_path, given, said):
     assert said in refused("run", scene_file, "-o", tmp_path / "out", "--device", "cpu", "-q", *given.split())
 
@@ -106,9 +121,11 @@ def test_what_is_no_dataset_is_told_for_what_it_is(dataset, verb):
     name, *options = verb.split()
     assert "nowhere: there is no such folder. Give the folder that" in refused(name, dataset / "../nowhere", *options)
     assert f"is a file, and a dataset is a folder. Give {dataset}, the dataset that it lies in." in refused(
-        name, dataset / "dataset.json", *options)
+        name, dataset / "dataset.json", *options
+    )
     assert f"it is not a dataset. Give {dataset}, the dataset that it lies in." in refused(
-        name, dataset / "vehicle0", *options)
+        name, dataset / "vehicle0", *options
+    )
 
 
 def test_an_export_is_no_dataset(dataset, tmp_path):
@@ -126,28 +143,37 @@ def test_an_incomplete_dataset_is_read_without_a_traceback(dataset, tmp_path):
     for verb in ("report", "export --to stream -o E", "export --to colmap -o E"):
         name, *options = verb.replace("E", str(tmp_path / "E")).split()
         assert "transformation_matrix.csv: there is no such file. `run` again to make it anew." in refused(
-            name, dataset, *options)
+            name, dataset, *options
+        )
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    ("--to EuRoC", "--to = 'EuRoC': is no format. Did you mean 'euroc'?"),
-    ("--to ros2", "--to = 'ros2': is no format. There are: euroc, tum, kitti, colmap, nerfstudio, mcap, "),
-    ("--to tum --images B", "--images = 'B': are no colour images of this dataset. It has: A."),
-    ("--to tum --images a", "--images = 'a': are no colour images of this dataset. It has: A."),
-    ("--to tum --camera X", "--camera = 'X': no such camera. There are: L0, R0."),
-    ("--to tum --camera L0,X", "--camera = 'X': no such camera. There are: L0, R0."),
-    ("--to tum --start-ns -5", "--start-ns = -5: is no time that every format has. Give nanoseconds since 1970"),
-    ("--to tum --raw", "--raw = True: is for mcap only. Leave it out.")])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("--to EuRoC", "--to = 'EuRoC': is no format. Did you mean 'euroc'?"),
+        ("--to ros2", "--to = 'ros2': is no format. There are: euroc, tum, kitti, colmap, nerfstudio, mcap, "),
+        ("--to tum --images B", "--images = 'B': are no colour images of this dataset. It has: A."),
+        ("--to tum --images a", "--images = 'a': are no colour images of this dataset. It has: A."),
+        ("--to tum --camera X", "--camera = 'X': no such camera. There are: L0, R0."),
+        ("--to tum --camera L0,X", "--camera = 'X': no such camera. There are: L0, R0."),
+        ("--to tum --start-ns -5", "--start-ns = -5: is no time that every format has. Give nanoseconds since 1970"),
+        ("--to tum --raw", "--raw = True: is for mcap only. Leave it out."),
+    ],
+)
 def test_a_wrong_option_of_an_export_is_named_as_an_option(dataset, tmp_path, given, said):
     assert said in refused("export", dataset, "-o", tmp_path / "out", *given.split())
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    ("page", "--out = 'page': is no name of an HTML file. Such as page/report.html."),
-    ("page.pdf", "is no name of an HTML file. Such as page.html."),
-    (".", "--out = '.': is a folder. Such as report.html"),
-    ("nowhere/page.html", "--out = 'nowhere': there is no such folder. Make it, or name another one.")])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("page", "--out = 'page': is no name of an HTML file. Such as page/report.html."),
+        ("page.pdf", "is no name of an HTML file. Such as page.html."),
+        (".", "--out = '.': is a folder. Such as report.html"),
+        ("nowhere/page.html", "--out = 'nowhere': there is no such folder. Make it, or name another one."),
+    ],
+)
 def test_a_report_is_an_html_file_in_a_folder_that_is_there(dataset, tmp_path, given, said, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.rglob("*"))
@@ -165,27 +191,40 @@ def test_cameras_of_an_export_are_taken_with_commas_or_one_by_one_and_each_once(
 # --------------------------------------------------------------------------------------------------------- preprocess
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    ("-o x.obj", "--out = 'x.obj': is no name of a PLY file, and only those are written. Such as x.ply."),
-    ("-o x", "--out = 'x': is no name of a PLY file"), ("-o .", "--out = '.': is no name of a PLY file"),
-    ("-o x.ply --scale 0", "--scale = 0.0: is not above 0."),
-    ("-o x.ply --scale -1", "--scale = -1.0: is not above 0."), ("-o x.ply --scale nan", "--scale = nan: is not above"),
-    ("-o x.ply --region 0,0,1", "--region = '0,0,1': is not XMIN,YMIN,XMAX,YMAX with the lower end first. For example"),
-    ("-o x.ply --region 1,1,0,0", "--region = '1,1,0,0': is not XMIN"),
-    ("-o x.ply --region nan,0,1,1", "--region = 'nan,0,1,1': is not XMIN"),
-    ("-o x.ply --region 50,50,60,60", "--region = [50.0, 50.0, 60.0, 60.0]: lies beside the terrain. The "),
-    ("-o x.ply --merge-tolerance 0.5", "--merge-tolerance = 0.5: is more than half the mesh's median edge")])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("-o x.obj", "--out = 'x.obj': is no name of a PLY file, and only those are written. Such as x.ply."),
+        ("-o x", "--out = 'x': is no name of a PLY file"),
+        ("-o .", "--out = '.': is no name of a PLY file"),
+        ("-o x.ply --scale 0", "--scale = 0.0: is not above 0."),
+        ("-o x.ply --scale -1", "--scale = -1.0: is not above 0."),
+        ("-o x.ply --scale nan", "--scale = nan: is not above"),
+        (
+            "-o x.ply --region 0,0,1",
+            "--region = '0,0,1': is not XMIN,YMIN,XMAX,YMAX with the lower end first. For example",
+        ),
+        ("-o x.ply --region 1,1,0,0", "--region = '1,1,0,0': is not XMIN"),
+        ("-o x.ply --region nan,0,1,1", "--region = 'nan,0,1,1': is not XMIN"),
+        ("-o x.ply --region 50,50,60,60", "--region = [50.0, 50.0, 60.0, 60.0]: lies beside the terrain. The "),
+        ("-o x.ply --merge-tolerance 0.5", "--merge-tolerance = 0.5: is more than half the mesh's median edge"),
+    ],
+)
 def test_a_wrong_option_of_preprocess_is_named_as_an_option(mesh, given, said, monkeypatch):
     monkeypatch.chdir(mesh.parent)
     assert said in refused("preprocess", mesh, "-q", *given.split())
     assert sorted(path.name for path in mesh.parent.iterdir()) == ["mesh.ply"]
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    ("unit=mm", "survey.unit = 'mm': is not one of the choices. Known here: m, ft, us_ft."),
-    ("foo=3", "survey.foo: unknown key. Known here: "),
-    ("classes=3", "survey.classes = 3: should be a list of whole numbers"),
-    ("region=3", "survey.region = 3: should be a list of 4 numbers")])
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("unit=mm", "survey.unit = 'mm': is not one of the choices. Known here: m, ft, us_ft."),
+        ("foo=3", "survey.foo: unknown key. Known here: "),
+        ("classes=3", "survey.classes = 3: should be a list of whole numbers"),
+        ("region=3", "survey.region = 3: should be a list of 4 numbers"),
+    ],
+)
 def test_a_wrong_key_of_a_survey_is_told_as_in_a_scene(tmp_path, given, said):
     (tmp_path / "a.xyz").write_text("0 0 1\n1 0 2\n0 1 2\n1 1 2\n")
     assert said in refused("preprocess", tmp_path / "a.xyz", "-q", "-o", tmp_path / "x.ply", "--survey", given)
@@ -208,8 +247,23 @@ def test_preprocess_that_cannot_wrap_speaks_of_its_options(tmp_path):
     assert said.endswith("check --up-axis.\n")
 
 
-@pytest.mark.parametrize("verb", ["run", "render", "simulate", "plan", "info", "preview", "validate", "report", "view",
-                                  "export", "noise", "preprocess"])
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "run",
+        "render",
+        "simulate",
+        "plan",
+        "info",
+        "preview",
+        "validate",
+        "report",
+        "view",
+        "export",
+        "noise",
+        "preprocess",
+    ],
+)
 def test_a_verb_without_its_arguments_tells_how_it_is_used(verb):
     done = CliRunner().invoke(cli.app, [verb])
     assert done.exit_code == 2

@@ -45,11 +45,18 @@ def test_contributing_names_files_and_functions_that_exist():
     assert len(rows) > 8
     for row in rows:
         names = [name for name in re.findall(r"`([^`]+)`", row) if not name.startswith("varos-warp ")]
-        found = {name: place for name in names if "/" in name or name.endswith((".py", ".md"))
-                 for place in (ROOT / name, ROOT / "varos_warp" / name, *(ROOT / "varos_warp").rglob(name))
-                 if place.exists()}
-        texts = "".join(path.read_text() for place in found.values()
-                        for path in (place.rglob("*.py") if place.is_dir() else [place]))
+        found = {
+            name: place
+            for name in names
+            if "/" in name or name.endswith((".py", ".md"))
+            for place in (ROOT / name, ROOT / "varos_warp" / name, *(ROOT / "varos_warp").rglob(name))
+            if place.exists()
+        }
+        texts = "".join(
+            path.read_text()
+            for place in found.values()
+            for path in (place.rglob("*.py") if place.is_dir() else [place])
+        )
         for name in names:
             assert name in found or re.search(rf"\b{re.escape(name.split('(')[0].lstrip('@'))}\b", texts), (name, row)
 
@@ -70,8 +77,11 @@ def test_the_reference_has_every_key_of_every_block(reference):
         for key in names_in(block):
             schema = block["properties"][key]
             meaning = reference.cell(schema["description"])
-            assert f"`{key}` | {meaning} |" in text or f"[`{key}`](docs/scene/{key}.md) | {meaning} |" in text or (
-                key in KIND_KEYS and f"`: `{kind_of(block)}`" in text), (name, key)
+            assert (
+                f"`{key}` | {meaning} |" in text
+                or f"[`{key}`](docs/scene/{key}.md) | {meaning} |" in text
+                or (key in KIND_KEYS and f"`: `{kind_of(block)}`" in text)
+            ), (name, key)
 
 
 def test_the_reference_has_every_verb_with_its_options(reference):

@@ -29,14 +29,23 @@ from varos_warp.scene.plain_yaml import parse
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-CAMERAS = [{"id": name, "position": [x, 0, 0], "resolution": [16, 9]}
-           for name, x in (("M0", 0.0), ("L0", -0.1), ("R0", 0.1))]
+CAMERAS = [
+    {"id": name, "position": [x, 0, 0], "resolution": [16, 9]} for name, x in (("M0", 0.0), ("L0", -0.1), ("R0", 0.1))
+]
 SCENE = standins.scene_dict(
     objects=[{"kind": "boulder", "diameter": 1.0, "chord_error_m": 0.1, "position": [0, 3, 0]}],
     materials={"seafloor": {}, "rusty": {"kind": "rust"}},
     trajectory={"waypoints": [{"position": [0, 0, 0]}, {"position": [0, 0.5, 0]}], "duration_s": 2.8},
-    render={"frame_rate_hz": 4, "spp": 2, "spp_b": 2, "integrator": "path", "outputs": ["A", "B", "C", "D", "F"],
-            "denoise": "none", "denoise_b": "none"})
+    render={
+        "frame_rate_hz": 4,
+        "spp": 2,
+        "spp_b": 2,
+        "integrator": "path",
+        "outputs": ["A", "B", "C", "D", "F"],
+        "denoise": "none",
+        "denoise_b": "none",
+    },
+)
 SCENE["vehicle"]["cameras"] = CAMERAS
 """Three small cameras before a stone; documents change it by their blocks."""
 
@@ -74,9 +83,16 @@ def names(folder):
     """What documents take for given."""
     scene = scene_from_dict(SCENE)
     frames = vw.simulate(scene).frames
-    return {"vw": vw, "renderer": vw.FrameRenderer(scene, "cpu"),
-            "T_w_v": frames.T_w_v(0), "T_w_v_next": frames.T_w_v(1),
-            "width": 16, "height": 9, "cos_theta": np.array([0.5]), "u": np.array([0.5])}
+    return {
+        "vw": vw,
+        "renderer": vw.FrameRenderer(scene, "cpu"),
+        "T_w_v": frames.T_w_v(0),
+        "T_w_v_next": frames.T_w_v(1),
+        "width": 16,
+        "height": 9,
+        "cos_theta": np.array([0.5]),
+        "u": np.array([0.5]),
+    }
 
 
 def runnable(code: str) -> str:
@@ -118,16 +134,25 @@ def test_extrinsics_of_kalibr_put_a_camera_where_they_say():
     np.testing.assert_allclose(T_cam_imu, space["T_cam_imu"], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("turned", "axes"), [([0, 0, 90], np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])),
-                                              ([-90, 0, 0], np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]))])
+@pytest.mark.parametrize(
+    ("turned", "axes"),
+    [
+        ([0, 0, 90], np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])),
+        ([-90, 0, 0], np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])),
+    ],
+)
 def test_rotations_of_imus_are_those_that_the_page_says(turned, axes):
     """The columns are the IMU's axes in vehicle axes: x forward, y left, z up, and those of a camera."""
     np.testing.assert_allclose(euler_to_matrix(turned), axes, atol=1e-15)
 
 
 def test_a_smaller_measured_camera_of_the_page_is_the_same_view():
-    of_page = [Camera(**camera) for text in blocks(ROOT / "docs" / "cameras.md", "yaml")
-               for camera in yaml.safe_load(text)["vehicle"]["cameras"] if camera["id"] == "R0"]
+    of_page = [
+        Camera(**camera)
+        for text in blocks(ROOT / "docs" / "cameras.md", "yaml")
+        for camera in yaml.safe_load(text)["vehicle"]["cameras"]
+        if camera["id"] == "R0"
+    ]
     whole, small = of_page
     expected = resized(whole, *small.resolution)
     np.testing.assert_allclose([x for _, x in small.intrinsics], [x for _, x in expected.intrinsics], rtol=1e-12)
@@ -171,8 +196,11 @@ def test_scene_files_of_a_page_load(page, tmp_path):
 def commands(page: Path) -> list[list[str]]:
     """Arguments of each command in the page's code; what is a synopsis has `...` or alternatives."""
     lines = re.findall(r"^ {4,}varos-warp (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return [shlex.split(line.partition(" > ")[0], comments=True) for line in lines
-            if "..." not in line and "|mcap" not in line]
+    return [
+        shlex.split(line.partition(" > ")[0], comments=True)
+        for line in lines
+        if "..." not in line and "|mcap" not in line
+    ]
 
 
 @pytest.mark.parametrize("page", as_parameters(page for page in PAGES if commands(page)))

@@ -14,9 +14,18 @@ from varos_warp.scene.frames import pose_matrix
 SCRIPT = str(Path(__file__).parents[1] / "examples" / "calibration" / "edge_corners.py")
 POSES = (0, 1, 2, 8)
 """Tilted up and down, turned to the side, and by a quarter."""
-SMALL = ["vehicle.cameras.0.resolution=[160,120]", "objects.0.rows=3", "objects.0.columns=4", "objects.0.square_m=0.1",
-         "render.outputs=[B]", "render.spp_b=32", "render.denoise_b=none", "render.dither=null",
-         "render.exposure={B: {meter: percentile, percentile: 99, level: 0.8}}", "terrain.material=floor"]
+SMALL = [
+    "vehicle.cameras.0.resolution=[160,120]",
+    "objects.0.rows=3",
+    "objects.0.columns=4",
+    "objects.0.square_m=0.1",
+    "render.outputs=[B]",
+    "render.spp_b=32",
+    "render.denoise_b=none",
+    "render.dither=null",
+    "render.exposure={B: {meter: percentile, percentile: 99, level: 0.8}}",
+    "terrain.material=floor",
+]
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +71,15 @@ def test_the_example_finds_k_within_its_standard_errors(tmp_path, capsys):
         assert abs(got - true) < 4.0 * error
 
 
-@pytest.mark.parametrize(("arguments", "says"), [
-    (["nowhere"], "nowhere"), (["data", "--camera", "Q7"], "no such camera"),
-    (["nowhere", "--rows", "2"], "at least 3"),
-    (["data", "--rows", "3"], "0 of 1 images show the board")])
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere"], "nowhere"),
+        (["data", "--camera", "Q7"], "no such camera"),
+        (["nowhere", "--rows", "2"], "at least 3"),
+        (["data", "--rows", "3"], "0 of 1 images show the board"),
+    ],
+)
 def test_what_the_example_cannot_take_is_refused(tmp_path, capsys, monkeypatch, arguments, says):
     monkeypatch.chdir(tmp_path)
     if arguments[0] == "data":

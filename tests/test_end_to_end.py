@@ -1,6 +1,5 @@
 """The whole chain without stand-ins: a scene file in, a valid dataset out, the same bytes again."""
 
-
 import numpy as np
 import pytest
 from standins import tree
@@ -10,9 +9,23 @@ from varos_warp import cli
 from varos_warp.dataset.files import read_exr
 from varos_warp.dataset.reader.dataset import Dataset
 
-SMALL = ["--device", "cpu", "--spp", "4", "-q", "--set", "trajectory.duration_s=0.2", "--set", "render.spp_b=4",
-         "--set", "vehicle.cameras.0.resolution=[48, 27]", "--set", "terrain.resolution=65",
-         "--set", "scatter=[{object: {kind: nut, size: M64}, count: 3, circle: [0, 4, 2]}]"]
+SMALL = [
+    "--device",
+    "cpu",
+    "--spp",
+    "4",
+    "-q",
+    "--set",
+    "trajectory.duration_s=0.2",
+    "--set",
+    "render.spp_b=4",
+    "--set",
+    "vehicle.cameras.0.resolution=[48, 27]",
+    "--set",
+    "terrain.resolution=65",
+    "--set",
+    "scatter=[{object: {kind: nut, size: M64}, count: 3, circle: [0, 4, 2]}]",
+]
 """With a few copies: kernels for them, textures and the field are those of tests/physics/test_field_integrator.py."""
 
 

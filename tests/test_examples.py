@@ -18,19 +18,28 @@ from varos_warp.scene.optics.camera import camera_model, pixel_centres
 from varos_warp.sim.trajectory import simulate
 
 ROOT = Path(__file__).parents[1]
-SHIPPED = [*sorted(path for path in (ROOT / "examples").rglob("*.yaml") if path.parent.name != "sweeps"),
-           *(ROOT / "varos_warp" / "data" / f"{name}.yaml" for name in ("demo", "starter")),
-           *sorted((ROOT / "varos_warp" / "data" / "templates").glob("*.yaml"))]
+SHIPPED = [
+    *sorted(path for path in (ROOT / "examples").rglob("*.yaml") if path.parent.name != "sweeps"),
+    *(ROOT / "varos_warp" / "data" / f"{name}.yaml" for name in ("demo", "starter")),
+    *sorted((ROOT / "varos_warp" / "data" / "templates").glob("*.yaml")),
+]
 SMALL = {
     "demo": ["terrain.resolution=65"],
     "starter": ["terrain.resolution=65"],
     "munkholmen": ["terrain.preprocess.shrinkwrap_resolution=65", "scatter.0.count=10"],
-    "every_block": ["terrain.preprocess.shrinkwrap_resolution=33", "terrain.preprocess.target_vertices=800",
-                    "scatter.0.count=5"],
-    **{pattern: ["terrain.resolution=33"]
-       for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back", "hull_following")},
-    **{survey: ["terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3"]
-       for survey in ("pipeline_inspection", "stereo_survey")},
+    "every_block": [
+        "terrain.preprocess.shrinkwrap_resolution=33",
+        "terrain.preprocess.target_vertices=800",
+        "scatter.0.count=5",
+    ],
+    **{
+        pattern: ["terrain.resolution=33"]
+        for pattern in ("lawn_mower", "orbit", "spiral", "there_and_back", "hull_following")
+    },
+    **{
+        survey: ["terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3"]
+        for survey in ("pipeline_inspection", "stereo_survey")
+    },
     "harbour_wall": ["terrain.resolution=65", "scatter.0.count=3"],
     "hull": ["objects.0.chord_error_m=0.02"],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],
@@ -38,12 +47,22 @@ SMALL = {
     **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
     **{fleet: ["terrain.resolution=33"] for fleet in ("vehicles", "recorded")},
     **{survey: [] for survey in ("soundings", "height_map", "points")},
-    "cameras": ["terrain.resolution=33", *(f"vehicle.cameras.{i}.calibration=null" for i in (0, 1)),
-                *(f"vehicle.cameras.{i}.{key}=null" for i in (2, 3) for key in ("distortion", "intrinsics")),
-                "vehicle.cameras.2.f_stop=0"],
-    "jerlov": [], "constituents": [], "files": [], "chart": ["terrain.resolution=33"],
-    "poses": ["terrain.resolution=33", "scatter.0.count=3", "scatter.1.count=3",
-              *(f"vehicle.cameras.{i}.{key}=null" for i in (1, 2) for key in ("port", "distortion", "n_water"))],
+    "cameras": [
+        "terrain.resolution=33",
+        *(f"vehicle.cameras.{i}.calibration=null" for i in (0, 1)),
+        *(f"vehicle.cameras.{i}.{key}=null" for i in (2, 3) for key in ("distortion", "intrinsics")),
+        "vehicle.cameras.2.f_stop=0",
+    ],
+    "jerlov": [],
+    "constituents": [],
+    "files": [],
+    "chart": ["terrain.resolution=33"],
+    "poses": [
+        "terrain.resolution=33",
+        "scatter.0.count=3",
+        "scatter.1.count=3",
+        *(f"vehicle.cameras.{i}.{key}=null" for i in (1, 2) for key in ("port", "distortion", "n_water")),
+    ],
 }
 """What makes each scene cheap, by file or folder. No block goes but ports and distortion, for each of which kernels
 would be compiled anew, and what says how many pixels there are: other tests render through them."""
@@ -76,8 +95,16 @@ def test_every_shipped_scene_renders(path):
     assert check_angles(scene) == []
     T_w_v, T_w_v_next = simulation.frames.T_w_v(0), simulation.trajectory.T_w_v(-1)
     for camera in scene.vehicle.cameras:
-        frame = renderer.render(T_w_v, camera.id, "ABCDSF", following=NextFrame(T_w_v_next), spp=2, spp_b=2,
-                                denoise="none", denoise_b="none")
+        frame = renderer.render(
+            T_w_v,
+            camera.id,
+            "ABCDSF",
+            following=NextFrame(T_w_v_next),
+            spp=2,
+            spp_b=2,
+            denoise="none",
+            denoise_b="none",
+        )
         for image in (frame.A, frame.B):
             assert np.isfinite(image.radiance).all()
             assert image.radiance.shape == (9, 16, 3)
@@ -143,6 +170,10 @@ def owner(model: type[BaseModel], key: str) -> type[BaseModel]:
 
 def test_the_shipped_scenes_show_every_key(shown):
     """Deprecated keys aside."""
-    keys = {(owner(model, key), key) for model in every_model() for key, field in model.model_fields.items()
-            if not field.deprecated}
+    keys = {
+        (owner(model, key), key)
+        for model in every_model()
+        for key, field in model.model_fields.items()
+        if not field.deprecated
+    }
     assert sorted(f"{model.__name__}.{key}" for model, key in keys - shown) == []

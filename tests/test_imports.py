@@ -16,16 +16,43 @@ import varos_warp
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
-    "": ["kernels", "device", "scene.block", "scene.frames", "scene.seawater", "sim.motion", "products.sensors",
-         "scene", "sim", "products.images", "render", "dataset", "cli"],
+    "": [
+        "kernels",
+        "device",
+        "scene.block",
+        "scene.frames",
+        "scene.seawater",
+        "sim.motion",
+        "products.sensors",
+        "scene",
+        "sim",
+        "products.images",
+        "render",
+        "dataset",
+        "cli",
+    ],
     "products": ["sensors", "images"],
-    "kernels": ["world", "mesh", "film", "field", "transport", "particles"], "kernels.world": ["lights"],
-    "scene": ["optics", "calibration", "description", "file", "courses", "water", "spectra", "lights", "geometry",
-              "materials"],
+    "kernels": ["world", "mesh", "film", "field", "transport", "particles"],
+    "kernels.world": ["lights"],
+    "scene": [
+        "optics",
+        "calibration",
+        "description",
+        "file",
+        "courses",
+        "water",
+        "spectra",
+        "lights",
+        "geometry",
+        "materials",
+    ],
     "scene.geometry": ["survey", "files", "terrain", "assets", "relief", "growth"],
-    "scene.geometry.relief": ["recipes"], "scene.geometry.assets": ["structures"], "scene.geometry.files": ["gltf"],
+    "scene.geometry.relief": ["recipes"],
+    "scene.geometry.assets": ["structures"],
+    "scene.geometry.files": ["gltf"],
     "scene.water": ["phase"],
-    "dataset.export": ["shared"], "dataset.readiness": ["frames", "odometry"],
+    "dataset.export": ["shared"],
+    "dataset.readiness": ["frames", "odometry"],
     "sim": ["sensors", "vehicle"],
     "render": ["field", "image", "particles", "planner"],
     "dataset": ["reader", "write", "export", "validate", "report", "readiness", "run", "sweep"],
@@ -33,13 +60,13 @@ ORDER = {
 """Rooms inside each room: each may import itself and what stands before it. Files beside them (scene/device.py) are
 held only to there being no circle. A name with a dot is a file or room whose place is not that of what it lies in."""
 
+
 @cache
 def imports() -> dict[str, set[str]]:
     """Modules of the package by name without ``varos_warp.``, and those each imports, inside functions too."""
     paths = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in sorted(ROOT.rglob("*.py"))}
     paths = {re.sub(r"\.?__init__$", "", name): path for name, path in paths.items()}
-    return {name: {module for module in _imported(path, set(paths)) if module in paths}
-            for name, path in paths.items()}
+    return {name: {module for module in _imported(path, set(paths)) if module in paths} for name, path in paths.items()}
 
 
 def _imported(path: Path, modules: set[str]) -> set[str]:
@@ -57,6 +84,7 @@ def _imported(path: Path, modules: set[str]) -> set[str]:
 
 def against(order: list[str], parent: str) -> set[tuple[str, str]]:
     """Imports between the rooms inside ``parent`` that point from an earlier one to a later."""
+
     def place(module: str) -> int | None:
         inside = module.removeprefix(f"{parent}.") if parent else module
         if parent and inside == module:
@@ -65,8 +93,12 @@ def against(order: list[str], parent: str) -> set[tuple[str, str]]:
         known = (".".join(names[:count]) for count in range(len(names), 0, -1))  # the most exact name counts
         return next((order.index(name) for name in known if name in order), None)
 
-    return {(one, other) for one, others in imports().items() for other in others
-            if place(one) is not None and place(other) is not None and place(other) > place(one)}
+    return {
+        (one, other)
+        for one, others in imports().items()
+        for other in others
+        if place(one) is not None and place(other) is not None and place(other) > place(one)
+    }
 
 
 def test_imports_point_one_way():

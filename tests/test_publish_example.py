@@ -15,10 +15,28 @@ import yaml
 import varos_warp as vw
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "publish"
-TINY = ["sample", "--waters", "clear,coast", "--frames", "0:2", "--device", "cpu", *(
-    word for change in ("vehicle.cameras.0.resolution=[48,32]", "vehicle.cameras.1.resolution=[48,32]", "render.spp=1",
-                        "render.max_triangles=20000", "render.denoise=none", "render.integrator=path", "render.spp_b=1")
-    for word in ("--set", change))]
+TINY = [
+    "sample",
+    "--waters",
+    "clear,coast",
+    "--frames",
+    "0:2",
+    "--device",
+    "cpu",
+    *(
+        word
+        for change in (
+            "vehicle.cameras.0.resolution=[48,32]",
+            "vehicle.cameras.1.resolution=[48,32]",
+            "render.spp=1",
+            "render.max_triangles=20000",
+            "render.denoise=none",
+            "render.integrator=path",
+            "render.spp_b=1",
+        )
+        for word in ("--set", change)
+    ),
+]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +63,7 @@ def unpacked(made, tmp_path_factory):
 
 
 def test_the_archive_holds_whole_datasets_and_what_they_share_once(made, unpacked):
-    folder, = unpacked.iterdir()
+    (folder,) = unpacked.iterdir()
     for water in ("clear", "coast"):
         subprocess.run([sys.executable, "-m", "varos_warp", "validate", folder / water, "-q"], check=True)
     clear, coast = (vw.Dataset(folder / water) for water in ("clear", "coast"))
@@ -93,9 +111,13 @@ def test_the_card_has_a_header_and_the_numbers_of_the_datasets(made):
         assert f"| {' | '.join(cells)} |" in row
     assert "| `L0` | 48 x 32 |" in body
     assert "48 images in 2 waters: 2 frames through 2 cameras in each." in body
-    assert all(value in body for value in (vw.Dataset(made / "datasets" / "clear").meta["versions"]["varos_warp"],
-                                           *(hashlib.sha256(path.read_bytes()).hexdigest()
-                                             for path in (made / "upload").glob("*.tar"))))
+    assert all(
+        value in body
+        for value in (
+            vw.Dataset(made / "datasets" / "clear").meta["versions"]["varos_warp"],
+            *(hashlib.sha256(path.read_bytes()).hexdigest() for path in (made / "upload").glob("*.tar")),
+        )
+    )
 
 
 def test_mlcroissant_reads_every_view_and_the_paths_lead_to_images(made, unpacked):
@@ -103,8 +125,10 @@ def test_mlcroissant_reads_every_view_and_the_paths_lead_to_images(made, unpacke
     mlcroissant = pytest.importorskip("mlcroissant")
     metadata = mlcroissant.Dataset(made / "upload" / "croissant.json").metadata
     assert not metadata.issues.errors
-    records = [{key.partition("/")[2]: value for key, value in record.items()} for record in
-               mlcroissant.Dataset(made / "upload" / "croissant.json").records("frames")]
+    records = [
+        {key.partition("/")[2]: value for key, value in record.items()}
+        for record in mlcroissant.Dataset(made / "upload" / "croissant.json").records("frames")
+    ]
     assert len(records) == 8
     for record in records:
         assert all((unpacked / record[letter].decode()).is_file() for letter in "ABCDSF")
@@ -116,9 +140,14 @@ def test_mlcroissant_reads_every_view_and_the_paths_lead_to_images(made, unpacke
     assert all(len(list(unpacked.glob(each["includes"]))) == 8 for each in sets)
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (["--waters", "clear"], "waters: is ['clear'] here"), (["--frames", "0:1"], "frames: is '0:1' here"),
-    (["--waters", "mud"], "--waters = 'mud': there is no such water")])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (["--waters", "clear"], "waters: is ['clear'] here"),
+        (["--frames", "0:1"], "frames: is '0:1' here"),
+        (["--waters", "mud"], "--waters = 'mud': there is no such water"),
+    ],
+)
 def test_another_request_for_the_same_folder_is_refused(publish, made, capfd, change, words):
     before = sorted(made.rglob("*"))
     assert publish.main([*TINY, "-o", str(made), *change]) == 2

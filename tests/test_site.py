@@ -11,15 +11,28 @@ import pytest
 ROOT = Path(__file__).parents[1]
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 QUESTIONS = {
-    "how do I add my own terrain": "howto/questions.html", "set the water": "scene/water.html",
-    "stereo": "tutorials/stereo.html", "add noise": "noise.html", "resume": "long_runs.html",
-    "run on a cluster": "howto/cluster.html", "read depth": "dataset.html", "convert to ROS": "exports.html",
-    "change lights": "howto/questions.html", "what is stderr": "howto/questions.html",
-    "rolling shutter": "shutters.html", "several vehicles": "vehicles.html", "camera intrinsics": "dataset.html",
-    "optical flow": "flow.html", "heightmap": "tutorials/terrain.html", "GeoTIFF DEM": "tutorials/terrain.html",
-    "what does A B C D mean": "howto/questions.html", "vehicle does not move far enough": "howto/questions.html",
-    "open EXR python": "howto/questions.html", "jerlov": "tutorials/turbid_water.html",
-    "quaternion order": "howto/questions.html"}
+    "how do I add my own terrain": "howto/questions.html",
+    "set the water": "scene/water.html",
+    "stereo": "tutorials/stereo.html",
+    "add noise": "noise.html",
+    "resume": "long_runs.html",
+    "run on a cluster": "howto/cluster.html",
+    "read depth": "dataset.html",
+    "convert to ROS": "exports.html",
+    "change lights": "howto/questions.html",
+    "what is stderr": "howto/questions.html",
+    "rolling shutter": "shutters.html",
+    "several vehicles": "vehicles.html",
+    "camera intrinsics": "dataset.html",
+    "optical flow": "flow.html",
+    "heightmap": "tutorials/terrain.html",
+    "GeoTIFF DEM": "tutorials/terrain.html",
+    "what does A B C D mean": "howto/questions.html",
+    "vehicle does not move far enough": "howto/questions.html",
+    "open EXR python": "howto/questions.html",
+    "jerlov": "tutorials/turbid_water.html",
+    "quaternion order": "howto/questions.html",
+}
 """What may be typed into the search, and the page that must be among the first three it finds."""
 PAGES = ("start.html", "gallery.html", "howto/questions.html", "scene/vehicle.cameras.html", "cli.html")
 """One of each kind of page."""
@@ -35,8 +48,12 @@ if not os.environ.get("CI"):
 def site(tmp_path_factory):
     """Where the site is, built as by `make docs`."""
     place = tmp_path_factory.mktemp("site")
-    subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", place], cwd=ROOT,
-                   check=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"})
+    subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", place],
+        cwd=ROOT,
+        check=True,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+    )
     return place
 
 
@@ -46,8 +63,7 @@ def page(site):
 
     assert BROWSER, "Chromium is not installed; .ci/run installs it"
     with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=BROWSER,
-                                       args=["--no-sandbox", "--allow-file-access-from-files"])
+        browser = play.chromium.launch(executable_path=BROWSER, args=["--no-sandbox", "--allow-file-access-from-files"])
         yield browser.new_page(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
         browser.close()
 

@@ -93,6 +93,12 @@ def test_a_dataset_that_it_cannot_draw_is_refused(example, tmp_path, capsys):
 
 
 def depths_of_a_floor(folder):
-    return scene_from_dict({"terrain": {"kind": "procedural", "size_m": 20, "resolution": 17},
-                            "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
-                            "trajectory": {"poses": [{"position": [0, 0, 1.0]}]}, "render": {"outputs": ["D"]}}, folder)
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17},
+            "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
+            "trajectory": {"poses": [{"position": [0, 0, 1.0]}]},
+            "render": {"outputs": ["D"]},
+        },
+        folder,
+    )

@@ -16,6 +16,7 @@ def run(pytester):
         result = pytester.runpytest_inprocess(*plugins, "--validation=pages", *arguments)
         path = pytester.path / "pages" / "validation.md"
         return result, path.read_text(encoding="utf-8") if path.exists() else None
+
     return run
 
 
@@ -56,8 +57,11 @@ def test_other_tests_run_beside_and_a_parameter_of_that_name_is_no_truth(run):
 
 
 def test_the_summary_has_the_truths_nearest_to_their_limits_only(run, pytester):
-    many = "".join(f"def test_{i}(truth):\n    truth('x{i}', source='s', expected=1.0, got=1.0 + {i}e-9, "
-                   "tolerance=1e-7, reason='rounding')\n" for i in range(12))
+    many = "".join(
+        f"def test_{i}(truth):\n    truth('x{i}', source='s', expected=1.0, got=1.0 + {i}e-9, "
+        "tolerance=1e-7, reason='rounding')\n"
+        for i in range(12)
+    )
     run(many)
     text = (pytester.path / "pages" / "summary.md").read_text()
     assert [f"| x{i} |" in text for i in range(12)] == [False, False] + [True] * 10
@@ -69,9 +73,14 @@ def test_several_processes_write_the_same_page(run):
     assert run(RIGHT + RIGHT.replace("one_is_one", "one_is_still_one"), "-n", "2")[1] == alone
 
 
-@pytest.mark.parametrize("missing", [
-    "def test_it_breaks_before(truth): raise RuntimeError\n", "def test_it_says_nothing(truth): pass\n",
-    "@pytest.mark.skip\ndef test_it_is_skipped(truth): pass\n"])
+@pytest.mark.parametrize(
+    "missing",
+    [
+        "def test_it_breaks_before(truth): raise RuntimeError\n",
+        "def test_it_says_nothing(truth): pass\n",
+        "@pytest.mark.skip\ndef test_it_is_skipped(truth): pass\n",
+    ],
+)
 def test_a_page_that_misses_a_truth_is_not_written(run, missing):
     result, page = run(RIGHT + missing)
     assert page is None
@@ -99,8 +108,9 @@ def test_only_what_is_within_the_errors_is_right(wrong):
     assert compare(expected=1.0, got=[1.0, wrong, 1.0], **allowed)["share"] > 1.0
 
 
-@pytest.mark.parametrize("allowed", [{}, {"tolerance": 0.1}, {"stderr": 0.3}, {"stderr": np.nan},
-                                     {"tolerance": 2.0, "reason": "laziness"}])
+@pytest.mark.parametrize(
+    "allowed", [{}, {"tolerance": 0.1}, {"stderr": 0.3}, {"stderr": np.nan}, {"tolerance": 2.0, "reason": "laziness"}]
+)
 def test_a_truth_that_could_not_fail_is_refused(allowed):
     with pytest.raises(ValueError, match=r"needs a standard error|too noisy"):
         compare(expected=1.0, got=1.0, **allowed)

@@ -11,26 +11,26 @@ import varos_warp
 ROOT = Path(__file__).parents[1]
 USE = ROOT / "tests" / "typed_use.py"
 WRONG = {
-    'spp: float | None = scene.render.spp': 'spp: str = scene.render.spp',
-    'vw.simulate(scene)': 'vw.simulate(path)',
-    'simulator.state]': 'simulator.states]',
-    'simulator.step(force=(0.0, 5.0, 0.0))': 'simulator.step(thrust=(0.0, 5.0, 0.0))',
-    'simulation.trajectory.T_w_v(0)': 'simulation.course.T_w_v(0)',
+    "spp: float | None = scene.render.spp": "spp: str = scene.render.spp",
+    "vw.simulate(scene)": "vw.simulate(path)",
+    "simulator.state]": "simulator.states]",
+    "simulator.step(force=(0.0, 5.0, 0.0))": "simulator.step(thrust=(0.0, 5.0, 0.0))",
+    "simulation.trajectory.T_w_v(0)": "simulation.course.T_w_v(0)",
     'device="cpu")': 'divice="cpu")',
-    'altimeter.range': 'altimeter.distance',
-    'number: int = first.number': 'number: str = first.number',
-    'first.A, *': 'several.A, *',
-    'data.cameras\n': 'data.camera\n',
-    'error.message': 'error.massage',
+    "altimeter.range": "altimeter.distance",
+    "number: int = first.number": "number: str = first.number",
+    "first.A, *": "several.A, *",
+    "data.cameras\n": "data.camera\n",
+    "error.message": "error.massage",
 }
 """What is written in typed_use.py, and a mistake in its place."""
 
 
 PRODUCT = ROOT / "varos_warp" / "products" / "images" / "transmittance.py"
 WRONG_PRODUCT = {
-    'def of_hits(self, hits: FirstHits)': 'def of_hits(self, hits: FirstHits, more: int)',
+    "def of_hits(self, hits: FirstHits)": "def of_hits(self, hits: FirstHits, more: int)",
     '("distance",), 3, np.float32': '("distance",), "3", np.float32',
-    'TRANSMITTANCE_IMAGE = Transmittance()': 'TRANSMITTANCE_IMAGE = Transmittance("T")',
+    "TRANSMITTANCE_IMAGE = Transmittance()": 'TRANSMITTANCE_IMAGE = Transmittance("T")',
 }
 """What is written in an image type, and a mistake in its place."""
 
@@ -57,7 +57,7 @@ def test_every_wrong_use_fails(tmp_path):
     status, said = mypy(tmp_path / "wrong.py")
     assert status == 1
     for wrong in WRONG.values():
-        line = text[:text.index(wrong)].count("\n") + 1
+        line = text[: text.index(wrong)].count("\n") + 1
         assert f"wrong.py:{line}: error" in said, f"{wrong}: {said}"
 
 
@@ -73,7 +73,7 @@ def test_an_image_type_that_breaks_its_protocol_fails(tmp_path):
     status, said = mypy(tmp_path / "wrong.py", tmp_path / "without.py")
     assert status == 1
     for wrong in WRONG_PRODUCT.values():
-        assert f"wrong.py:{text[:text.index(wrong)].count(chr(10)) + 1}: error" in said, f"{wrong}: {said}"
+        assert f"wrong.py:{text[: text.index(wrong)].count(chr(10)) + 1}: error" in said, f"{wrong}: {said}"
     assert 'abstract attribute "content"' in said
 
 

@@ -22,9 +22,11 @@ def test_however_deep_the_reason_lies(tmp_path):
 
 def test_of_lost_samples_through_all_the_steps_of_a_frame():
     """A boulder under a light so strong, past the checks of a scene file, that its radiance is no number."""
-    scene = Scene(trajectory={"poses": [{"position": [0, 0, 0]}]}, vehicle={
-        "lights": [{"kind": "point"}], "cameras": [{"resolution": [8, 8], "rotation_euler_deg": [-90, 0, 0]}]},
-        objects=[{"kind": "boulder", "diameter": 0.4, "position": [0, 0, -0.4]}])
+    scene = Scene(
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        vehicle={"lights": [{"kind": "point"}], "cameras": [{"resolution": [8, 8], "rotation_euler_deg": [-90, 0, 0]}]},
+        objects=[{"kind": "boulder", "diameter": 0.4, "position": [0, 0, -0.4]}],
+    )
     lights = [light.model_copy(update={"intensity": (3e38,) * 3}) for light in scene.vehicle.lights]
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": lights})})
     renderer = FrameRenderer(scene, "cpu")

@@ -9,16 +9,34 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-TINY = ["--device", "cpu", "--frames", "0:1", "--spp", "1", "-q", "--set", "vehicle.cameras.0.resolution=[16, 9]",
-        "--set", "terrain.resolution=33", "--set", "render.spp_b=1", "--integrator", "path", "--denoise", "none"]
+TINY = [
+    "--device",
+    "cpu",
+    "--frames",
+    "0:1",
+    "--spp",
+    "1",
+    "-q",
+    "--set",
+    "vehicle.cameras.0.resolution=[16, 9]",
+    "--set",
+    "terrain.resolution=33",
+    "--set",
+    "render.spp_b=1",
+    "--integrator",
+    "path",
+    "--denoise",
+    "none",
+]
 
 
 def call(*arguments, cwd: Path, path: Path | None = None) -> str:
     """What a Python command prints; without the checkout on the path."""
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     environment |= {"PYTHONPATH": str(path)} if path else {}
-    result = subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, env=environment, text=True,
-                            capture_output=True)
+    result = subprocess.run(
+        [sys.executable, *map(str, arguments)], cwd=cwd, env=environment, text=True, capture_output=True
+    )
     assert result.returncode == 0, result.stderr[-3000:]
     return result.stdout
 
@@ -33,15 +51,18 @@ def installed(tmp_path_factory):
         shutil.copy(ROOT / name, source)
     pip = ("-m", "pip", "--disable-pip-version-check", "--quiet")
     call(*pip, "wheel", source, "--no-deps", "--no-build-isolation", "--wheel-dir", built, cwd=source)
-    wheel, = built.glob("varos_warp-*.whl")
+    (wheel,) = built.glob("varos_warp-*.whl")
     call(*pip, "install", wheel, "--no-deps", "--target", target, cwd=built)
     return target
 
 
 def test_the_wheel_brings_every_file_of_the_package_along(installed):
     """Data files, py.typed, and the licence."""
-    here = {path.relative_to(ROOT) for path in (ROOT / "varos_warp").rglob("*")
-            if path.is_file() and "__pycache__" not in path.parts}
+    here = {
+        path.relative_to(ROOT)
+        for path in (ROOT / "varos_warp").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
     assert {path for path in here if not (installed / path).is_file()} == set()
     assert list(installed.glob("varos_warp-*.dist-info/licenses/LICENSE"))
 

@@ -17,8 +17,7 @@ _LENGTH = np.geomspace(0.06, 1.5, 60)
 def texture(x, y):
     """Albedo in 0 to 1."""
     wave = 2 * np.pi / _LENGTH
-    total = sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p)
-                for k, a, p in zip(wave, _ANGLE, _PHASE, strict=True))
+    total = sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p) for k, a, p in zip(wave, _ANGLE, _PHASE, strict=True))
     return (0.5 + 0.08 * total).clip(0.02, 0.98)
 
 
@@ -43,24 +42,42 @@ class TexturedRenderer(standins.FlatFloorRenderer):
         direct = left * texture(point[..., 0], point[..., 1])
         rng = np.random.default_rng([how["frame"], *camera.encode()])
         veil = 1.0 - left + rng.normal(0.0, self.noise, left.shape)
-        layers = {name: np.repeat(layer[..., None], 3, -1).astype(np.float32)
-                  for name, layer in (("direct", direct), ("single", veil))}
+        layers = {
+            name: np.repeat(layer[..., None], 3, -1).astype(np.float32)
+            for name, layer in (("direct", direct), ("single", veil))
+        }
         if "A" in outputs:
-            made.A = SimpleNamespace(**made.A.__dict__ | {
-                "radiance": layers["direct"] + layers["single"], "stderr": 0 * layers["direct"], "layers": layers})
+            made.A = SimpleNamespace(
+                **made.A.__dict__
+                | {"radiance": layers["direct"] + layers["single"], "stderr": 0 * layers["direct"], "layers": layers}
+            )
         return made
 
 
 def textured_scene(outputs="ADF", **render):
     """A stereo pair that looks at the floor, obliquely, and moves along a bent line for two seconds."""
     vehicle = standins.scene_dict()["vehicle"]
-    vehicle["cameras"] = [{"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0],
-                           "resolution": [320, 240]} for name, x in (("L0", -0.15), ("R0", 0.15))]
-    course = [{"time_s": t, "position": [0.6 * t, 0.2 * np.sin(2.0 * t), 0.1 * t],
-               "rotation_euler_deg": [0, 0, 6.0 * t]} for t in np.linspace(0.0, 2.0, 21).tolist()]
-    return standins.make_scene(vehicle=vehicle, trajectory={"poses": course}, render={
-        "denoise": "none", "spp": 1, "integrator": "path", "outputs": list(outputs), "frame_rate_hz": 10,
-        "exposure": {"A": 0.9}, **render})
+    vehicle["cameras"] = [
+        {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0], "resolution": [320, 240]}
+        for name, x in (("L0", -0.15), ("R0", 0.15))
+    ]
+    course = [
+        {"time_s": t, "position": [0.6 * t, 0.2 * np.sin(2.0 * t), 0.1 * t], "rotation_euler_deg": [0, 0, 6.0 * t]}
+        for t in np.linspace(0.0, 2.0, 21).tolist()
+    ]
+    return standins.make_scene(
+        vehicle=vehicle,
+        trajectory={"poses": course},
+        render={
+            "denoise": "none",
+            "spp": 1,
+            "integrator": "path",
+            "outputs": list(outputs),
+            "frame_rate_hz": 10,
+            "exposure": {"A": 0.9},
+            **render,
+        },
+    )
 
 
 def write(out, c=0.0, noise=0.002, **scene_keys):

@@ -12,8 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-SUBJECTS = ("phase functions", "single scattering", "multiple scattering", "surfaces and lights", "camera", "dynamics",
-            "IMU and depth gauge")
+SUBJECTS = (
+    "phase functions",
+    "single scattering",
+    "multiple scattering",
+    "surfaces and lights",
+    "camera",
+    "dynamics",
+    "IMU and depth gauge",
+)
 """The page's chapters, in this order."""
 
 SIGMAS = 4.0
@@ -49,8 +56,14 @@ class Truth:
     def row(self) -> str:
         """Line of the page's table."""
         quantity = self.quantity + (f" (worst of {self.count})" if self.count > 1 else "")
-        cells = (quantity, number(self.expected), number(settled(self.got, self.allowed)), self.within,
-                 f"{100 * self.share:.0f} %", "yes" if self.passed else "**NO**")
+        cells = (
+            quantity,
+            number(self.expected),
+            number(settled(self.got, self.allowed)),
+            self.within,
+            f"{100 * self.share:.0f} %",
+            "yes" if self.passed else "**NO**",
+        )
         return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -99,13 +112,25 @@ def compare(*, expected, got, stderr=None, sigmas: float = SIGMAS, tolerance=Non
     i = int(np.lexsort((np.abs(expected), share))[-1])
     within = [] if stderr is None else [f"{number(sigmas, 3)} × {number(sigma[i], 2)} (standard error)"]
     within += [f"{number(margin[i], 2)} ({reason})"] if tolerance is not None else []
-    return {"count": got.size, "expected": float(expected[i]), "got": float(got[i]), "allowed": float(allowed[i]),
-            "within": " + ".join(within), "share": float(share[i])}
+    return {
+        "count": got.size,
+        "expected": float(expected[i]),
+        "got": float(got[i]),
+        "allowed": float(allowed[i]),
+        "within": " + ".join(within),
+        "share": float(share[i]),
+    }
 
 
-PROPER = {"imu": "IMU", "hz": "Hz", "papers": "paper's", "chandrasekhars": "Chandrasekhar's", "vehicles": "vehicle's",
-          "regulators": "regulator's", "blenders": "Blender's"} | {
-          name.lower(): name for name in ("Allan", "Beer", "Case", "Coriolis", "Lambert", "Riccati", "Zweifel")}
+PROPER = {
+    "imu": "IMU",
+    "hz": "Hz",
+    "papers": "paper's",
+    "chandrasekhars": "Chandrasekhar's",
+    "vehicles": "vehicle's",
+    "regulators": "regulator's",
+    "blenders": "Blender's",
+} | {name.lower(): name for name in ("Allan", "Beer", "Case", "Coriolis", "Lambert", "Riccati", "Zweifel")}
 """Words that the name of a test cannot spell."""
 
 
@@ -135,8 +160,10 @@ class Recorder:
         assert subject in SUBJECTS, f"unknown subject {subject!r}"
         made = Truth(subject, name or self._name, source, quantity, **compare(**compared))
         self._kept.append(made)
-        assert made.passed, (f"{made.quantity}: {made.got!r} instead of {made.expected!r}, "
-                             f"{made.share:.3g} times what is allowed: {made.within}")
+        assert made.passed, (
+            f"{made.quantity}: {made.got!r} instead of {made.expected!r}, "
+            f"{made.share:.3g} times what is allowed: {made.within}"
+        )
 
 
 @pytest.fixture
@@ -175,8 +202,11 @@ COLUMNS = ["| quantity | expected | got | allowed | used | pass |", "|---|---|--
 def summary(truths: list[Truth]) -> str:
     """The numbers of truths by subject, and those nearest to their limits, in Markdown."""
     chapters = [(subject, [t for t in truths if t.subject == subject]) for subject in SUBJECTS]
-    rows = [f"| {name} | {len(made)} | {sum(t.passed for t in made)} | {100 * max(t.share for t in made):.0f} % |"
-            for name, made in [*chapters, ("**all**", truths)] if made]
+    rows = [
+        f"| {name} | {len(made)} | {sum(t.passed for t in made)} | {100 * max(t.share for t in made):.0f} % |"
+        for name, made in [*chapters, ("**all**", truths)]
+        if made
+    ]
     nearest = sorted(truths, key=lambda t: -t.share)[:NEAREST]
     lines = [HEADER.format(sigmas=SIGMAS, summary="\n".join(rows)), "Nearest to their limits:\n", *COLUMNS]
     return "\n".join([*lines, *(t.row() for t in nearest)]) + "\n"

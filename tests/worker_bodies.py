@@ -17,8 +17,11 @@ def wait_for(condition, seconds=60.0) -> None:
 
 def facts(shard, console):
     """What a worker is given, and what it holds."""
-    links = [os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")
-             if os.path.exists(f"/proc/self/fd/{fd}")]
+    links = [
+        os.readlink(f"/proc/self/fd/{fd}")
+        for fd in os.listdir("/proc/self/fd")
+        if os.path.exists(f"/proc/self/fd/{fd}")
+    ]
     console.tell("the same of all")
     console.tell(f"of {shard[0]}")
     with console.progress("work", 3) as progress:

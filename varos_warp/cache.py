@@ -56,8 +56,12 @@ def size_limit() -> int:
     with contextlib.suppress(ValueError, OverflowError):
         if (limit := int(1e6 * float(given))) >= 0:
             return limit
-    raise InputError("is not a number of megabytes", key="VAROS_WARP_CACHE_MB", value=given,
-                     remedy=f"Give 0 or more; absent, it is {LIMIT_MB:g}.")
+    raise InputError(
+        "is not a number of megabytes",
+        key="VAROS_WARP_CACHE_MB",
+        value=given,
+        remedy=f"Give 0 or more; absent, it is {LIMIT_MB:g}.",
+    )
 
 
 class Contents(NamedTuple):
@@ -83,12 +87,14 @@ def contents() -> Contents:
 
 def clear() -> int:
     """Delete every entry of the user's cache; returns the bytes that were freed."""
-    return sum(size for pattern in (ENTRY, PARTIAL) for _, size, path in _by_use(cache_folder(), pattern)
-               if _delete(path))
+    return sum(
+        size for pattern in (ENTRY, PARTIAL) for _, size, path in _by_use(cache_folder(), pattern) if _delete(path)
+    )
 
 
-def cached(name: str, depends_on: dict, build: Callable[[], Arrays], folder: Path | None = None,
-           what: str | None = None) -> Arrays:
+def cached(
+    name: str, depends_on: dict, build: Callable[[], Arrays], folder: Path | None = None, what: str | None = None
+) -> Arrays:
     """Arrays from disk, or built and kept there.
 
     A file that is damaged is built again, and a folder that cannot be written costs only the time (and one warning).

@@ -17,15 +17,24 @@ PACKAGE = str(Path(__file__).parent)
 class InputError(ValueError):
     """Something the user gave cannot be used; says where it stands, what it is and how to mend it."""
 
-    def __init__(self, problem: str, *, file: str | Path | None = None, key: str | None = None,
-                 value: Any = None, remedy: str | None = None, line: int | None = None):
+    def __init__(
+        self,
+        problem: str,
+        *,
+        file: str | Path | None = None,
+        key: str | None = None,
+        value: Any = None,
+        remedy: str | None = None,
+        line: int | None = None,
+    ):
         self.problem, self.file, self.key, self.value, self.remedy, self.line = problem, file, key, value, remedy, line
         super().__init__(self.message)
 
     def at(self, key: str) -> "InputError":
         """This error with another key; with none if ``key`` is empty."""
-        return InputError(self.problem, file=self.file, key=key or None, value=self.value, remedy=self.remedy,
-                          line=self.line)
+        return InputError(
+            self.problem, file=self.file, key=key or None, value=self.value, remedy=self.remedy, line=self.line
+        )
 
     @property
     def message(self) -> str:
@@ -45,6 +54,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
 
 def same_name(word: str, known: Iterable[str]) -> str | None:
     """The one of some names that differs by case, blanks, hyphens and underscores between letters at most."""
+
     def bare(name: str) -> str:
         return re.sub(r"(?<=\w)[\s_-]+(?=\w)", "", name).lower()
 

@@ -45,5 +45,8 @@ def check_limit(name: str, count: int, **where: Any) -> None:
     """Refuse a count above the limit of one of `DEFAULTS`; ``where`` goes to the `InputError`."""
     if count > (most := limit(name)):
         words = name.lower().replace("_", " ")
-        raise InputError(f"{count} {words} are more than the limit of {most}",
-                         remedy=f"If you trust it, raise the limit: VAROS_WARP_MAX_{name}={count}.", **where)
+        raise InputError(
+            f"{count} {words} are more than the limit of {most}",
+            remedy=f"If you trust it, raise the limit: VAROS_WARP_MAX_{name}={count}.",
+            **where,
+        )

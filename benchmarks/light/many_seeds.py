@@ -47,9 +47,14 @@ def holes(renderer, built: Built, options) -> dict:
     errors = np.abs(scores.worst_channel(scores.block_errors(made["denoised"], reference)))
     tolerance = float(scores.relative_rmse(made["denoised"], reference).max())
     row = scores.block_row(made["denoised"], reference)
-    return {"tolerance": tolerance, "worst": row["block_worst"], "99%": row["block_99"],
-            "images_half_off": row["half_off"], "reference_blocks": row["reference_block_rms"],
-            "blocks_beyond_ten_times": float((errors > TEN_TIMES * tolerance).mean())}
+    return {
+        "tolerance": tolerance,
+        "worst": row["block_worst"],
+        "99%": row["block_99"],
+        "images_half_off": row["half_off"],
+        "reference_blocks": row["reference_block_rms"],
+        "blocks_beyond_ten_times": float((errors > TEN_TIMES * tolerance).mean()),
+    }
 
 
 def bars(renderer, built: Built, options) -> dict:
@@ -70,8 +75,10 @@ def means(renderer, built: Built, options) -> dict:
         images = render_seeds(renderer, built, integrator, spp, options.seeds, "none")["raw"]
         whole[integrator] = Estimate(images).whole
     (mean, stderr), (truth, unsure) = whole["field"], whole["path"]
-    return {"off_percent": (100 * (mean / truth - 1)).tolist(),
-            "stderr_percent": (100 * np.hypot(stderr, unsure) / truth).tolist()}
+    return {
+        "off_percent": (100 * (mean / truth - 1)).tolist(),
+        "stderr_percent": (100 * np.hypot(stderr, unsure) / truth).tolist(),
+    }
 
 
 def choice(renderer, built: Built, options) -> dict:
@@ -86,29 +93,44 @@ def choice(renderer, built: Built, options) -> dict:
     by_hand = work["path"][2] / work["field"][2]
     best = "field" if by_hand > 1.0 else "path"
     chosen = "field" if gain >= PATHS_PAY else "path"
-    return {"path_over_field": by_hand, "planner": float(gain), "chosen": chosen,
-            "over_best": work[chosen][2] / work[best][2], **work}
+    return {
+        "path_over_field": by_hand,
+        "planner": float(gain),
+        "chosen": chosen,
+        "over_best": work[chosen][2] / work[best][2],
+        **work,
+    }
 
 
 def tolerance(renderer, built: Built, options) -> dict:
     """How often images of a plan keep its tolerance: RMSE, and 99 % of the blocks within five times it."""
     asked = options.tolerance
-    scene = built.scene.model_copy(update={"render": built.scene.render.model_copy(
-        update={"tolerance": asked, "denoise": "oidn", "spp": None})})
+    scene = built.scene.model_copy(
+        update={"render": built.scene.render.model_copy(update={"tolerance": asked, "denoise": "oidn", "spp": None})}
+    )
     own = FrameRenderer(scene, renderer.device, built.parts)
     watch = Stopwatch()
     plan = plan_render(scene, own, [built.T_w_v])
     took = watch.seconds
     reference = reference_of(renderer, built, 512)
-    made = [own.render(built.T_w_v, outputs="A", denoise="oidn", seed=seed, **plan.options).A.denoised
-            for seed in range(1, options.seeds + 1)]
+    made = [
+        own.render(built.T_w_v, outputs="A", denoise="oidn", seed=seed, **plan.options).A.denoised
+        for seed in range(1, options.seeds + 1)
+    ]
     errors = [float(scores.relative_rmse(image[None], reference).max()) for image in made]
     blocks = [scores.block_row(image[None], reference)["block_99"] for image in made]
     kept = [error <= asked and block <= BLOCKS_WITHIN * asked for error, block in zip(errors, blocks, strict=True)]
-    return {"kept": float(np.mean(kept)), "kept_rmse": float(np.mean(np.array(errors) <= asked)),
-            "shortfall": plan.shortfall, "integrator": plan.integrator, "spp": plan.spp, "plan_seconds": took,
-            "median_error": float(np.median(errors)), "95%": float(np.quantile(errors, 0.95)),
-            "blocks": float(np.median(blocks))}
+    return {
+        "kept": float(np.mean(kept)),
+        "kept_rmse": float(np.mean(np.array(errors) <= asked)),
+        "shortfall": plan.shortfall,
+        "integrator": plan.integrator,
+        "spp": plan.spp,
+        "plan_seconds": took,
+        "median_error": float(np.median(errors)),
+        "95%": float(np.quantile(errors, 0.95)),
+        "blocks": float(np.median(blocks)),
+    }
 
 
 def rate(renderer, built: Built, options) -> dict:
@@ -117,8 +139,11 @@ def rate(renderer, built: Built, options) -> dict:
     spp, told = 2, {}
     while spp <= options.spp:
         made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn", copied=["denoised"])
-        told[str(spp)] = {"rmse": float(scores.relative_rmse(made["denoised"], reference).max()),
-                          "seconds": float(np.median(made["wall"])), "cpu_seconds": float(np.median(made["cpu"]))}
+        told[str(spp)] = {
+            "rmse": float(scores.relative_rmse(made["denoised"], reference).max()),
+            "seconds": float(np.median(made["wall"])),
+            "cpu_seconds": float(np.median(made["cpu"])),
+        }
         spp *= 2
     return told
 
@@ -149,9 +174,20 @@ def main(arguments=None) -> None:
             rows[name] = {"refused": str(error)}
         print(name, json.dumps(rows[name]), flush=True)
         if options.json:
-            options.json.write_text(json.dumps({"machine": machine(options.device), "subject": options.subject,
-                                                "spp": options.spp, "seeds": options.seeds,
-                                                "resolution": options.resolution, "rows": rows}, indent=1) + "\n")
+            options.json.write_text(
+                json.dumps(
+                    {
+                        "machine": machine(options.device),
+                        "subject": options.subject,
+                        "spp": options.spp,
+                        "seeds": options.seeds,
+                        "resolution": options.resolution,
+                        "rows": rows,
+                    },
+                    indent=1,
+                )
+                + "\n"
+            )
 
 
 if __name__ == "__main__":

@@ -53,8 +53,9 @@ class Twin:
     def images(self, letter: str, first: int, options, integrator: str) -> np.ndarray:
         """Radiance [n, H, W, 3] of seeds from ``first`` on."""
         how = {"spp": options.spp, "spp_b": options.spp, "integrator": integrator}
-        return np.array([getattr(self.frame(letter, seed=first + k, **how), letter).radiance
-                         for k in range(options.seeds)])
+        return np.array(
+            [getattr(self.frame(letter, seed=first + k, **how), letter).radiance for k in range(options.seeds)]
+        )
 
 
 def row_of(twins: list[Twin], letter: str, options, integrator: str) -> dict:
@@ -66,9 +67,17 @@ def row_of(twins: list[Twin], letter: str, options, integrator: str) -> dict:
     worst = np.unravel_index(np.abs(errors).argmax(), errors.shape)
     unsure = np.hypot(ours.blocks[1], truth.blocks[1]) / np.maximum(truth.blocks[0], scores.DARKEST * truth.whole[0])
     alike = (np.abs(textured - plain) <= ALIKE * np.abs(plain)).all(axis=-1)
-    return {"image": letter, "integrator": integrator, "blocks": errors.size, **told, **scores.chi2(ours, truth),
-            "worst_percent": float(100 * errors[worst]), "worst_stderr": float(100 * unsure[worst]),
-            **same_of(textured, Estimate(plain)), "alike_percent": float(100 * alike.mean())}
+    return {
+        "image": letter,
+        "integrator": integrator,
+        "blocks": errors.size,
+        **told,
+        **scores.chi2(ours, truth),
+        "worst_percent": float(100 * errors[worst]),
+        "worst_stderr": float(100 * unsure[worst]),
+        **same_of(textured, Estimate(plain)),
+        "alike_percent": float(100 * alike.mean()),
+    }
 
 
 def same_of(textured: np.ndarray, plain: Estimate) -> dict:
@@ -76,8 +85,11 @@ def same_of(textured: np.ndarray, plain: Estimate) -> dict:
     mean, spread = Estimate(textured - plain.images).blocks
     z = scores.as_normal(mean, spread, ROUNDING * plain.blocks[0], len(textured), 10**9)
     errors = scores.block_errors(textured.mean(axis=0)[None], plain)
-    return {"same_z": float(z.flat[np.abs(z).argmax()]), "same_chi2": float(np.mean(z**2)),
-            "same_percent": float(100 * np.abs(errors).max())}
+    return {
+        "same_z": float(z.flat[np.abs(z).argmax()]),
+        "same_chi2": float(np.mean(z**2)),
+        "same_percent": float(100 * np.abs(errors).max()),
+    }
 
 
 def geometry_row(twins: list[Twin]) -> dict:
@@ -88,10 +100,14 @@ def geometry_row(twins: list[Twin]) -> dict:
     near = np.where(np.isfinite(depth), depth, 1e6)
     inner &= maximum_filter(near, 3) < 1.2 * minimum_filter(near, 3)  # a strip before another one of the same object
     there = inner & np.isfinite(depth)
-    return {"s_differs": int((ours.S.instance != seen).sum()), "inner": int(inner.sum()), "of": int(seen.size),
-            "s_differs_inner": int((ours.S.instance != seen)[inner].sum()),
-            "d_relative": float(np.abs(ours.D.depth[there] / depth[there] - 1.0).max()),
-            "c": float(np.abs(ours.C.normal - truth.C.normal)[inner].max())}
+    return {
+        "s_differs": int((ours.S.instance != seen).sum()),
+        "inner": int(inner.sum()),
+        "of": int(seen.size),
+        "s_differs_inner": int((ours.S.instance != seen)[inner].sum()),
+        "d_relative": float(np.abs(ours.D.depth[there] / depth[there] - 1.0).max()),
+        "c": float(np.abs(ours.C.normal - truth.C.normal)[inner].max()),
+    }
 
 
 def measure(name: str, options, tell) -> list[dict]:
@@ -102,13 +118,17 @@ def measure(name: str, options, tell) -> list[dict]:
     b = [("B", "auto")] if name != "turbid_room" else []  # in a closed room it is black
     for letter, integrator in [*(("A", each) for each in options.integrators), *b]:
         rows.append({"scene": name} | row_of(twins, letter, options, integrator))
-        tell("{scene:<13}{image} {integrator:<10}{blocks:>6}{block_z:>8.2f}{chi2:>7.3f}{chi2_p_shared:>7.2f}"
-             "{worst_percent:>8.2f} +- {worst_stderr:<6.2f}{same_z:>7.2f}{same_chi2:>6.2f}{same_percent:>7.3f}"
-             "{alike_percent:>8.2f}".format(**rows[-1]))
+        tell(
+            "{scene:<13}{image} {integrator:<10}{blocks:>6}{block_z:>8.2f}{chi2:>7.3f}{chi2_p_shared:>7.2f}"
+            "{worst_percent:>8.2f} +- {worst_stderr:<6.2f}{same_z:>7.2f}{same_chi2:>6.2f}{same_percent:>7.3f}"
+            "{alike_percent:>8.2f}".format(**rows[-1])
+        )
     if name != "painted":  # its parts have other numbers
         rows.append({"scene": name, "image": "CDS"} | geometry_row(twins))
-        tell("{scene:<13}CDS {s_differs} of {of} S differ, {s_differs_inner} of {inner} within; D {d_relative:.1e}, "
-             "C {c:.1e}".format(**rows[-1]))
+        tell(
+            "{scene:<13}CDS {s_differs} of {of} S differ, {s_differs_inner} of {inner} within; D {d_relative:.1e}, "
+            "C {c:.1e}".format(**rows[-1])
+        )
     rows[-1]["seconds"] = round(watch.seconds, 1)
     return rows
 
@@ -134,13 +154,21 @@ def main(arguments=None) -> None:
     """Print the table, and write what was asked for."""
     options, rows = parse(arguments), []
     tell = lambda text: print(text, flush=True)  # noqa: E731
-    tell(f"{'scene':<13}{'image':<12}{'blocks':>6}{'worst z':>8}{'chi2':>7}{'p':>7}{'off %':>8}{'':10}{'same: z':>7}"
-         f"{'chi2':>6}{'off %':>7}{'alike %':>8}")
+    tell(
+        f"{'scene':<13}{'image':<12}{'blocks':>6}{'worst z':>8}{'chi2':>7}{'p':>7}{'off %':>8}{'':10}{'same: z':>7}"
+        f"{'chi2':>6}{'off %':>7}{'alike %':>8}"
+    )
     for name in options.scenes:
         rows += measure(name, options, tell)
         bound = norm.isf(0.5 * CHANCE / sum(row.get("blocks", 0) for row in rows))
-        facts = {"machine": machine(options.device), "seeds": options.seeds, "spp": options.spp,
-                 "resolution": options.resolution, "bound": float(bound), "rows": rows}
+        facts = {
+            "machine": machine(options.device),
+            "seeds": options.seeds,
+            "spp": options.spp,
+            "resolution": options.resolution,
+            "bound": float(bound),
+            "rows": rows,
+        }
         if options.json:
             options.json.write_text(json.dumps(facts, indent=1) + "\n")
     tell(f"bound: {bound:.2f}")

@@ -37,13 +37,23 @@ from varos_warp.render.renderer import FrameRenderer
 HIDDEN = 0.3
 """Share of the reference's own noise below which an error of pixels is not told."""
 FOLDER = Path(__file__).with_name("references")
-HEAD = (f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise R/G/B %':<17}{'RMSE':>6}{'worst':>8}"
-        f"{'99%':>7}{'halved':>7}  {'var z (98%)':<18}{'>4':>6}{'spread':>7}{'bias z':>8}  {'mean off %':<16}"
-        f"{'ref':>5}")
+HEAD = (
+    f"{'scene':<16}{'integrator':<11}{'spp':>4}{'CPU s':>7}{'s':>7}  {'noise R/G/B %':<17}{'RMSE':>6}{'worst':>8}"
+    f"{'99%':>7}{'halved':>7}  {'var z (98%)':<18}{'>4':>6}{'spread':>7}{'bias z':>8}  {'mean off %':<16}"
+    f"{'ref':>5}"
+)
 
 
-def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, denoise: str, first: int = 1,
-                 copied: Sequence[str] | None = None) -> dict:
+def render_seeds(
+    renderer,
+    built: Built,
+    integrator: str,
+    spp: int,
+    seeds: int,
+    denoise: str,
+    first: int = 1,
+    copied: Sequence[str] | None = None,
+) -> dict:
     """Raw and denoised images and standard errors [n, H, W, 3] of seeds from ``first`` on, and the times [n].
 
     With ``copied``, as `RenderOptions` has it, the others are None.
@@ -54,8 +64,13 @@ def render_seeds(renderer, built: Built, integrator: str, spp: int, seeds: int, 
     for seed in range(first, first + seeds):
         watch = Stopwatch()
         image = renderer.render(built.T_w_v, seed=seed, **how).A
-        for name, value in (("cpu", watch.cpu_seconds), ("wall", watch.seconds), ("raw", image.radiance),
-                            ("stderr", image.stderr), ("denoised", image.denoised)):
+        for name, value in (
+            ("cpu", watch.cpu_seconds),
+            ("wall", watch.seconds),
+            ("raw", image.radiance),
+            ("stderr", image.stderr),
+            ("denoised", image.denoised),
+        ):
             made[name].append(image.radiance if value is None else value)
     return {name: np.array(values) for name, values in made.items()}
 
@@ -64,14 +79,21 @@ def row_of(made: dict, reference: Estimate) -> dict:
     """All numbers of one row; ``blocks``: means and standard errors [h, w, 3] of raw images and of the reference."""
     estimate = Estimate(made["raw"])
     names = ("mean", "stderr", "reference", "reference_stderr")
-    blocks = {name: [[[float(f"{c:.5g}") for c in block] for block in row] for row in values]
-              for name, values in zip(names, (*estimate.blocks, *reference.blocks), strict=True)}
-    return {"cpu_s": float(np.median(made["cpu"])), "wall_s": float(np.median(made["wall"])),
-            "noise": scores.noise(made["raw"], reference).tolist(),
-            "rmse": scores.relative_rmse(made["denoised"], reference).tolist(),
-            **scores.block_row(made["denoised"], reference), **scores.calibration(made["raw"], made["stderr"]),
-            "spread_over_claimed": scores.spread_over_claimed(made["raw"], made["stderr"]).tolist(),
-            **scores.bias(estimate, reference), "blocks": blocks}
+    blocks = {
+        name: [[[float(f"{c:.5g}") for c in block] for block in row] for row in values]
+        for name, values in zip(names, (*estimate.blocks, *reference.blocks), strict=True)
+    }
+    return {
+        "cpu_s": float(np.median(made["cpu"])),
+        "wall_s": float(np.median(made["wall"])),
+        "noise": scores.noise(made["raw"], reference).tolist(),
+        "rmse": scores.relative_rmse(made["denoised"], reference).tolist(),
+        **scores.block_row(made["denoised"], reference),
+        **scores.calibration(made["raw"], made["stderr"]),
+        "spread_over_claimed": scores.spread_over_claimed(made["raw"], made["stderr"]).tolist(),
+        **scores.bias(estimate, reference),
+        "blocks": blocks,
+    }
 
 
 def line(row: dict) -> str:
@@ -86,10 +108,12 @@ def line(row: dict) -> str:
     off, error = np.array(row["mean_off_percent"]), np.array(row["mean_off_stderr"])
     tells = int(np.argmax(np.abs(off / error)))
     mean = f"{off[tells]:+.2f} +- {error[tells]:.2f}"
-    return (f"{start}{row['cpu_s']:7.2f}{row['wall_s']:7.2f}  {noise:<17}{rmse:>6}"
-            f"{100 * row['block_worst']:7.0f}%{100 * row['block_99']:6.1f}%{100 * row['half_off']:6.0f}%  {z:<18}"
-            f"{100 * row['beyond_4']:5.1f}%{max(row['spread_over_claimed']):7.2f}{row['block_z']:8.1f}  {mean:<16}"
-            f"{100 * row['reference_block_rms']:4.1f}%")
+    return (
+        f"{start}{row['cpu_s']:7.2f}{row['wall_s']:7.2f}  {noise:<17}{rmse:>6}"
+        f"{100 * row['block_worst']:7.0f}%{100 * row['block_99']:6.1f}%{100 * row['half_off']:6.0f}%  {z:<18}"
+        f"{100 * row['beyond_4']:5.1f}%{max(row['spread_over_claimed']):7.2f}{row['block_z']:8.1f}  {mean:<16}"
+        f"{100 * row['reference_block_rms']:4.1f}%"
+    )
 
 
 def measure_scene(name: str, options, tell) -> list[dict]:
@@ -109,9 +133,17 @@ def measure_scene(name: str, options, tell) -> list[dict]:
     kept = reference is not None
     reference = reference or rendered_here(made, options.reference_integrator)
     for (integrator, spp), images in made.items():
-        rows.append({"scene": name, "integrator": integrator, "spp": spp, "seeds": options.seeds,
-                     "kept_reference": kept, "reference_spp": float(np.sum(reference.spp)),
-                     **row_of(images, reference)})
+        rows.append(
+            {
+                "scene": name,
+                "integrator": integrator,
+                "spp": spp,
+                "seeds": options.seeds,
+                "kept_reference": kept,
+                "reference_spp": float(np.sum(reference.spp)),
+                **row_of(images, reference),
+            }
+        )
         tell(line(rows[-1]))
         if options.png:
             side_by_side(options.png / f"{name}_{integrator}_{spp}.png", images["denoised"], reference)
@@ -132,8 +164,17 @@ def make_references(options, tell) -> None:
     for name in options.scenes:
         built = build(name, options.resolution)
         path = references.file_of(options.references, name, options.resolution, options.reference_integrator)
-        references.extend(path, name, built, options.device, options.reference_integrator, options.spp[0],
-                          options.seeds, options.seconds, tell)
+        references.extend(
+            path,
+            name,
+            built,
+            options.device,
+            options.reference_integrator,
+            options.spp[0],
+            options.seeds,
+            options.seconds,
+            tell,
+        )
 
 
 def parse(arguments=None):
@@ -175,8 +216,14 @@ def main(arguments=None) -> None:
 
 def write(options, rows: list[dict]) -> None:
     """Everything as JSON, a row of the table on a line."""
-    head = json.dumps({"machine": machine(options.device), "denoise": options.denoise,
-                       "resolution": options.resolution, "reference_integrator": options.reference_integrator})
+    head = json.dumps(
+        {
+            "machine": machine(options.device),
+            "denoise": options.denoise,
+            "resolution": options.resolution,
+            "reference_integrator": options.reference_integrator,
+        }
+    )
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(f'{head[:-1]}, "rows": [\n' + ",\n".join(json.dumps(row) for row in rows) + "\n]}\n")
 

@@ -37,8 +37,10 @@ from varos_warp.scene.optics.shutter import row_offsets_s
 
 SEED = 1_000_003
 """Of the first image of the truth; unlike any that is measured."""
-HEAD = (f"{'scene':<14}{'what':<10}{'by':<11}{'noise':>6}  {'mean off %':<15}{'z':>5}  {'var z (98%)':<13}"
-        f"{'raw: z':>7}{'%':>7}  {'denoised: z':>11}{'%':>7}{'one %':>7}  {'chi2':>5}{'p':>9}{'p':>7}{'truth %':>8}")
+HEAD = (
+    f"{'scene':<14}{'what':<10}{'by':<11}{'noise':>6}  {'mean off %':<15}{'z':>5}  {'var z (98%)':<13}"
+    f"{'raw: z':>7}{'%':>7}  {'denoised: z':>11}{'%':>7}{'one %':>7}  {'chi2':>5}{'p':>9}{'p':>7}{'truth %':>8}"
+)
 
 
 def lit(case: Case) -> np.ndarray:
@@ -72,8 +74,11 @@ class Truth:
         times = np.arange(begin, self.rows[-1, 1], self.step)
         sees = (self.rows[:, :1] <= times) & (times < self.rows[:, 1:])
         share = (self.seconds / self.case.shutter.exposure_s / sees.sum(axis=1))[:, None] * sees
-        return sum(share[:, frame, None, None] * self._instant(offset_s, seed, frame)
-                   for frame, offset_s in enumerate(times) if sees[:, frame].any())
+        return sum(
+            share[:, frame, None, None] * self._instant(offset_s, seed, frame)
+            for frame, offset_s in enumerate(times)
+            if sees[:, frame].any()
+        )
 
     def _instant(self, offset_s: float, seed: int, frame: int) -> np.ndarray:
         still = self.case.instant(offset_s)
@@ -94,8 +99,16 @@ def render_seeds(renderer: FrameRenderer, case: Case, integrator: str, options) 
     """Raw and denoised images and standard errors [n, H, W, 3]."""
     made: dict[str, list] = {"raw": [], "stderr": [], "denoised": []}
     for seed in range(1, options.seeds + 1):
-        A = renderer.render(case.own.T, outputs="A", motion=case.motion, time_ns=round(1e9 * NOW_S), seed=seed,
-                            integrator=integrator, spp=options.spp, denoise=options.denoise).A
+        A = renderer.render(
+            case.own.T,
+            outputs="A",
+            motion=case.motion,
+            time_ns=round(1e9 * NOW_S),
+            seed=seed,
+            integrator=integrator,
+            spp=options.spp,
+            denoise=options.denoise,
+        ).A
         for name, value in (("raw", A.radiance), ("stderr", A.stderr), ("denoised", A.denoised)):
             made[name].append(A.radiance if value is None else value)
     return {name: np.array(values) for name, values in made.items()}
@@ -106,13 +119,22 @@ def row_of(made: dict, truth: Estimate) -> dict:
     raw, denoised = Estimate(made["raw"]), Estimate(made["denoised"])
     of_raw, count = scores.bias(raw, truth), (len(raw.images), len(truth.images))
     whole = scores.as_normal(raw.whole[0] - truth.whole[0], raw.whole[1], truth.whole[1], *count)
-    worst = {f"{name}_block_percent": float(100 * np.abs(scores.block_errors(each.pixels[0][None], truth)).max())
-             for name, each in (("raw", raw), ("denoised", denoised))}
+    worst = {
+        f"{name}_block_percent": float(100 * np.abs(scores.block_errors(each.pixels[0][None], truth)).max())
+        for name, each in (("raw", raw), ("denoised", denoised))
+    }
     of_denoised = scores.bias(denoised, truth)
-    return {"noise": scores.noise(made["raw"], truth).tolist(), **of_raw, "mean_z": whole.tolist(), **worst,
-            "denoised_block_z": of_denoised["block_z"], "denoised_block_z_at": of_denoised["block_z_at"],
-            **scores.block_row(made["denoised"], truth), **scores.calibration(made["raw"], made["stderr"]),
-            **scores.chi2(raw, truth)}
+    return {
+        "noise": scores.noise(made["raw"], truth).tolist(),
+        **of_raw,
+        "mean_z": whole.tolist(),
+        **worst,
+        "denoised_block_z": of_denoised["block_z"],
+        "denoised_block_z_at": of_denoised["block_z_at"],
+        **scores.block_row(made["denoised"], truth),
+        **scores.calibration(made["raw"], made["stderr"]),
+        **scores.chi2(raw, truth),
+    }
 
 
 def line(row: dict) -> str:
@@ -121,10 +143,12 @@ def line(row: dict) -> str:
     mean = f"{row['mean_off_percent'][tells]:+.2f} +- {row['mean_off_stderr'][tells]:.2f}"
     z = f"{row['z_variance']:.2g} ({row['z_trimmed']:.2g})"
     p = f"{row['chi2_p']:9.2g}{row['chi2_p_shared']:7.2f}"
-    return (f"{row['scene']:<14}{row['kind']:<10}{row['integrator']:<11}{100 * max(row['noise']):5.0f}%  {mean:<15}"
-            f"{row['mean_z'][tells]:5.1f}  {z:<13}{row['block_z']:7.1f}{row['raw_block_percent']:6.1f}%  "
-            f"{row['denoised_block_z']:11.1f}{row['denoised_block_percent']:6.1f}%{100 * row['block_worst']:6.0f}%  "
-            f"{row['chi2']:5.2f}{p}{100 * row['reference_block_rms']:7.2f}%")
+    return (
+        f"{row['scene']:<14}{row['kind']:<10}{row['integrator']:<11}{100 * max(row['noise']):5.0f}%  {mean:<15}"
+        f"{row['mean_z'][tells]:5.1f}  {z:<13}{row['block_z']:7.1f}{row['raw_block_percent']:6.1f}%  "
+        f"{row['denoised_block_z']:11.1f}{row['denoised_block_percent']:6.1f}%{100 * row['block_worst']:6.0f}%  "
+        f"{row['chi2']:5.2f}{p}{100 * row['reference_block_rms']:7.2f}%"
+    )
 
 
 def measure(place: str, kind: str, options, tell) -> tuple[list[dict], list[np.ndarray]]:
@@ -181,15 +205,18 @@ def parse(arguments=None):
 def main(arguments=None) -> None:
     """Print the table, and write what was asked for; what is there already is kept if it is cut off."""
     options, rows, pictures = parse(arguments), [], []
-    facts = {"machine": machine(options.device)} | {key: getattr(options, key) for key in (
-        "spp", "seeds", "instants", "truth", "truth_spp", "denoise", "resolution")}
+    facts = {"machine": machine(options.device)} | {
+        key: getattr(options, key)
+        for key in ("spp", "seeds", "instants", "truth", "truth_spp", "denoise", "resolution")
+    }
     print(HEAD, flush=True)
     for place in options.scenes:
         for kind in options.kinds:
             made, shown = measure(place, kind, options, lambda text: print(text, flush=True))
             rows += made
-            pictures += [(f"{place}, {kind}, {row['integrator']}", picture)
-                         for row, picture in zip(made, shown, strict=True)]
+            pictures += [
+                (f"{place}, {kind}, {row['integrator']}", picture) for row, picture in zip(made, shown, strict=True)
+            ]
             if options.json:
                 options.json.parent.mkdir(parents=True, exist_ok=True)
                 options.json.write_text(json.dumps(facts | {"rows": rows}, indent=1) + "\n")

@@ -42,8 +42,14 @@ class Course:
     def stops(self) -> list[dict]:
         """As a scene file has it; for what stands upright."""
         yaw = np.degrees(np.arctan2(self.T[1, 0], self.T[0, 0]))
-        return [{"time_s": NOW_S + s, "position": self.at(s)[0, :3, 3].tolist(),
-                 "rotation_euler_deg": [0.0, 0.0, yaw + s * self.turn_deg]} for s in (-NOW_S, NOW_S)]
+        return [
+            {
+                "time_s": NOW_S + s,
+                "position": self.at(s)[0, :3, 3].tolist(),
+                "rotation_euler_deg": [0.0, 0.0, yaw + s * self.turn_deg],
+            }
+            for s in (-NOW_S, NOW_S)
+        ]
 
 
 def _about_z(angle_deg: float) -> np.ndarray:
@@ -62,9 +68,13 @@ class Place(NamedTuple):
     """Whether a vehicle whose lamp faces the camera is there whatever else moves."""
 
 
-SCENES = {"open": Place("paper_far", 3.0, 0.4, -0.3), "coastal": Place("coastal", 2.2, 0.4, -0.3),
-          "confined": Place("closed_room", 1.3, 0.35, 0.0), "world_camera": Place("standing_camera", 2.6, 0.3, -0.2),
-          "facing_lamp": Place("paper_pipes", 2.2, 0.5, -0.3, True)}
+SCENES = {
+    "open": Place("paper_far", 3.0, 0.4, -0.3),
+    "coastal": Place("coastal", 2.2, 0.4, -0.3),
+    "confined": Place("closed_room", 1.3, 0.35, 0.0),
+    "world_camera": Place("standing_camera", 2.6, 0.3, -0.2),
+    "facing_lamp": Place("paper_pipes", 2.2, 0.5, -0.3, True),
+}
 
 
 class Kind(NamedTuple):
@@ -79,13 +89,19 @@ class Kind(NamedTuple):
     strobe: Strobe | None = None
 
 
-KINDS = {"vehicles": Kind(Shutter(exposure_s=0.1), 0.3, 2), "object": Kind(Shutter(exposure_s=0.15), thing=True),
-         "blur": Kind(Shutter(exposure_s=0.15), 1.0), "rolling": Kind(Shutter(exposure_s=0.03, readout_s=0.12), 1.0),
-         "strobe": Kind(Shutter(exposure_s=0.06, readout_s=0.06), 1.0, strobe=Strobe(on_s=0.04, delay_s=0.01))}
+KINDS = {
+    "vehicles": Kind(Shutter(exposure_s=0.1), 0.3, 2),
+    "object": Kind(Shutter(exposure_s=0.15), thing=True),
+    "blur": Kind(Shutter(exposure_s=0.15), 1.0),
+    "rolling": Kind(Shutter(exposure_s=0.03, readout_s=0.12), 1.0),
+    "strobe": Kind(Shutter(exposure_s=0.06, readout_s=0.06), 1.0, strobe=Strobe(on_s=0.04, delay_s=0.01)),
+}
 
 BODY = {"kind": "pipe", "radius": 0.11, "length": 0.4, "wall": 1, "rotation_euler_deg": [90, 0, 0]}
-LAMPS = [spot((0.2, 0.1, 0.1), (0.2, 1.0, -0.1), 80.0, 0.3, (25.0, 20.0, 15.0)),
-         spot((-0.2, 0.1, 0.1), (-0.1, 1.0, -0.3), 70.0, 0.3, (15.0, 20.0, 25.0))]
+LAMPS = [
+    spot((0.2, 0.1, 0.1), (0.2, 1.0, -0.1), 80.0, 0.3, (25.0, 20.0, 15.0)),
+    spot((-0.2, 0.1, 0.1), (-0.1, 1.0, -0.3), 70.0, 0.3, (15.0, 20.0, 25.0)),
+]
 FACING = [spot((0.0, 0.2, 0.1), (0.1, 1.0, 0.05), 80.0, 0.15, (60.0, 60.0, 60.0))]
 
 
@@ -118,8 +134,11 @@ class Case:
     def _moving_thing(course: Course) -> Moving:
         start = course.at(-NOW_S)[0]
         path = tuple(Stop(**stop) for stop in course.stops())
-        return Moving(**vars(replace(_placed(_thing(), start), origin=tuple(start[:3, 3].tolist()))), path=path,
-                      R_w_o=start[:3, :3])
+        return Moving(
+            **vars(replace(_placed(_thing(), start), origin=tuple(start[:3, 3].tolist()))),
+            path=path,
+            R_w_o=start[:3, :3],
+        )
 
     def instant(self, offset_s: float) -> Built:
         """The still scene at a time from the frame's: one vehicle that has all lights, and bodies where they are."""
@@ -150,8 +169,13 @@ def _placed(part: Part, T: np.ndarray) -> Part:
 
 def _carried(light, T: np.ndarray):
     """A spot of another vehicle, in axes of the one that sees."""
-    return light.model_copy(update={"position": tuple(T[:3, :3] @ light.position + T[:3, 3]), "strobe": None,
-                                    "direction": tuple(T[:3, :3] @ light.direction)})
+    return light.model_copy(
+        update={
+            "position": tuple(T[:3, :3] @ light.position + T[:3, 3]),
+            "strobe": None,
+            "direction": tuple(T[:3, :3] @ light.direction),
+        }
+    )
 
 
 def make(place: str, kind: str, resolution=RESOLUTION) -> Case:
@@ -159,8 +183,10 @@ def make(place: str, kind: str, resolution=RESOLUTION) -> Case:
     at, how = SCENES[place], KINDS[kind]
     built = build(at.world, resolution)
     own = Course(built.T_w_v, tuple(how.moves * built.T_w_v[:3, :3] @ (0.6, 0.8, 0.1)), 20.0 * how.moves)
-    fleet = {f"vehicles.{i}": (course, {"body": BODY, "lights": LAMPS})
-             for i, course in enumerate(_others(built, at)[:how.others], 1)}
+    fleet = {
+        f"vehicles.{i}": (course, {"body": BODY, "lights": LAMPS})
+        for i, course in enumerate(_others(built, at)[: how.others], 1)
+    }
     if at.speaks:
         facing = Course(_met(built, at, at.ahead, -at.right, at.above, 170.0), (0.5, -0.1, 0.0), 30.0)
         fleet["vehicles.9"] = facing, {"lights": FACING}
@@ -170,8 +196,10 @@ def make(place: str, kind: str, resolution=RESOLUTION) -> Case:
 
 def _others(built: Built, at: Place) -> list[Course]:
     """One that comes towards the camera and turns, and one that crosses."""
-    return [Course(_met(built, at, at.ahead, at.right, at.above, 150.0), (-0.8, -0.5, 0.1), 40.0),
-            Course(_met(built, at, 1.1 * at.ahead, -at.right, at.above, -100.0), (1.0, 0.2, 0.0), -20.0)]
+    return [
+        Course(_met(built, at, at.ahead, at.right, at.above, 150.0), (-0.8, -0.5, 0.1), 40.0),
+        Course(_met(built, at, 1.1 * at.ahead, -at.right, at.above, -100.0), (1.0, 0.2, 0.0), -20.0),
+    ]
 
 
 def _met(built: Built, at: Place, ahead: float, right: float, above: float, yaw_deg: float) -> np.ndarray:
@@ -197,6 +225,13 @@ def _scene(scene: Scene, how: Kind, fleet: dict) -> Scene:
         return scene
     course = scene.trajectory.model_dump(exclude_unset=True)
     own = vehicle.model_dump(exclude_unset=True) | {"id": "0", "trajectory": course}
-    others = [{"id": key[-1], "trajectory": {"poses": course.stops()}, **carried,
-               "lights": [light | strobe for light in carried["lights"]]} for key, (course, carried) in fleet.items()]
+    others = [
+        {
+            "id": key[-1],
+            "trajectory": {"poses": course.stops()},
+            **carried,
+            "lights": [light | strobe for light in carried["lights"]],
+        }
+        for key, (course, carried) in fleet.items()
+    ]
     return Scene(**scene.model_dump(exclude_unset=True, exclude={"vehicle", "trajectory"}), vehicles=[own, *others])

@@ -44,8 +44,9 @@ def load(path: Path, built: Built, tell=print) -> Estimate | None:
         return Estimate(file["images"], file["spp"])
 
 
-def extend(path: Path, name: str, built: Built, device: str, integrator: str, spp: int, count: int, seconds: float,
-           tell=print) -> None:
+def extend(
+    path: Path, name: str, built: Built, device: str, integrator: str, spp: int, count: int, seconds: float, tell=print
+) -> None:
     """Render up to ``count`` images more and keep them; none is begun that would end after ``seconds``.
 
     Seconds are of the CPU, or on the clock if the device is a GPU. At least two images are kept.
@@ -65,8 +66,10 @@ def extend(path: Path, name: str, built: Built, device: str, integrator: str, sp
     made = Estimate(np.array(images, np.float32), np.array(samples, float))
     _keep(path, made, built)
     error = np.sqrt((made.blocks[1] ** 2).mean(axis=(0, 1))) / made.whole[0]
-    tell(f"{name}: {len(images)} images, {sum(samples):g} samples in all, {watch.seconds:.0f} s; standard error of a "
-         f"block {100 * error.max():.2f} % of the mean")
+    tell(
+        f"{name}: {len(images)} images, {sum(samples):g} samples in all, {watch.seconds:.0f} s; standard error of a "
+        f"block {100 * error.max():.2f} % of the mean"
+    )
 
 
 def _keep(path: Path, made: Estimate, built: Built) -> None:

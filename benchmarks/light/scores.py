@@ -91,11 +91,14 @@ def block_row(images: np.ndarray, reference: Estimate) -> dict:
     errors = np.abs(worst_channel(block_errors(images, reference)))
     noise = np.sqrt((reference.pixels[1] ** 2).mean(axis=(0, 1))) / reference.whole[0]
     unsure = reference.blocks[1] / np.maximum(reference.blocks[0], DARKEST * reference.whole[0])
-    return {"block_worst": float(errors.max()), "block_99": float(np.quantile(errors, 0.99)),
-            "half_off": float((errors.max(axis=(1, 2)) >= 0.5).mean()),
-            "reference_pixel_rms": float(noise.max()),
-            "reference_block_rms": float(np.sqrt((unsure**2).mean(axis=(0, 1)).max())),
-            "reference_block_worst": float(unsure.max())}
+    return {
+        "block_worst": float(errors.max()),
+        "block_99": float(np.quantile(errors, 0.99)),
+        "half_off": float((errors.max(axis=(1, 2)) >= 0.5).mean()),
+        "reference_pixel_rms": float(noise.max()),
+        "reference_block_rms": float(np.sqrt((unsure**2).mean(axis=(0, 1)).max())),
+        "reference_block_worst": float(unsure.max()),
+    }
 
 
 # ---------------------------------------------------------------------------------------- do the error bars hold?
@@ -119,10 +122,13 @@ def calibration(images: np.ndarray, stderr: np.ndarray) -> dict:
         return dict.fromkeys(("z_variance", "z_trimmed", "z_pooled", "beyond_4", "claims_nothing"), np.nan)
     low, high = np.quantile(z, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2])
     inner, silent = z[(z >= low) & (z <= high)], np.count_nonzero((claimed == 0.0) & (off != 0.0))
-    return {"z_variance": float(np.mean(z**2)), "z_trimmed": float(np.mean(inner**2) / _trimmed_normal()),
-            "z_pooled": float(np.sum(off**2) / np.sum(claimed**2)),
-            "beyond_4": float((np.count_nonzero(np.abs(z) > 4.0) + silent) / len(off)),
-            "claims_nothing": float(silent / len(off))}
+    return {
+        "z_variance": float(np.mean(z**2)),
+        "z_trimmed": float(np.mean(inner**2) / _trimmed_normal()),
+        "z_pooled": float(np.sum(off**2) / np.sum(claimed**2)),
+        "beyond_4": float((np.count_nonzero(np.abs(z) > 4.0) + silent) / len(off)),
+        "claims_nothing": float(silent / len(off)),
+    }
 
 
 def _trimmed_normal() -> float:
@@ -166,9 +172,13 @@ def bias(estimate: Estimate, reference: Estimate) -> dict:
     z = as_normal(mean - truth, error, unsure, *counts)
     place = np.unravel_index(np.argmax(np.abs(np.nan_to_num(z))), z.shape)
     (mean, error), (truth, unsure) = estimate.whole, reference.whole
-    return {"block_z": float(z[place]), "block_z_at": [int(i) for i in place],
-            "block_z_rms": float(np.sqrt(np.mean(z**2))), "mean_off_percent": (100 * (mean / truth - 1)).tolist(),
-            "mean_off_stderr": (100 * np.hypot(error, unsure) / truth).tolist()}
+    return {
+        "block_z": float(z[place]),
+        "block_z_at": [int(i) for i in place],
+        "block_z_rms": float(np.sqrt(np.mean(z**2))),
+        "mean_off_percent": (100 * (mean / truth - 1)).tolist(),
+        "mean_off_stderr": (100 * np.hypot(error, unsure) / truth).tolist(),
+    }
 
 
 def chi2(estimate: Estimate, reference: Estimate, resamples: int = 300) -> dict:
@@ -183,10 +193,15 @@ def chi2(estimate: Estimate, reference: Estimate, resamples: int = 300) -> dict:
     z = _block_z(ours, theirs)
     told, rng = float(np.mean(z**2)), np.random.default_rng(1)
     ours, theirs = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
-    drawn = [np.mean(_block_z(*(each[rng.integers(len(each), size=len(each))] for each in (ours, theirs)))**2)
-             for _ in range(resamples)]
-    return {"chi2": told, "chi2_p": float(chi2_of.sf(told * z.size, z.size)),
-            "chi2_p_shared": float((1 + np.count_nonzero(np.array(drawn) >= told)) / (1 + resamples))}
+    drawn = [
+        np.mean(_block_z(*(each[rng.integers(len(each), size=len(each))] for each in (ours, theirs))) ** 2)
+        for _ in range(resamples)
+    ]
+    return {
+        "chi2": told,
+        "chi2_p": float(chi2_of.sf(told * z.size, z.size)),
+        "chi2_p_shared": float((1 + np.count_nonzero(np.array(drawn) >= told)) / (1 + resamples)),
+    }
 
 
 def _block_z(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:

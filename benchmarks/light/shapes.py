@@ -6,8 +6,9 @@ import trimesh
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Part
 
-PAPER = {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
-                          "phase": {"g": 0.8}}}
+PAPER = {
+    "coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0], "phase": {"g": 0.8}}
+}
 """Table 1 of the VAROS paper."""
 SAND = Diffuse(reflectance=(0.45, 0.40, 0.32))
 GREY = Diffuse(reflectance=(0.5, 0.5, 0.5))
@@ -19,8 +20,13 @@ DARK = Diffuse(reflectance=(0.08, 0.08, 0.08))
 def water(sigma_t: float, g: float, albedo=(0.62, 0.81, 0.75)) -> dict:
     """Water of one extinction [1/m] in all channels; by default of the albedo of coastal water."""
     albedo = np.broadcast_to(np.asarray(albedo, float), 3)
-    return {"coefficients": {"sigma_s": (sigma_t * albedo).tolist(), "sigma_a": (sigma_t * (1.0 - albedo)).tolist(),
-                             "phase": {"g": g}}}
+    return {
+        "coefficients": {
+            "sigma_s": (sigma_t * albedo).tolist(),
+            "sigma_a": (sigma_t * (1.0 - albedo)).tolist(),
+            "phase": {"g": g},
+        }
+    }
 
 
 # -------------------------------------------------------------------------------------------------------------- lights
@@ -28,8 +34,14 @@ def water(sigma_t: float, g: float, albedo=(0.62, 0.81, 0.75)) -> dict:
 
 def spot(position, direction=(0, 1, 0), cone_deg=65.0, blend=0.15, intensity=(100.0, 100.0, 100.0)) -> dict:
     """A spot light, in axes of the vehicle."""
-    return {"kind": "spot", "position": tuple(position), "direction": tuple(direction), "cone_deg": cone_deg,
-            "blend": blend, "intensity": tuple(intensity)}
+    return {
+        "kind": "spot",
+        "position": tuple(position),
+        "direction": tuple(direction),
+        "cone_deg": cone_deg,
+        "blend": blend,
+        "intensity": tuple(intensity),
+    }
 
 
 def paper_lamps() -> list[dict]:
@@ -41,8 +53,10 @@ def soft_lamps(colours=None) -> list[dict]:
     """Four with soft edges, tilted down and inwards."""
     places = [(-0.4, 0.0, 0.25), (0.4, 0.0, 0.25), (-0.3, 0.05, -0.15), (0.3, 0.05, -0.15)]
     colours = colours or [(60.0, 60.0, 60.0)] * 4
-    return [spot(place, (-0.4 * place[0], 1.0, -0.25 * (place[2] > 0)), 70.0, 0.5, colour)
-            for place, colour in zip(places, colours, strict=True)]
+    return [
+        spot(place, (-0.4 * place[0], 1.0, -0.25 * (place[2] > 0)), 70.0, 0.5, colour)
+        for place, colour in zip(places, colours, strict=True)
+    ]
 
 
 # ----------------------------------------------------------------------------------------------------------- surfaces
@@ -91,8 +105,9 @@ def _bumps(a, b, cells: int, seed: int, waves: int = 24):
     frequency = random.uniform(0.5, cells / 4, (waves, 2)) * random.choice([-1, 1], (waves, 2))
     phase = random.uniform(0, 2 * np.pi, waves)
     weight = 1.0 / (1.0 + np.linalg.norm(frequency, axis=1))
-    values = sum(w * np.sin(2 * np.pi * (f[0] * a + f[1] * b) + p)
-                 for w, f, p in zip(weight, frequency, phase, strict=True))
+    values = sum(
+        w * np.sin(2 * np.pi * (f[0] * a + f[1] * b) + p) for w, f, p in zip(weight, frequency, phase, strict=True)
+    )
     return values / np.sqrt(np.sum(weight**2) / 2)
 
 
@@ -106,12 +121,17 @@ def room(low, high, material=GREY, hole=None) -> list[Part]:
     """Six sheets around a box; ``hole`` = x0, x1, z0, z1 is cut out of the one at the greatest y."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     x, y, z = (x1 - x0, 0, 0), (0, y1 - y0, 0), (0, 0, z1 - z0)
-    walls = [sheet("bottom", low, x, y, SAND), sheet("top", (x0, y0, z1), x, y, material),
-             sheet("left", low, y, z, RED), sheet("right", (x1, y0, z0), y, z, BLUE),
-             sheet("back", low, x, z, material)]
+    walls = [
+        sheet("bottom", low, x, y, SAND),
+        sheet("top", (x0, y0, z1), x, y, material),
+        sheet("left", low, y, z, RED),
+        sheet("right", (x1, y0, z0), y, z, BLUE),
+        sheet("back", low, x, z, material),
+    ]
     if hole is None:
         return [*walls, sheet("front", (x0, y1, z0), x, z, material)]
     a0, a1, c0, c1 = hole
     pieces = [(x0, a0, z0, z1), (a1, x1, z0, z1), (a0, a1, z0, c0), (a0, a1, c1, z1)]
-    return walls + [sheet(f"front.{i}", (p, y1, r), (q - p, 0, 0), (0, 0, s - r), material)
-                    for i, (p, q, r, s) in enumerate(pieces)]
+    return walls + [
+        sheet(f"front.{i}", (p, y1, r), (q - p, 0, 0), (0, 0, s - r), material) for i, (p, q, r, s) in enumerate(pieces)
+    ]

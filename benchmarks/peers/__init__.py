@@ -18,8 +18,7 @@ from varos_warp.errors import InputError
 
 MODULES = {"mitsuba": "mitsuba", "cycles": "bpy"}
 SUFFIXES = {"mitsuba": ".xml", "cycles": ".blend"}
-INSTALL = {"mitsuba": "pip install mitsuba",
-           "cycles": "pip install --no-deps 'bpy==5.0.1'"}
+INSTALL = {"mitsuba": "pip install mitsuba", "cycles": "pip install --no-deps 'bpy==5.0.1'"}
 
 
 @dataclass(frozen=True)
@@ -44,9 +43,22 @@ def available() -> list[str]:
     return [name for name, module in MODULES.items() if importlib.util.find_spec(module) is not None]
 
 
-def render(name: str, scene, parts, camera, T_w_v, *, spp: int, max_scatterings: int | None = None,
-           max_bounces: int | None = None, max_events: int | None = None, threads: int | None = None,
-           denoise: bool = False, seed: int = 0, variant: str | None = None) -> PeerImage:
+def render(
+    name: str,
+    scene,
+    parts,
+    camera,
+    T_w_v,
+    *,
+    spp: int,
+    max_scatterings: int | None = None,
+    max_bounces: int | None = None,
+    max_events: int | None = None,
+    threads: int | None = None,
+    denoise: bool = False,
+    seed: int = 0,
+    variant: str | None = None,
+) -> PeerImage:
     """Image A of one camera for the vehicle at ``T_w_v`` [4, 4], by another renderer.
 
     Args:

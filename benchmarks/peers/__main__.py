@@ -27,9 +27,13 @@ def export(
     scene = load_scene(scene_file)
     run = simulate(scene)
     if frame >= len(run.frames) or camera >= len(scene.vehicle.cameras):
-        raise InputError("there is no such frame or camera", file=scene_file, key="--frame, --camera",
-                         value=(frame, camera), remedy=f"There are {len(run.frames)} frames and "
-                                                       f"{len(scene.vehicle.cameras)} cameras, from 0.")
+        raise InputError(
+            "there is no such frame or camera",
+            file=scene_file,
+            key="--frame, --camera",
+            value=(frame, camera),
+            remedy=f"There are {len(run.frames)} frames and {len(scene.vehicle.cameras)} cameras, from 0.",
+        )
     T_w_v = run.frames.T_w_v(frame)
     peers.export(peer, scene, build_parts(scene), scene.vehicle.cameras[camera], T_w_v, output, spp=spp)
 
@@ -60,8 +64,9 @@ def agree(
     for key, names, there_are in (("--only", only, known), ("--light", light, TOLERANCE)):
         for name in names or ():
             if name not in there_are:
-                raise InputError("there is no such case", key=key, value=name,
-                                 remedy=f"There are: {', '.join(there_are)}.")
+                raise InputError(
+                    "there is no such case", key=key, value=name, remedy=f"There are: {', '.join(there_are)}."
+                )
     for name in peer or ():
         peers.check_available(name)
     measure(seconds, output or RESULTS, [known[name] for name in only or known], peer, light or tuple(TOLERANCE))

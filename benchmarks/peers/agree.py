@@ -28,7 +28,7 @@ WATERS = {
     "ff4.5": "{kind: fournier_forand, n: 1.10, mu: 4.5}",
     "hg0.8": "{kind: henyey_greenstein, g: 0.8}",
     "mixed": "{kind: mixture, of: [{kind: fournier_forand, n: 1.10, mu: 4.5, weight: 0.5}, "
-             "{kind: rayleigh, weight: 0.3}, {kind: henyey_greenstein, g: 0.8, weight: 0.2}]}",
+    "{kind: rayleigh, weight: 0.3}, {kind: henyey_greenstein, g: 0.8, weight: 0.2}]}",
 }
 """Phase functions. ff3.6 is sea water as Petzold measured it: 25 % of the light within 1 degree, 7 % within 0.1. Paths
 that scatter so towards a light are rare and bright, and few samples miss them; ff4.0 has 6 % within 1 degree, ff4.5 2.
@@ -77,21 +77,46 @@ class Row:
     def pairs(self) -> list[tuple[str, str]]:
         """What is compared: peers with ours, and ours with each other."""
         ours = [name for name in OURS if name in self.estimates]
-        return [(name, other) for name in self.estimates for other in ours
-                if other != name and (name not in OURS or OURS.index(name) > OURS.index(other))]
+        return [
+            (name, other)
+            for name in self.estimates
+            for other in ours
+            if other != name and (name not in OURS or OURS.index(name) > OURS.index(other))
+        ]
 
     def as_dict(self) -> dict:
         """In plain JSON types."""
-        made = {name: {"mean": found.mean.tolist(), "stderr": found.stderr.tolist(), "spp": found.spp,
-                       "replicates": REPLICATES, "cpu_seconds": found.cpu_seconds}
-                for name, found in self.estimates.items()}
+        made = {
+            name: {
+                "mean": found.mean.tolist(),
+                "stderr": found.stderr.tolist(),
+                "spp": found.spp,
+                "replicates": REPLICATES,
+                "cpu_seconds": found.cpu_seconds,
+            }
+            for name, found in self.estimates.items()
+        }
         compared = []
         for name, other in self.pairs():
             off, stderr = self.estimates[name].off(self.estimates[other])
-            compared.append({"program": name, "against": other, "off": off.tolist(), "stderr": stderr.tolist(),
-                             "tolerance": TOLERANCE[self.light], "agrees": bool(np.all(self.excess(name, other) <= 1))})
-        return {"scene": self.scene, "water": self.water, "light": self.light, "estimates": made,
-                "compared": compared, "refused": self.refused}
+            compared.append(
+                {
+                    "program": name,
+                    "against": other,
+                    "off": off.tolist(),
+                    "stderr": stderr.tolist(),
+                    "tolerance": TOLERANCE[self.light],
+                    "agrees": bool(np.all(self.excess(name, other) <= 1)),
+                }
+            )
+        return {
+            "scene": self.scene,
+            "water": self.water,
+            "light": self.light,
+            "estimates": made,
+            "compared": compared,
+            "refused": self.refused,
+        }
 
 
 class Case:
@@ -170,8 +195,10 @@ def store(output: Path, row: Row) -> None:
     write_json(output, {"sigmas": SIGMAS, "waters": WATERS, "rows": kept})
 
 
-HEADER = ("| scene | water | light | program | mean R / G / B | off `path` [%] | off `field` [%] | agrees |",
-          "|---|---|---|---|---|---|---|---|")
+HEADER = (
+    "| scene | water | light | program | mean R / G / B | off `path` [%] | off `field` [%] | agrees |",
+    "|---|---|---|---|---|---|---|---|",
+)
 
 
 def lines(row: Row) -> list[str]:

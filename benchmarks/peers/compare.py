@@ -34,12 +34,27 @@ def measure_ref1(output: Path, most: int) -> None:
         for spp in (spp for spp in ladder if spp <= most):
             repeats = next((count for limit, count in REPEATS if spp <= limit), 1)
             made = [peer_image(bench, name, spp=spp, denoise=denoise, seed=seed) for seed in range(repeats)]
-            times = {key: float(np.median([getattr(image, key) for image in made]))
-                     for key in ("seconds", "cpu_seconds", "setup_seconds")}
+            times = {
+                key: float(np.median([getattr(image, key) for image in made]))
+                for key in ("seconds", "cpu_seconds", "setup_seconds")
+            }
             errors = measure(np.array([image.radiance for image in made], float), reference)
             load = os.getloadavg()[0]  # beside others a CPU-second is worth down to half of one alone
-            rows.append({"method": label, "spp": spp, "repeats": repeats, **times, "load": load, **errors,
-                         "version": made[0].version, "note": made[0].note})
-            print(f"{label} {spp} spp: {times['cpu_seconds']:.3g} CPU-s, rmse {errors['rmse']:.3g}, "
-                  f"median {errors['median']:.3g}", flush=True)
+            rows.append(
+                {
+                    "method": label,
+                    "spp": spp,
+                    "repeats": repeats,
+                    **times,
+                    "load": load,
+                    **errors,
+                    "version": made[0].version,
+                    "note": made[0].note,
+                }
+            )
+            print(
+                f"{label} {spp} spp: {times['cpu_seconds']:.3g} CPU-s, rmse {errors['rmse']:.3g}, "
+                f"median {errors['median']:.3g}",
+                flush=True,
+            )
             write_json(output, {"scene": "ref1", "machine": machine("cpu"), "rows": rows})

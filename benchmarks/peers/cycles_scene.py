@@ -24,8 +24,9 @@ SENSOR_MM = 36.0
 """Width of Blender's sensor, whatever the camera's is: smaller ones than 1 mm would be enlarged without a word."""
 
 
-def build_cycles(plain: PlainScene, *, spp: int = 64, seed: int = 0, threads: int | None = None,
-                 denoise: bool = False) -> None:
+def build_cycles(
+    plain: PlainScene, *, spp: int = 64, seed: int = 0, threads: int | None = None, denoise: bool = False
+) -> None:
     """Replace what Blender holds by this scene, ready to be rendered on the CPU.
 
     Raises:
@@ -106,8 +107,12 @@ def _diffuse(mesh):
 def _add_light(light: PlainLight, name: str):
     everywhere = light.half_angle >= np.pi
     if not everywhere and light.half_angle > np.pi / 2:
-        raise InputError("Blender's cones are at most 180 degrees wide", key="lights.cone_deg",
-                         value=float(np.degrees(2 * light.half_angle)), remedy="Use 360, or up to 180.")
+        raise InputError(
+            "Blender's cones are at most 180 degrees wide",
+            key="lights.cone_deg",
+            value=float(np.degrees(2 * light.half_angle)),
+            remedy="Use 360, or up to 180.",
+        )
     data = bpy.data.lights.new(name, "POINT" if everywhere else "SPOT")
     data.shadow_soft_size = 0.0
     strongest = float(light.intensity.max())
@@ -165,8 +170,12 @@ def _set_camera(plain):
 
     width, height = plain.resolution
     if min(width, height) < LEAST_PIXELS:
-        raise InputError("Blender's images are at least 4 pixels wide and high", key="cameras.resolution",
-                         value=plain.resolution, remedy="Ask for a larger image.")
+        raise InputError(
+            "Blender's images are at least 4 pixels wide and high",
+            key="cameras.resolution",
+            value=plain.resolution,
+            remedy="Ask for a larger image.",
+        )
     data = bpy.data.cameras.new("camera")
     fx, fy = plain.focal
     data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_MM

@@ -42,15 +42,26 @@ def lobes_of(phase: PhaseFunction) -> tuple[Lobe, ...]:
         share = float(phase.moments(2)[2]) / RAYLEIGH_MOMENT
         return (Lobe(share, RAYLEIGH), Lobe(1.0 - share, HENYEY_GREENSTEIN))
     if isinstance(phase, Mixture):
-        return tuple(replace(lobe, weight=weight * lobe.weight)
-                     for weight, part in phase.parts if weight > 0.0 for lobe in lobes_of(part))
-    raise InputError(f"another renderer cannot be given the phase function {phase.kind}", key="water.phase",
-                     remedy="Henyey-Greenstein, Fournier-Forand, Rayleigh and mixtures of them compare.")
+        return tuple(
+            replace(lobe, weight=weight * lobe.weight)
+            for weight, part in phase.parts
+            if weight > 0.0
+            for lobe in lobes_of(part)
+        )
+    raise InputError(
+        f"another renderer cannot be given the phase function {phase.kind}",
+        key="water.phase",
+        remedy="Henyey-Greenstein, Fournier-Forand, Rayleigh and mixtures of them compare.",
+    )
 
 
 def _fournier_forand(phase):
     n, backscatter = phase.n, phase.backscatter_fraction
     if n - 1.0 < LEAST_EXCESS or backscatter > MOST_BACKSCATTER:
-        raise InputError("Cycles takes no Fournier-Forand with n below 1.001 or B above 0.499", key="water.phase",
-                         value=f"n = {n:g}, B = {backscatter:g}", remedy="Use another n and mu.")
+        raise InputError(
+            "Cycles takes no Fournier-Forand with n below 1.001 or B above 0.499",
+            key="water.phase",
+            value=f"n = {n:g}, B = {backscatter:g}",
+            remedy="Use another n and mu.",
+        )
     return Lobe(1.0, FOURNIER_FORAND, n=n, backscatter=backscatter)

@@ -83,8 +83,11 @@ def _integrator(plain):
 def _sensor(plain, spp):
     fx, fy = plain.focal
     if abs(fx / fy - 1.0) > 1e-6:
-        raise InputError("Mitsuba's pixels are square", key="cameras.sensor_mm",
-                         remedy="Give sensor_mm the proportions of the resolution.")
+        raise InputError(
+            "Mitsuba's pixels are square",
+            key="cameras.sensor_mm",
+            remedy="Give sensor_mm the proportions of the resolution.",
+        )
     width, height = plain.resolution
     sensor = {
         "type": "thinlens" if plain.aperture > 0.0 else "perspective",
@@ -93,8 +96,14 @@ def _sensor(plain, spp):
         "to_world": _transform(plain.T_w_c @ np.diag([-1.0, -1.0, 1.0, 1.0])),  # x left, y up, z forward
         "near_clip": 1e-3,
         "far_clip": 1e5,
-        "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"},
-                 "pixel_format": "rgb", "component_format": "float32"},
+        "film": {
+            "type": "hdrfilm",
+            "width": width,
+            "height": height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        },
         "sampler": {"type": "independent", "sample_count": spp},
     }
     if plain.aperture > 0.0:
@@ -106,8 +115,7 @@ def _sensor(plain, spp):
 
 def _medium(plain):
     albedo = np.divide(plain.sigma_s, plain.sigma_t, out=np.zeros(3), where=plain.sigma_t > 0.0)
-    return {"type": "homogeneous", "sigma_t": _rgb(plain.sigma_t), "albedo": _rgb(albedo),
-            "phase": _phase(plain.lobes)}
+    return {"type": "homogeneous", "sigma_t": _rgb(plain.sigma_t), "albedo": _rgb(albedo), "phase": _phase(plain.lobes)}
 
 
 def _phase(lobes):
@@ -115,14 +123,21 @@ def _phase(lobes):
     weights = np.array([lobe.weight for lobe in lobes])
     if len(lobes) == 1:
         return _lobe(lobes[0])
-    return {"type": "blendphase", "weight": float(weights[1:].sum() / weights.sum()), "first": _lobe(lobes[0]),
-            "others": _phase(lobes[1:])}
+    return {
+        "type": "blendphase",
+        "weight": float(weights[1:].sum() / weights.sum()),
+        "first": _lobe(lobes[0]),
+        "others": _phase(lobes[1:]),
+    }
 
 
 def _lobe(lobe):
     if lobe.kind == FOURNIER_FORAND:
-        raise InputError("Mitsuba has no Fournier-Forand, and its tables are even in the cosine: too coarse ahead",
-                         key="water.phase", remedy="Use Cycles, or Henyey-Greenstein, Rayleigh and mixtures of them.")
+        raise InputError(
+            "Mitsuba has no Fournier-Forand, and its tables are even in the cosine: too coarse ahead",
+            key="water.phase",
+            remedy="Use Cycles, or Henyey-Greenstein, Rayleigh and mixtures of them.",
+        )
     if lobe.kind == RAYLEIGH:
         return {"type": "rayleigh"}
     return {"type": "hg", "g": float(lobe.g)} if lobe.g else {"type": "isotropic"}
@@ -148,8 +163,13 @@ def _light(light: PlainLight, mask: str):
     if light.half_angle >= np.pi:
         return {"type": "point", "position": light.position.tolist(), "intensity": _rgb(light.intensity)}
     half = float(np.degrees(light.half_angle))
-    spot = {"type": "spot", "to_world": _transform(_towards(light)), "cutoff_angle": half, "beam_width": half,
-            "intensity": _rgb(light.intensity)}
+    spot = {
+        "type": "spot",
+        "to_world": _transform(_towards(light)),
+        "cutoff_angle": half,
+        "beam_width": half,
+        "intensity": _rgb(light.intensity),
+    }
     if light.blend > 0.0:
         spot["texture"] = {"type": "bitmap", "filename": mask, "raw": True, "wrap_mode": "clamp"}
     return spot
@@ -190,8 +210,12 @@ def _write_mask(light, path):
 
     pixels = mask_pixels(light.half_angle, light.blend) if light.half_angle <= MASK_HALF_ANGLE else 0
     if not pixels:
-        raise InputError("Mitsuba cannot be given so wide a cone, or so narrow a soft edge", key="lights.blend",
-                         value=light.blend, remedy="Use blend 0, cones up to 160 degrees and blends above 0.03.")
+        raise InputError(
+            "Mitsuba cannot be given so wide a cone, or so narrow a soft edge",
+            key="lights.blend",
+            value=light.blend,
+            remedy="Use blend 0, cones up to 160 degrees and blends above 0.03.",
+        )
     at = (2.0 * np.arange(pixels) + 1.0) / pixels - 1.0
     tangent = np.tan(light.half_angle) * np.hypot(*np.meshgrid(at, at))
     share = soft_edge(1.0 / np.sqrt(1.0 + tangent**2), light.half_angle, light.blend)

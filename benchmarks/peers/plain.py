@@ -18,9 +18,16 @@ from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.water import optical_properties
 
 
-def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w_v: np.ndarray, *,
-                max_scatterings: int | None = None, max_bounces: int | None = None,
-                max_events: int | None = None) -> PlainScene:
+def plain_scene(
+    scene: Scene,
+    parts: list[Part | Instances],
+    camera: Camera,
+    T_w_v: np.ndarray,
+    *,
+    max_scatterings: int | None = None,
+    max_bounces: int | None = None,
+    max_events: int | None = None,
+) -> PlainScene:
     """A scene as a camera sees it from the vehicle's pose ``T_w_v`` [4, 4].
 
     Args:
@@ -36,8 +43,11 @@ def plain_scene(scene: Scene, parts: list[Part | Instances], camera: Camera, T_w
         InputError: the peers cannot render the camera, a material or the phase function, or count paths in that way.
     """
     if camera.port is not None or camera.distortion is not None:
-        raise InputError("the peers' cameras have neither port nor distortion", key="cameras.port, distortion",
-                         remedy="Compare a camera without them.")
+        raise InputError(
+            "the peers' cameras have neither port nor distortion",
+            key="cameras.port, distortion",
+            remedy="Compare a camera without them.",
+        )
     T_w_c = camera_pose(camera, np.asarray(T_w_v, float))
     origin = np.round(T_w_c[:3, 3])
     T_w_c[:3, 3] -= origin
@@ -99,8 +109,12 @@ def _mesh(part, origin, reflects):
 def _light(light, T_w_v, origin):
     """A light of the vehicle, in the local world."""
     if light.kind not in ("point", "spot") or getattr(light, "port", None) is not None:
-        raise InputError("the peers know points and spots without a port only", key="vehicle.lights", value=light.kind,
-                         remedy="Compare a scene with such lights.")
+        raise InputError(
+            "the peers know points and spots without a port only",
+            key="vehicle.lights",
+            value=light.kind,
+            remedy="Compare a scene with such lights.",
+        )
     position = T_w_v[:3, :3] @ light.position + T_w_v[:3, 3] - origin
     axis, half, blend = np.array([0.0, 0.0, 1.0]), np.pi, 0.0
     if light.kind == "spot" and light.cone_deg < 360.0:

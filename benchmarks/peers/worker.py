@@ -121,8 +121,12 @@ def export_cycles(plain, folder, *, spp, path):
     return {}
 
 
-TASKS = {"render mitsuba": render_mitsuba, "render cycles": render_cycles,
-         "export mitsuba": export_mitsuba, "export cycles": export_cycles}
+TASKS = {
+    "render mitsuba": render_mitsuba,
+    "render cycles": render_cycles,
+    "export mitsuba": export_mitsuba,
+    "export cycles": export_cycles,
+}
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]))

@@ -50,8 +50,12 @@ def measure(group: str, function) -> dict:
     sweep: Sweep = function()
     if sweep.key != function.__name__:
         raise ValueError(f"{function.__name__} made a sweep called {sweep.key}")
-    return sweep.record() | {"group": group, "seconds": round(time.process_time() - start, 1), "commit": commit(),
-                             "machine": machine()}
+    return sweep.record() | {
+        "group": group,
+        "seconds": round(time.process_time() - start, 1),
+        "commit": commit(),
+        "machine": machine(),
+    }
 
 
 def commit() -> str:
@@ -64,8 +68,15 @@ def machine() -> str:
     """Processor and how many of its threads the process may use."""
     from varos_warp.device.launcher import Launcher
 
-    names = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
-             if line.startswith("model name")] if Path("/proc/cpuinfo").exists() else []
+    names = (
+        [
+            line.split(":")[1].strip()
+            for line in Path("/proc/cpuinfo").read_text().splitlines()
+            if line.startswith("model name")
+        ]
+        if Path("/proc/cpuinfo").exists()
+        else []
+    )
     return f"{(names or [platform.processor() or platform.machine()])[0]}, {Launcher('cpu').threads} threads"
 
 

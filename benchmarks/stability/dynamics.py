@@ -18,10 +18,13 @@ from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State, step_rotation
 H = 0.005
 TESTS = "tests/stability/test_vehicle_limits.py"
 OLD_TESTS = "tests/stability/test_dynamics_limits.py"
-STIFF = "refuses a lambda h above 2 with one message that names what makes the motion stiff; cuts the tick into " \
-        "up to 4 substeps above 0.5"
+STIFF = (
+    "refuses a lambda h above 2 with one message that names what makes the motion stiff; cuts the tick into "
+    "up to 4 substeps above 0.5"
+)
 WITHOUT_DRAG = dict.fromkeys(
-    ("linear_drag", "quadratic_drag", "linear_rotational_drag", "quadratic_rotational_drag"), 0.0)
+    ("linear_drag", "quadratic_drag", "linear_rotational_drag", "quadratic_rotational_drag"), 0.0
+)
 
 
 def still() -> Current:
@@ -73,13 +76,21 @@ def integration_step() -> Sweep:
 
     limit = 2.0 / body.stiffness()
     return Sweep(
-        "integration_step", "Step of the integration", "RK4 of the translation, with substeps", "tick h [s]", steps,
+        "integration_step",
+        "Step of the integration",
+        "RK4 of the translation, with substeps",
+        "tick h [s]",
+        steps,
         {"with substeps": [or_nan(ours, h) for h in steps], "one step a tick": [or_nan(bare, h) for h in steps]},
         "Worst relative error of the speed on the way to terminal speed, thrust 120 N, quadratic drag, against tanh; "
         "it falls with the fourth power of h.",
         f"ticks of the simulator are 5 ms, where the error is {or_nan(ours, H):.1g}; lambda h = 2 is at {limit:.2f} s "
-        "for this vehicle", "the RK4 step itself diverges from lambda h = 2.785 on", STIFF,
-        f"{OLD_TESTS}::test_rk4_itself_would_diverge_where_the_simulator_refuses", holds=(None, limit))
+        "for this vehicle",
+        "the RK4 step itself diverges from lambda h = 2.785 on",
+        STIFF,
+        f"{OLD_TESTS}::test_rk4_itself_would_diverge_where_the_simulator_refuses",
+        holds=(None, limit),
+    )
 
 
 def attitude_step() -> Sweep:
@@ -90,8 +101,9 @@ def attitude_step() -> Sweep:
     def rates(_, y):
         q, omega = tuple(y[:4] / np.linalg.norm(y[:4])), tuple(y[4:])
         torque = np.add(start.torque, body.righting_moment(q))
-        return np.concatenate([0.5 * np.array(quaternion.multiply(tuple(y[:4]), (0.0, *omega))),
-                               body.angular_acceleration(omega, torque)])
+        return np.concatenate(
+            [0.5 * np.array(quaternion.multiply(tuple(y[:4]), (0.0, *omega))), body.angular_acceleration(omega, torque)]
+        )
 
     y = solve_ivp(rates, (0.0, seconds), [*start.q, *start.omega], method="DOP853", rtol=1e-13, atol=1e-14).y[:4, -1]
     truth = Rotation.from_quat(y, scalar_first=True)
@@ -108,15 +120,23 @@ def attitude_step() -> Sweep:
 
     limit = 2.0 / body.stiffness()
     return Sweep(
-        "attitude_step", "Step of the attitude", "RKMK4 of the rotation, with substeps", "tick h [s]", steps,
-        {"with substeps": [or_nan(lambda h: error(fly(body, start, round(seconds / h), h).q), h) for h in steps],
-         "one step a tick": [or_nan(bare, h) for h in steps]},
+        "attitude_step",
+        "Step of the attitude",
+        "RKMK4 of the rotation, with substeps",
+        "tick h [s]",
+        steps,
+        {
+            "with substeps": [or_nan(lambda h: error(fly(body, start, round(seconds / h), h).q), h) for h in steps],
+            "one step a tick": [or_nan(bare, h) for h in steps],
+        },
         "Error of the attitude [rad] after 3 s of tumbling with a righting moment, against DOP853 on the quaternion "
         "itself at 1e-13; fourth order.",
         f"ticks of the simulator are 5 ms; lambda h = 2 is at {limit:.2f} s for this vehicle",
-        "the series of the rotation vector leaves its range: errors of a radian", STIFF,
+        "the series of the rotation vector leaves its range: errors of a radian",
+        STIFF,
         "tests/physics/test_dynamics.py::test_the_attitude_converges_with_the_fourth_power_of_the_step",
-        holds=(None, limit))
+        holds=(None, limit),
+    )
 
 
 def quaternion_drift() -> Sweep:
@@ -133,12 +153,21 @@ def quaternion_drift() -> Sweep:
         lengths.append(max(abs(np.linalg.norm(state.q) - 1.0), 1e-17))
         angles.append(float((turned.inv() * Rotation.from_quat(state.q, scalar_first=True)).magnitude()))
     return Sweep(
-        "quaternion_drift", "Drift of the quaternion", "RKMK4, normalised at every step", "steps", counts,
+        "quaternion_drift",
+        "Drift of the quaternion",
+        "RKMK4, normalised at every step",
+        "steps",
+        counts,
         {"length": lengths, "attitude [rad]": angles},
         "Deviation of the quaternion's length from 1, and of the attitude from exp(omega t), at a constant 1.36 rad/s.",
         "no end found: after a million steps (83 minutes) the length is 1 to the last digit and the attitude right to "
-        f"{angles[-1]:.1g} rad", "the rounding of the attitude adds up, slower than in proportion to the steps",
-        "normalises each step", f"{TESTS}::test_the_quaternion_does_not_drift", holds=(None, None), bound=1e-9)
+        f"{angles[-1]:.1g} rad",
+        "the rounding of the attitude adds up, slower than in proportion to the steps",
+        "normalises each step",
+        f"{TESTS}::test_the_quaternion_does_not_drift",
+        holds=(None, None),
+        bound=1e-9,
+    )
 
 
 # ---------------------------------------------------------------------------------------------------- drag and righting
@@ -158,13 +187,23 @@ def drag_stiffness() -> Sweep:
 
     rk4 = [decay(z, 1 - z + z**2 / 2 - z**3 / 6 + z**4 / 24) for z in numbers]
     return Sweep(
-        "drag_stiffness", "Stiff drag", "RK4 with substeps", "lambda h", numbers,
-        {"ours": [or_nan(ours, z) for z in numbers], "RK4, one step a tick": [max(e, 1e-17) for e in rk4],
-         "Euler": [max(decay(z, 1 - z), 1e-17) for z in numbers]},
+        "drag_stiffness",
+        "Stiff drag",
+        "RK4 with substeps",
+        "lambda h",
+        numbers,
+        {
+            "ours": [or_nan(ours, z) for z in numbers],
+            "RK4, one step a tick": [max(e, 1e-17) for e in rk4],
+            "Euler": [max(decay(z, 1 - z), 1e-17) for z in numbers],
+        },
         "Error of the speed after 20 ticks of coasting from 1 m/s with linear drag, against exp(-lambda t).",
         "lambda h = 2; for the vehicle of 40 kg a linear_drag of 24 000 N s/m or a quadratic_drag of 1.2e6 N s^2/m^2",
-        "beyond lambda h = 2 Euler oscillates, beyond 2.785 RK4 grows", STIFF,
-        f"{OLD_TESTS}::test_drag_too_stiff_for_the_clock_is_refused_with_its_number", holds=(None, 2.0))
+        "beyond lambda h = 2 Euler oscillates, beyond 2.785 RK4 grows",
+        STIFF,
+        f"{OLD_TESTS}::test_drag_too_stiff_for_the_clock_is_refused_with_its_number",
+        holds=(None, 2.0),
+    )
 
 
 def righting_stiffness() -> Sweep:
@@ -173,7 +212,7 @@ def righting_stiffness() -> Sweep:
     numbers = [1e-3, 1e-2, 0.1, 0.3, 0.5, 0.51, 1.0, 1.5, 1.99, 2.01, 2.5, 2.8, 2.9, 4.0]
 
     def body(z):
-        return sphere(description.Vehicle(metacentric_height=(z / H)**2 * J / weight, **WITHOUT_DRAG))
+        return sphere(description.Vehicle(metacentric_height=(z / H) ** 2 * J / weight, **WITHOUT_DRAG))
 
     def off(z, q, omega):
         angle, rate = quaternion.log(q)[0] / tilt, omega[0] / tilt * H / z
@@ -191,12 +230,19 @@ def righting_stiffness() -> Sweep:
         return error if error < 10.0 else float("nan")
 
     return Sweep(
-        "righting_stiffness", "Stiff righting moment", "RKMK4 with substeps", "omega h", numbers,
+        "righting_stiffness",
+        "Stiff righting moment",
+        "RKMK4 with substeps",
+        "omega h",
+        numbers,
         {"ours": [or_nan(ours, z) for z in numbers], "one step a tick": [or_nan(bare, z) for z in numbers]},
         "Error of the swing (angle and rate, as shares of the amplitude) after 200 ticks without drag, against cos.",
         "omega h = 2; for the vehicle of 40 kg without drag a metacentric_height of 289 m",
-        "the phase is lost from omega h = 0.5 on, beyond 2.83 the swing grows", STIFF,
-        f"{TESTS}::test_a_stiff_righting_moment_without_drag_is_cut_into_substeps_like_drag", holds=(None, 2.0))
+        "the phase is lost from omega h = 0.5 on, beyond 2.83 the swing grows",
+        STIFF,
+        f"{TESTS}::test_a_stiff_righting_moment_without_drag_is_cut_into_substeps_like_drag",
+        holds=(None, 2.0),
+    )
 
 
 def mass() -> Sweep:
@@ -212,11 +258,20 @@ def mass() -> Sweep:
         return max(abs(fly(body, State(force=(body.max_force, 0.0, 0.0)), 200).v[0] / truth - 1.0), 1e-17)
 
     return Sweep(
-        "mass", "Mass of the vehicle", "parameters from the mass, RK4", "vehicle.mass_kg [kg]", masses,
+        "mass",
+        "Mass of the vehicle",
+        "parameters from the mass, RK4",
+        "vehicle.mass_kg [kg]",
+        masses,
         {"speed after 1 s": [or_nan(error, m) for m in masses]},
         "Relative error of the speed after a second of full thrust from rest, against the closed form.",
-        "from 0.045 kg; no end found above", "lighter spheres are so stiff that lambda h exceeds 2", STIFF,
-        f"{TESTS}::test_a_vehicle_lighter_than_its_own_drag_allows_is_refused", holds=(0.0453, None), bound=1e-6)
+        "from 0.045 kg; no end found above",
+        "lighter spheres are so stiff that lambda h exceeds 2",
+        STIFF,
+        f"{TESTS}::test_a_vehicle_lighter_than_its_own_drag_allows_is_refused",
+        holds=(0.0453, None),
+        bound=1e-6,
+    )
 
 
 def net_buoyancy() -> Sweep:
@@ -234,13 +289,22 @@ def net_buoyancy() -> Sweep:
         return max(abs(abs(fly(body, State(), round(seconds / H)).v[2]) / truth - 1.0), 1e-17)
 
     return Sweep(
-        "net_buoyancy", "Buoyancy", "force balance", "vehicle.net_buoyancy [N]", values,
+        "net_buoyancy",
+        "Buoyancy",
+        "force balance",
+        "vehicle.net_buoyancy [N]",
+        values,
         {"speed after 20 s": [or_nan(error, b) for b in values]},
         "Relative error of the speed of rising or sinking after 20 s, thrusters off, 40 kg, against the closed form.",
         "-388.4 N, where the hull is so small that its turns are stiff (lambda h = 2); the thrusters hold the vehicle "
-        "up to 120 N", "at -mass g = -392.4 N the vehicle would displace nothing; beyond max_force it rises or sinks",
+        "up to 120 N",
+        "at -mass g = -392.4 N the vehicle would displace nothing; beyond max_force it rises or sinks",
         "refuses below; beyond max_force reports that it will rise or sink",
-        f"{TESTS}::test_buoyancy_beyond_the_thrusters_is_reported", holds=(-388.4, None), bound=1e-6, scale="symlog")
+        f"{TESTS}::test_buoyancy_beyond_the_thrusters_is_reported",
+        holds=(-388.4, None),
+        bound=1e-6,
+        scale="symlog",
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------- water
@@ -265,15 +329,24 @@ def current_period() -> Sweep:
         return worst / 0.1
 
     return Sweep(
-        "current_period", "Period of the current", "current, RK4", "current.period_s [s]", periods,
-        {"ours": [or_nan(error, p, False) for p in periods],
-         "if it were taken": [or_nan(error, p, True) for p in periods]},
+        "current_period",
+        "Period of the current",
+        "current, RK4",
+        "current.period_s [s]",
+        periods,
+        {
+            "ours": [or_nan(error, p, False) for p in periods],
+            "if it were taken": [or_nan(error, p, True) for p in periods],
+        },
         "A free vehicle without drag inherits the water's acceleration, so moves with it: largest difference of the "
         "speeds over 2 s, as a share of the fluctuation.",
-        "0.1 s: 20 ticks, 10 of the fastest wave", "waves between the ticks are sampled at random: speeds of any size",
+        "0.1 s: 20 ticks, 10 of the fastest wave",
+        "waves between the ticks are sampled at random: speeds of any size",
         "refuses shorter periods (unless there is no fluctuation)",
-        f"{TESTS}::test_a_current_that_changes_faster_than_the_clock_can_follow_is_refused", holds=(0.1, None),
-        bound=1e-3)
+        f"{TESTS}::test_a_current_that_changes_faster_than_the_clock_can_follow_is_refused",
+        holds=(0.1, None),
+        bound=1e-3,
+    )
 
 
 def current_speed() -> Sweep:
@@ -289,13 +362,20 @@ def current_speed() -> Sweep:
         return max(abs((v - (speed - left)) / speed), 1e-17)
 
     return Sweep(
-        "current_speed", "Speed of the current", "drag in a current, RK4 with substeps", "current.velocity [m/s]",
-        speeds, {"speed after 2 s": [or_nan(error, s) for s in speeds]},
+        "current_speed",
+        "Speed of the current",
+        "drag in a current, RK4 with substeps",
+        "current.velocity [m/s]",
+        speeds,
+        {"speed after 2 s": [or_nan(error, s) for s in speeds]},
         "A vehicle of 40 kg released at rest: error of its speed after 2 s as a share of the current's, against the "
         "closed form of coasting in the frame of the water.",
-        "240 m/s (lambda h = 2); the vehicle itself goes 1.45 m/s", "drag that is stiff for the clock",
+        "240 m/s (lambda h = 2); the vehicle itself goes 1.45 m/s",
+        "drag that is stiff for the clock",
         "above the vehicle's speed reports that it will be swept away; above 240 m/s refuses",
-        f"{OLD_TESTS}::test_a_current_faster_than_the_vehicle_is_reported", holds=(None, 240.0))
+        f"{OLD_TESTS}::test_a_current_faster_than_the_vehicle_is_reported",
+        holds=(None, 240.0),
+    )
 
 
 # ------------------------------------------------------------------------------------------------- attitude and sensors
@@ -315,16 +395,24 @@ def gimbal_lock() -> Sweep:
         return float(np.abs(R.T @ R - np.eye(3)).max() + np.abs(R[:, 1] - (np.sin(off), 0.0, -np.cos(off))).max())
 
     return Sweep(
-        "gimbal_lock", "Gimbal lock", "Euler angles of the data, look_at", "angle to the pole [rad]", offs,
-        {"Euler angles, there and back": [max(written(x), 1e-17) for x in offs],
-         "look_at": [max(looked(x), 1e-17) for x in offs]},
+        "gimbal_lock",
+        "Gimbal lock",
+        "Euler angles of the data, look_at",
+        "angle to the pole [rad]",
+        offs,
+        {
+            "Euler angles, there and back": [max(written(x), 1e-17) for x in offs],
+            "look_at": [max(looked(x), 1e-17) for x in offs],
+        },
         "Attitude lost by writing Euler angles and reading them back [rad], and how far look_at is from orthonormal "
         "and from its direction. Inside, attitudes are quaternions: nothing is singular.",
         "within 1e-7 rad of the pole Euler angles may be off by as much",
         "the angles about x and z are not defined apart from each other",
         "sets the third angle to 0; matrices and quaternions stand beside them and are authoritative",
         "tests/stability/test_vehicle_limits.py::test_euler_angles_lose_half_the_digits_at_the_pole_and_no_more",
-        bound=1e-7, scale="symlog")
+        bound=1e-7,
+        scale="symlog",
+    )
 
 
 def imu_noise() -> Sweep:
@@ -344,14 +432,35 @@ def imu_noise() -> Sweep:
         return abs(float((made.white / (density * np.sqrt(rate))).std()) - 1.0)
 
     return Sweep(
-        "imu_noise", "Noise of the IMU", "seeded white noise and random walk", "density [unit / sqrt(Hz)]", densities,
+        "imu_noise",
+        "Noise of the IMU",
+        "seeded white noise and random walk",
+        "density [unit / sqrt(Hz)]",
+        densities,
         {"white noise": [error(d, False) for d in densities], "random walk": [error(d, True) for d in densities]},
         "Relative error of the standard deviation of 300 000 samples against density * sqrt(rate) and density / "
         "sqrt(rate); chance alone makes 0.0013.",
-        "1e6", "near 1e308 readings would be infinite", "refuses more than 1e6; 0 changes no bit of the readings",
-        f"{TESTS}::test_noise_so_large_that_readings_would_be_infinite_is_refused", holds=(None, 1e6), bound=5e-3)
+        "1e6",
+        "near 1e308 readings would be infinite",
+        "refuses more than 1e6; 0 changes no bit of the readings",
+        f"{TESTS}::test_noise_so_large_that_readings_would_be_infinite_is_refused",
+        holds=(None, 1e6),
+        bound=5e-3,
+    )
 
 
-SWEEPS: Sweeps = (integration_step, attitude_step, quaternion_drift, drag_stiffness, righting_stiffness, mass,
-                  net_buoyancy, current_period, current_speed, gimbal_lock, imu_noise, *dynamics_body.SWEEPS,
-                  *dynamics_control.SWEEPS)
+SWEEPS: Sweeps = (
+    integration_step,
+    attitude_step,
+    quaternion_drift,
+    drag_stiffness,
+    righting_stiffness,
+    mass,
+    net_buoyancy,
+    current_period,
+    current_speed,
+    gimbal_lock,
+    imu_noise,
+    *dynamics_body.SWEEPS,
+    *dynamics_control.SWEEPS,
+)

@@ -15,8 +15,12 @@ from varos_warp.sim.vehicle.rigid_body import RigidBody, rigid_body
 from varos_warp.sim.vehicle.thrusters import PITCH, ROLL, thrusters
 
 TESTS = "tests/stability/test_vehicle_limits.py"
-ROV = {"inertia": (0.26, 0.23, 0.37), "added_mass": (7.1, 6.4, 18.7, 0.19, 0.12, 0.22),
-       "linear_drag": (18.0, 14.0, 60.0, 1.1, 0.9, 1.2), "quadratic_drag": (60.0, 40.0, 90.0, 1.6, 1.3, 1.6)}
+ROV = {
+    "inertia": (0.26, 0.23, 0.37),
+    "added_mass": (7.1, 6.4, 18.7, 0.19, 0.12, 0.22),
+    "linear_drag": (18.0, 14.0, 60.0, 1.1, 0.9, 1.2),
+    "quadratic_drag": (60.0, 40.0, 90.0, 1.6, 1.3, 1.6),
+}
 START = State(v=(0.5, 0.8, -0.3), omega=(1.5, -1.0, 0.7))
 SECONDS = 0.6
 
@@ -44,8 +48,13 @@ def truth_of(body: RigidBody, state: State = START, seconds: float = SECONDS) ->
         q, v, omega = y[:4], y[4:7], y[7:]
         up = Rotation.from_quat(q, scalar_first=True).inv().apply([0.0, 0.0, 1.0])
         force = -(d[0] + k[0] * np.linalg.norm(v)) * v - np.cross(omega, M * v) + state.force
-        moment = (np.cross([0.0, 0.0, lift], up) - (d[1] + k[1] * np.linalg.norm(omega)) * omega
-                  - np.cross(omega, J * omega) - np.cross(v, M * v) + state.torque)
+        moment = (
+            np.cross([0.0, 0.0, lift], up)
+            - (d[1] + k[1] * np.linalg.norm(omega)) * omega
+            - np.cross(omega, J * omega)
+            - np.cross(v, M * v)
+            + state.torque
+        )
         return np.concatenate([0.5 * np.array(quaternion.multiply(tuple(q), (0.0, *omega))), force / M, moment / J])
 
     y0 = [*state.q, *quaternion.rotate_back(state.q, state.v), *state.omega]
@@ -67,21 +76,33 @@ def rigid_body_step() -> Sweep:
     errors = [error(h) for h in steps]
     limit = 2.0 / body.stiffness()
     return Sweep(
-        "rigid_body_step", "Step of the rigid body", "RK4 and RKMK4 of six coupled degrees of freedom, with substeps",
-        "tick h [s]", steps, {"with substeps": errors},
+        "rigid_body_step",
+        "Step of the rigid body",
+        "RK4 and RKMK4 of six coupled degrees of freedom, with substeps",
+        "tick h [s]",
+        steps,
+        {"with substeps": errors},
         "Error of velocity and rates, as a share of those at the start, after 0.6 s of an open-frame vehicle of "
         "13.5 kg that tumbles and drifts with added mass, drag and a righting moment, against DOP853 on Kirchhoff's "
         "equations at 1e-13; fourth order.",
         f"ticks of the simulator are 5 ms, where the error is {error(0.005):.1g}; lambda h = 2 is at {limit:.2f} s for "
-        "this vehicle", "as for the sphere",
+        "this vehicle",
+        "as for the sphere",
         "refuses a lambda h above 2 with one message that names what makes the motion stiff",
-        f"{TESTS}::test_a_rigid_body_is_right_up_to_where_it_is_refused", holds=(None, limit))
+        f"{TESTS}::test_a_rigid_body_is_right_up_to_where_it_is_refused",
+        holds=(None, limit),
+    )
 
 
 def vectored(angle: float) -> list[Thruster]:
     """Four thrusters at the corners that are turned by ``angle`` [rad] from straight ahead, and two upwards."""
-    flat = [Thruster(position=(0.2 * x, 0.2 * y, 0.0), direction=(-x * y * np.sin(angle), np.cos(angle), 0.0),
-                     max_force=40.0) for x in (-1, 1) for y in (-1, 1)]
+    flat = [
+        Thruster(
+            position=(0.2 * x, 0.2 * y, 0.0), direction=(-x * y * np.sin(angle), np.cos(angle), 0.0), max_force=40.0
+        )
+        for x in (-1, 1)
+        for y in (-1, 1)
+    ]
     return [*flat, *(Thruster(position=(x, 0.0, 0.0), direction=(0.0, 0.0, 1.0), max_force=40.0) for x in (-0.1, 0.1))]
 
 
@@ -112,15 +133,22 @@ def thruster_allocation() -> Sweep:
     errors = [error(angle) for angle in angles]
     least = min(angle for angle, off in zip(angles, errors, strict=True) if np.isfinite(off))
     return Sweep(
-        "thruster_allocation", "Thrusters that are nearly parallel", "allocation by the pseudo-inverse",
-        "angle of the thrusters from straight ahead [degrees]", angles, {"what is given": errors},
+        "thruster_allocation",
+        "Thrusters that are nearly parallel",
+        "allocation by the pseudo-inverse",
+        "angle of the thrusters from straight ahead [degrees]",
+        angles,
+        {"what is given": errors},
         "Largest error of the force [N] or moment [N m] that four vectored thrusters and two upwards give together, of "
         "1 N or 1 N m asked along each axis that they control, from their places and directions one by one.",
         f"{least:g} degrees for these: the smallest singular value is 1e-3 of the largest",
         "a force to the side takes 1/sin of the angle as much thrust: the vehicle has none to speak of",
         "refuses them with one message that names the force or moment that is lacking; what is beyond their largest "
-        "force is scaled down and told of", f"{TESTS}::test_thrusters_that_are_all_but_parallel_are_refused",
-        holds=(least, None), bound=1e-10)
+        "force is scaled down and told of",
+        f"{TESTS}::test_thrusters_that_are_all_but_parallel_are_refused",
+        holds=(least, None),
+        bound=1e-10,
+    )
 
 
 SWEEPS: Sweeps = (rigid_body_step, thruster_allocation)

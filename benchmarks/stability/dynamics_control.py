@@ -31,7 +31,7 @@ FLOOR = 1e-17
 def exact_filter(frequency: float, damping: float, dt: float) -> np.ndarray:
     """exp(A dt) of the filter by its Taylor series in 400 digits."""
     with localcontext() as context:
-        context.prec, context.Emin, context.Emax = 400, -10**9, 10**9
+        context.prec, context.Emin, context.Emax = 400, -(10**9), 10**9
         wn, zeta = Decimal(frequency), Decimal(damping)
         A = np.array([[Decimal(0), Decimal(1)], [-wn * wn, -2 * zeta * wn]])
         halvings = max(0, int(np.log2(max(1e-9, frequency * dt * (1.0 + 2.0 * damping) + frequency**2 * dt)))) + 9
@@ -53,7 +53,7 @@ def filter_error(frequency: float, damping: float) -> float:
 
 def series_error(frequency: float, damping: float, order: int) -> float:
     """Of Euler's step (order 1) or RK4's (4) instead of the exact one; nan where it grows."""
-    A = np.array([[0.0, 1.0], [-frequency**2, -2.0 * damping * frequency]]) * H
+    A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]]) * H
     step = term = np.eye(2)
     for k in range(1, order + 1):
         term = term @ A / k
@@ -68,13 +68,24 @@ def actuator_frequency() -> Sweep:
     """A tick of the thruster against its matrix exponential."""
     values = [1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0, 300.0, 500.0, 1e3, 1e4, 1e6, 1e9]
     return Sweep(
-        "actuator_frequency", "Stiffness of the thrusters", "second-order filter, exact", "wn [rad/s]", values,
-        {"ours": [filter_error(wn, 1.0) for wn in values], "RK4": [series_error(wn, 1.0, 4) for wn in values],
-         "Euler": [series_error(wn, 1.0, 1) for wn in values]},
+        "actuator_frequency",
+        "Stiffness of the thrusters",
+        "second-order filter, exact",
+        "wn [rad/s]",
+        values,
+        {
+            "ours": [filter_error(wn, 1.0) for wn in values],
+            "RK4": [series_error(wn, 1.0, 4) for wn in values],
+            "Euler": [series_error(wn, 1.0, 1) for wn in values],
+        },
         "Largest error of the entries of the transition of a tick, each in units of its own scale, against 400 digits.",
-        "1e-6 to 1e9 rad/s", "RK4 on the filter diverges from wn h = 2.8 on (557 rad/s), Euler from 2 on",
+        "1e-6 to 1e9 rad/s",
+        "RK4 on the filter diverges from wn h = 2.8 on (557 rad/s), Euler from 2 on",
         "takes the exponential in closed form; refuses other wn",
-        f"{TESTS}::test_thrusters_for_which_gains_lose_their_digits_are_refused", holds=(1e-6, 1e9), bound=1e-12)
+        f"{TESTS}::test_thrusters_for_which_gains_lose_their_digits_are_refused",
+        holds=(1e-6, 1e9),
+        bound=1e-12,
+    )
 
 
 def actuator_damping() -> Sweep:
@@ -89,17 +100,26 @@ def actuator_damping() -> Sweep:
         return True
 
     return Sweep(
-        "actuator_damping", "Damping of the thrusters", "second-order filter, exact", "zeta", values,
-        {"the filter": [filter_error(15.0, zeta) for zeta in values],
-         "the filter, where the vehicle takes it": [filter_error(15.0, z) if accepted(z) else float("nan")
-                                                    for z in values]},
+        "actuator_damping",
+        "Damping of the thrusters",
+        "second-order filter, exact",
+        "zeta",
+        values,
+        {
+            "the filter": [filter_error(15.0, zeta) for zeta in values],
+            "the filter, where the vehicle takes it": [
+                filter_error(15.0, z) if accepted(z) else float("nan") for z in values
+            ],
+        },
         "Largest error of the entries of the transition of a tick, wn = 15 rad/s, against 400 digits.",
         "0.0015 (for the vehicle of 40 kg) to 1e6",
         "less damped thrusters ring up to 1 / zeta of their limit, and the drag at such speeds is stiff",
         "refuses, naming actuator_damping among the remedies",
         "tests/stability/test_vehicle_limits.py::"
         "test_motion_too_stiff_for_the_clock_is_refused_with_what_made_it_so_among_the_remedies",
-        holds=(0.0015, 1e6), bound=1e-12)
+        holds=(0.0015, 1e6),
+        bound=1e-12,
+    )
 
 
 # -------------------------------------------------------------------------------------------------------------- weights
@@ -110,7 +130,7 @@ def gain_error(q, r=1.0, *, wn=15.0, zeta=1.0, integral=0.0, h=H) -> float:
     A, B = plant(DRAG, wn, zeta, integral > 0.0)
     weights = ([integral] if integral > 0.0 else []) + [*q, 0.0, 0.0]
     try:
-        made = np.array(design(DRAG, wn, zeta, q, r, integral=integral, h=h))[0 if integral > 0.0 else 1:]
+        made = np.array(design(DRAG, wn, zeta, q, r, integral=integral, h=h))[0 if integral > 0.0 else 1 :]
     except InputError:
         return float("nan")
     exact = exact_gain(A, B, np.diag(weights), r, h)[0]
@@ -121,29 +141,46 @@ def lqr_weights() -> Sweep:
     """Weights of position and speed over r, and of the integral."""
     values = [10.0**e for e in (-14, -13, -12, -10, -8, -6, -4, -2, 0, 2, 4, 6, 8, 10, 12, 13, 14)]
     return Sweep(
-        "lqr_weights", "Weights of the regulator", "discrete Riccati equation of a sampled plant and cost",
-        "weight / r", values,
-        {"position and speed": [gain_error((v, 0.5 * v)) for v in values],
-         "position alone": [gain_error((v, 0.5)) for v in values],
-         "r (inverse)": [gain_error((1.0, 0.5), 1.0 / v) for v in values],
-         "integral": [gain_error((1.0, 0.5), integral=v) for v in values]},
+        "lqr_weights",
+        "Weights of the regulator",
+        "discrete Riccati equation of a sampled plant and cost",
+        "weight / r",
+        values,
+        {
+            "position and speed": [gain_error((v, 0.5 * v)) for v in values],
+            "position alone": [gain_error((v, 0.5)) for v in values],
+            "r (inverse)": [gain_error((1.0, 0.5), 1.0 / v) for v in values],
+            "integral": [gain_error((1.0, 0.5), integral=v) for v in values],
+        },
         "Error of the gains, as a share of the largest, against the same equation in 200 digits.",
         "1e-12 to 1e12 (the integral from 0)",
         "digits go with the ratio of the weights: at 1e-20 the gains of double precision are wrong by half, at 1e31 by "
-        "a factor of 13, though still stabilising", "refuses",
-        f"{TESTS}::test_weights_so_far_apart_that_gains_lose_their_digits_are_refused", holds=(1e-12, 1e12), bound=1e-6)
+        "a factor of 13, though still stabilising",
+        "refuses",
+        f"{TESTS}::test_weights_so_far_apart_that_gains_lose_their_digits_are_refused",
+        holds=(1e-12, 1e12),
+        bound=1e-6,
+    )
 
 
 def lqr_actuator() -> Sweep:
     """Gains for slow and fast thrusters."""
     values = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e6, 1e8, 1e9]
     return Sweep(
-        "lqr_actuator", "Gains for any thruster", "discrete Riccati equation with the thruster in the plant",
-        "wn [rad/s]", values, {"gains": [gain_error((1.0, 0.5), wn=v) for v in values]},
-        "Error of the gains, as a share of the largest, against the same equation in 200 digits.", "1e-6 to 1e9 rad/s",
+        "lqr_actuator",
+        "Gains for any thruster",
+        "discrete Riccati equation with the thruster in the plant",
+        "wn [rad/s]",
+        values,
+        {"gains": [gain_error((1.0, 0.5), wn=v) for v in values]},
+        "Error of the gains, as a share of the largest, against the same equation in 200 digits.",
+        "1e-6 to 1e9 rad/s",
         "a mode that decays within a part of 1e6 of a tick costs the digits of the transition",
         "refuses; below five times sqrt(k1) reports that the thrusters are slow",
-        f"{TESTS}::test_gains_are_right_for_any_thruster", holds=(1e-6, 1e9), bound=1e-6)
+        f"{TESTS}::test_gains_are_right_for_any_thruster",
+        holds=(1e-6, 1e9),
+        bound=1e-6,
+    )
 
 
 def sample_rate() -> Sweep:
@@ -151,7 +188,7 @@ def sample_rate() -> Sweep:
     steps = [1e-4, 1e-3, 5e-3, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.3, 1.5, 1.7, 2.0, 5.0, 20.0]
     A, B = plant(5.0 / 18.0, 20.0, 1.0)  # the mini ROV
     Q, R = np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1)
-    continuous = (B.T @ solve_continuous_are(A, B, Q, R))
+    continuous = B.T @ solve_continuous_are(A, B, Q, R)
 
     def excess(K, h):
         """Cost from an error of 1 m over that of an ideal controller, which decides at any time."""
@@ -166,13 +203,21 @@ def sample_rate() -> Sweep:
         return excess(np.array([design(5.0 / 18.0, 20.0, 1.0, (1.0, 0.5), 1.0, h=h)[1:]]), h)
 
     return Sweep(
-        "sample_rate", "Rate of the controller", "gain designed for the held command", "step h [s]", steps,
-        {"designed for the step": [ours(h) for h in steps],
-         "continuous gain, held": [excess(continuous, h) for h in steps]},
+        "sample_rate",
+        "Rate of the controller",
+        "gain designed for the held command",
+        "step h [s]",
+        steps,
+        {
+            "designed for the step": [ours(h) for h in steps],
+            "continuous gain, held": [excess(continuous, h) for h in steps],
+        },
         "Cost of removing an error of 1 m, over that of a controller that decides all the time; mini ROV.",
-        "no end found; the simulator's own tick is 5 ms", "a continuous gain held for longer than 1.5 s diverges",
+        "no end found; the simulator's own tick is 5 ms",
+        "a continuous gain held for longer than 1.5 s diverges",
         "designs each gain for the tick, with the cost sampled exactly",
-        f"{OLD_TESTS}::test_a_continuous_gain_held_over_long_steps_diverges_where_the_discrete_design_is_stable")
+        f"{OLD_TESTS}::test_a_continuous_gain_held_over_long_steps_diverges_where_the_discrete_design_is_stable",
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------- saturation
@@ -184,25 +229,40 @@ def saturation() -> Sweep:
 
     def lag(force):
         try:
-            run = simulate(scene_from_dict({
-                "vehicle": {"max_force": force},
-                "trajectory": {"waypoints": [{"position": (0, 0, 0)}, {"position": (0, 3, 0)}],
-                               "handover_timeout_s": 5.0}}))
+            run = simulate(
+                scene_from_dict(
+                    {
+                        "vehicle": {"max_force": force},
+                        "trajectory": {
+                            "waypoints": [{"position": (0, 0, 0)}, {"position": (0, 3, 0)}],
+                            "handover_timeout_s": 5.0,
+                        },
+                    }
+                )
+            )
         except InputError:
             return float("nan"), float("nan")
-        return (float(np.linalg.norm(run.reference_position - run.trajectory.position, axis=1).max()),
-                float(np.linalg.norm(run.frames.position[-1] - [0.0, 3.0, 0.0])))
+        return (
+            float(np.linalg.norm(run.reference_position - run.trajectory.position, axis=1).max()),
+            float(np.linalg.norm(run.frames.position[-1] - [0.0, 3.0, 0.0])),
+        )
 
     made = [lag(force) for force in forces]
     return Sweep(
-        "saturation", "Saturated thrusters", "controller, integral held while limited", "vehicle.max_force [N]", forces,
+        "saturation",
+        "Saturated thrusters",
+        "controller, integral held while limited",
+        "vehicle.max_force [N]",
+        forces,
         {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
         "A leg of 3 m in 13 s that takes 19.5 N: lag behind the reference, and distance from the goal at the end.",
         "19.5 N, what the leg takes; above 2.9e6 N the drag at such speeds is stiff",
         "the vehicle lags, and below a few N does not arrive before the hand-over times out",
         "reports the leg that takes more than there is, how long thrusters were at their limit, and what it gave up "
-        "waiting for", f"{TESTS}::test_a_leg_that_takes_more_thrust_than_there_is_is_told_and_less_is_not",
-        holds=(19.5, 2.88e6))
+        "waiting for",
+        f"{TESTS}::test_a_leg_that_takes_more_thrust_than_there_is_is_told_and_less_is_not",
+        holds=(19.5, 2.88e6),
+    )
 
 
 def slew_angle() -> Sweep:
@@ -227,13 +287,20 @@ def slew_angle() -> Sweep:
         return max(worst / angle, FLOOR)
 
     return Sweep(
-        "slew_angle", "Turns of up to 180 degrees", "attitude control by the rotation vector",
-        "error of attitude [deg]", angles, {"against the linear loop": [error(a) for a in angles]},
+        "slew_angle",
+        "Turns of up to 180 degrees",
+        "attitude control by the rotation vector",
+        "error of attitude [deg]",
+        angles,
+        {"against the linear loop": [error(a) for a in angles]},
         "A turn about a skew axis is the scalar linear loop at any angle: largest difference over 5 s, as a share of "
         "the angle.",
-        "no end: 180 degrees as 1e-9", "at exactly 180 degrees both ways are equally short",
+        "no end: 180 degrees as 1e-9",
+        "at exactly 180 degrees both ways are equally short",
         "takes the way that the sign of the angle names, and reports it",
-        f"{OLD_TESTS}::test_an_attitude_error_of_exactly_half_a_turn_settles", bound=1e-5)
+        f"{OLD_TESTS}::test_an_attitude_error_of_exactly_half_a_turn_settles",
+        bound=1e-5,
+    )
 
 
 SWEEPS: Sweeps = (actuator_frequency, actuator_damping, lqr_weights, lqr_actuator, sample_rate, saturation, slew_angle)

@@ -57,8 +57,10 @@ class Sweep:
     def from_record(cls, record: dict) -> "Sweep":
         """Inverse of `record`; other keys are left out."""
         fields = {name: record[name] for name in cls.__dataclass_fields__ if name in record}
-        series = {name: [math.nan if error is None else error for error in errors]
-                  for name, errors in record["errors"].items()}
+        series = {
+            name: [math.nan if error is None else error for error in errors]
+            for name, errors in record["errors"].items()
+        }
         return cls(**fields | {"errors": series, "holds": tuple(record["holds"])})
 
 

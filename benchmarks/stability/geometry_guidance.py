@@ -31,12 +31,19 @@ def waypoint_gap() -> Sweep:
         return float(np.linalg.norm(run.trajectory.position - [0.0, 2.0, 0.0], axis=1).min())
 
     return Sweep(
-        "waypoint_gap", "Coincident waypoints", "hand-over between waypoints", "gap [m]", gaps,
+        "waypoint_gap",
+        "Coincident waypoints",
+        "hand-over between waypoints",
+        "gap [m]",
+        gaps,
         {"how near it passes [m]": [missed(gap) for gap in gaps]},
         "Nearest approach of the vehicle to the first of two waypoints, before a right angle.",
         "no end: 1e-300 m as 0; nearer than 0.1 m (and 2 degrees) they are a strict waypoint, reached to 5 mm",
-        "nothing is divided by the gap", "takes close pairs as the paper's way to ask for a strict waypoint",
-        f"{TESTS}::test_waypoints_that_nearly_coincide_are_one_strict_waypoint", scale="symlog")
+        "nothing is divided by the gap",
+        "takes close pairs as the paper's way to ask for a strict waypoint",
+        f"{TESTS}::test_waypoints_that_nearly_coincide_are_one_strict_waypoint",
+        scale="symlog",
+    )
 
 
 def waypoint_count() -> Sweep:
@@ -50,12 +57,19 @@ def waypoint_count() -> Sweep:
         spent = time.process_time() - start
         rows.append((float(np.linalg.norm(run.frames.position[-1] - spiral[-1])), spent / count))
     return Sweep(
-        "waypoint_count", "Thousands of waypoints", "hand-over between waypoints", "waypoints", counts,
+        "waypoint_count",
+        "Thousands of waypoints",
+        "hand-over between waypoints",
+        "waypoints",
+        counts,
         {"from the goal at the end [m]": [a for a, _ in rows], "CPU a waypoint [s]": [b for _, b in rows]},
         "A spiral with legs of 1 s: distance from the last waypoint at the end, and the time it takes to simulate.",
-        "no end found: the cost is that of the seconds driven", "nothing was found to fail",
+        "no end found: the cost is that of the seconds driven",
+        "nothing was found to fail",
         "makes the reference in blocks, two legs at a time",
-        f"{TESTS}::test_hundreds_of_waypoints_are_driven_to_the_end_in_order", bound=0.55)
+        f"{TESTS}::test_hundreds_of_waypoints_are_driven_to_the_end_in_order",
+        bound=0.55,
+    )
 
 
 def leg_length() -> Sweep:
@@ -65,17 +79,33 @@ def leg_length() -> Sweep:
         tracemalloc.start()
         start = time.process_time()
         run = drive((0, 0, 0), (0, length, 0), duration_s=1.0)
-        rows.append((float(np.linalg.norm(run.reference_position - run.trajectory.position, axis=1).max()),
-                     tracemalloc.get_traced_memory()[1] * 1e-9, time.process_time() - start))
+        rows.append(
+            (
+                float(np.linalg.norm(run.reference_position - run.trajectory.position, axis=1).max()),
+                tracemalloc.get_traced_memory()[1] * 1e-9,
+                time.process_time() - start,
+            )
+        )
         tracemalloc.stop()
     return Sweep(
-        "leg_length", "Waypoints far away", "reference in blocks", "length of the leg [m]", lengths,
-        {"lag [m]": [max(a, 1e-17) for a, _, _ in rows], "memory [GB]": [b for _, b, _ in rows],
-         "CPU [s]": [c for _, _, c in rows]},
+        "leg_length",
+        "Waypoints far away",
+        "reference in blocks",
+        "length of the leg [m]",
+        lengths,
+        {
+            "lag [m]": [max(a, 1e-17) for a, _, _ in rows],
+            "memory [GB]": [b for _, b, _ in rows],
+            "CPU [s]": [c for _, _, c in rows],
+        },
         "Lag behind the reference, memory and time of the first second of a leg at 0.5 m/s.",
         "1e9 m with trajectory.duration_s; without, a course of a day: 20 km at 0.5 m/s",
-        "the reference of a whole leg took 65 GB at 1e7 m", "refuses courses of more than a day before they are driven",
-        f"{TESTS}::test_a_leg_of_half_a_day_costs_no_more_to_start_than_a_short_one", holds=(None, 1e9), bound=1.0)
+        "the reference of a whole leg took 65 GB at 1e7 m",
+        "refuses courses of more than a day before they are driven",
+        f"{TESTS}::test_a_leg_of_half_a_day_costs_no_more_to_start_than_a_short_one",
+        holds=(None, 1e9),
+        bound=1.0,
+    )
 
 
 def sequence_length() -> Sweep:
@@ -85,9 +115,19 @@ def sequence_length() -> Sweep:
         tracemalloc.start()
         start = time.process_time()
         try:
-            run = simulate(scene_from_dict({"trajectory": {"poses": [
-                {"position": (0, 0, 0)}, {"time_s": seconds, "position": (0, 1, 0), "rotation_euler_deg": (0, 0, 90)}]},
-                "render": {"frame_rate_hz": 1}}))
+            run = simulate(
+                scene_from_dict(
+                    {
+                        "trajectory": {
+                            "poses": [
+                                {"position": (0, 0, 0)},
+                                {"time_s": seconds, "position": (0, 1, 0), "rotation_euler_deg": (0, 0, 90)},
+                            ]
+                        },
+                        "render": {"frame_rate_hz": 1},
+                    }
+                )
+            )
             late = abs(int(run.trajectory.time_ns[-1]) - (len(run.trajectory.time_ns) - 1) * 5_000_000)
             peak = tracemalloc.get_traced_memory()[1]
             rows.append((float(late) + 1e-9, peak * 1e-9, time.process_time() - start))
@@ -95,14 +135,24 @@ def sequence_length() -> Sweep:
             rows.append((float("nan"),) * 3)
         tracemalloc.stop()
     return Sweep(
-        "sequence_length", "Ten hours and more", "int64 ns, rows of 200 Hz", "length of the sequence [s]", lengths,
-        {"time stamp off [ns]": [a for a, _, _ in rows], "memory [GB]": [b for _, b, _ in rows],
-         "CPU [s]": [c for _, _, c in rows]},
+        "sequence_length",
+        "Ten hours and more",
+        "int64 ns, rows of 200 Hz",
+        "length of the sequence [s]",
+        lengths,
+        {
+            "time stamp off [ns]": [a for a, _, _ in rows],
+            "memory [GB]": [b for _, b, _ in rows],
+            "CPU [s]": [c for _, _, c in rows],
+        },
         "Error of the last time stamp (a billionth stands for none), memory and time to simulate exact poses; with "
         "waypoints a simulated second takes 10 to 20 ms of CPU.",
-        "86 400 s: a day", "memory ends a sequence of some days; int64 nanoseconds would last 292 years",
+        "86 400 s: a day",
+        "memory ends a sequence of some days; int64 nanoseconds would last 292 years",
         "refuses more than a day, also while a vehicle waits at a waypoint that it never reaches",
-        f"{TESTS}::test_a_sequence_of_more_than_a_day_is_refused_before_it_is_driven", holds=(None, 86_400.0))
+        f"{TESTS}::test_a_sequence_of_more_than_a_day_is_refused_before_it_is_driven",
+        holds=(None, 86_400.0),
+    )
 
 
 def turn_angle() -> Sweep:
@@ -114,19 +164,27 @@ def turn_angle() -> Sweep:
         goal = (float(5.0 * np.sin(turn)), 5.0 + float(5.0 * np.cos(turn)), 0.0)
         made = drive((0, 0, 0), (0, 5, 0), goal)
         way = made.trajectory.position
-        return (float(np.linalg.norm(way - [0.0, 5.0, 0.0], axis=1).min()),
-                float(np.linalg.norm(made.frames.position[-1] - goal)))
+        return (
+            float(np.linalg.norm(way - [0.0, 5.0, 0.0], axis=1).min()),
+            float(np.linalg.norm(made.frames.position[-1] - goal)),
+        )
 
     made = [run(angle) for angle in angles]
     return Sweep(
-        "turn_angle", "Sharp turns", "hand-over between waypoints", "turn [deg]", angles,
+        "turn_angle",
+        "Sharp turns",
+        "hand-over between waypoints",
+        "turn [deg]",
+        angles,
         {"corner cut by [m]": [max(a, 1e-17) for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
         "Two legs of 5 m: nearest approach to the corner, and distance from the goal at the end.",
         "no end: a reversal is a turn like any other",
         "a weight that follows the distance to the next waypoint, as the paper may be read, stalls from 90 degrees on",
         "lets time drive the weight",
         f"{OLD_TESTS}::test_a_weight_that_follows_the_distance_to_the_next_waypoint_stalls_at_a_right_angle",
-        scale="linear", bound=0.55)
+        scale="linear",
+        bound=0.55,
+    )
 
 
 def leg_speed() -> Sweep:
@@ -134,22 +192,33 @@ def leg_speed() -> Sweep:
     speeds = [1e-3, 0.01, 0.1, 0.5, 1.0, 1.4, 1.5, 2.0, 5.0, 20.0, 1e3, 1e9]
 
     def run(speed):
-        made = drive((0, 0, 0), (0, 20, 0), speed=speed, max_acceleration=1e9 if speed > 1.0 else 0.25,
-                     **({"duration_s": 60.0} if speed < 0.1 else {}))
+        made = drive(
+            (0, 0, 0),
+            (0, 20, 0),
+            speed=speed,
+            max_acceleration=1e9 if speed > 1.0 else 0.25,
+            **({"duration_s": 60.0} if speed < 0.1 else {}),
+        )
         lag = np.linalg.norm(made.reference_position - made.trajectory.position, axis=1).max()
         left = np.linalg.norm(made.frames.position[-1] - [0.0, 20.0, 0.0])
         return float(lag), float(left) if speed >= 0.1 else float("nan")
 
     made = [run(speed) for speed in speeds]
     return Sweep(
-        "leg_speed", "Speed beyond the vehicle", "guidance and saturated thrusters", "trajectory.speed [m/s]", speeds,
-        {"largest lag [m]": [a for a, _ in made],
-         "from the goal at the end [m]": [b for _, b in made]},
+        "leg_speed",
+        "Speed beyond the vehicle",
+        "guidance and saturated thrusters",
+        "trajectory.speed [m/s]",
+        speeds,
+        {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
         "A leg of 20 m with a vehicle that goes 1.45 m/s: lag behind the reference, and distance from the goal when "
         "the course ends (not reached in the 60 s simulated below 0.1 m/s).",
-        "1.45 m/s, the terminal speed of 40 kg", "the reference runs ahead, at most by the leg",
+        "1.45 m/s, the terminal speed of 40 kg",
+        "the reference runs ahead, at most by the leg",
         "reports it before, waits at the hand-over, and goes on after trajectory.handover_timeout_s",
-        f"{OLD_TESTS}::test_a_speed_beyond_the_vehicle_is_reported_and_the_course_still_ends", holds=(None, 1.45))
+        f"{OLD_TESTS}::test_a_speed_beyond_the_vehicle_is_reported_and_the_course_still_ends",
+        holds=(None, 1.45),
+    )
 
 
 def between_ticks() -> Sweep:
@@ -165,18 +234,27 @@ def between_ticks() -> Sweep:
         upright = np.tile([1.0, 0.0, 0.0, 0.0], (201, 1))
         motion, asked = Trajectory(ticks, *shaken(frequency, ticks), upright, still, still), ticks[:-1] + TICK_NS // 2
         made, (place, _, acceleration) = motion.at(asked), shaken(frequency, asked)
-        return (np.abs(made.position - place).max(),
-                np.abs(made.acceleration - acceleration).max() / (2.0 * np.pi * frequency) ** 2)
+        return (
+            np.abs(made.position - place).max(),
+            np.abs(made.acceleration - acceleration).max() / (2.0 * np.pi * frequency) ** 2,
+        )
 
     place, acceleration = zip(*map(errors, frequencies), strict=True)
     return Sweep(
-        "between_ticks", "Between ticks", "polynomials of degree five", "frequency of the motion [Hz]", frequencies,
+        "between_ticks",
+        "Between ticks",
+        "polynomials of degree five",
+        "frequency of the motion [Hz]",
+        frequencies,
         {"place over amplitude": place, "acceleration over its amplitude": acceleration},
         "Largest error halfway between ticks of 5 ms, where frames and sensors of any rate are.",
         "up to 30 Hz within 2e-5 of the place and 1e-3 of the acceleration; vehicles do not move as fast",
-        "at 100 Hz ticks see a half-wave each", "nothing: no vehicle here has forces that change so fast",
+        "at 100 Hz ticks see a half-wave each",
+        "nothing: no vehicle here has forces that change so fast",
         "tests/sim/test_motion.py::test_between_ticks_a_motion_is_itself_to_the_sixth_power_of_the_tick",
-        holds=(None, 40.0), bound=1e-3)
+        holds=(None, 40.0),
+        bound=1e-3,
+    )
 
 
 SWEEPS: Sweeps = (waypoint_gap, waypoint_count, leg_length, sequence_length, turn_angle, leg_speed, between_ticks)

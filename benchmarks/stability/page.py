@@ -106,11 +106,10 @@ def _made(records: list[dict]) -> str:
 def draw(sweeps: list[Sweep], path: Path):
     """A panel for each sweep."""
     rows, columns = -(-len(sweeps) // COLUMNS), min(COLUMNS, len(sweeps))
-    figure, axes = plt.subplots(rows, columns, figsize=(4.6 * columns, 3.2 * rows), squeeze=False,
-                                layout="constrained")
+    figure, axes = plt.subplots(rows, columns, figsize=(4.6 * columns, 3.2 * rows), squeeze=False, layout="constrained")
     for axis, sweep in zip(axes.flat, sweeps, strict=False):
         _panel(axis, sweep)
-    for axis in axes.flat[len(sweeps):]:
+    for axis in axes.flat[len(sweeps) :]:
         axis.axis("off")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=90)
@@ -120,10 +119,15 @@ def draw(sweeps: list[Sweep], path: Path):
 def _panel(axis, sweep: Sweep):
     for name, errors in sweep.errors.items():
         errors = np.array(errors, float)
-        line, = axis.plot(sweep.values, np.maximum(errors, SMALLEST), ".-", label=name, linewidth=1)
+        (line,) = axis.plot(sweep.values, np.maximum(errors, SMALLEST), ".-", label=name, linewidth=1)
         nothing = np.isnan(errors)
-        axis.plot(np.array(sweep.values)[nothing], np.full(nothing.sum(), 0.97), "x", color=line.get_color(),
-                  transform=axis.get_xaxis_transform())
+        axis.plot(
+            np.array(sweep.values)[nothing],
+            np.full(nothing.sum(), 0.97),
+            "x",
+            color=line.get_color(),
+            transform=axis.get_xaxis_transform(),
+        )
     scale = {"linthresh": min(abs(v) for v in sweep.values if v)} if sweep.scale == "symlog" else {}
     axis.set_xscale(sweep.scale, **scale)
     axis.set_yscale("log")

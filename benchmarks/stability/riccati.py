@@ -15,7 +15,7 @@ def exact_gain(A, B, Q, R: float, h: float, digits: int = DIGITS) -> np.ndarray:
     """Gain K [1, n] of u = -K x that minimises the sampled cost, right to the last digit of a float."""
     with localcontext() as context:
         context.prec = digits
-        context.Emin, context.Emax = -10**9, 10**9
+        context.Emin, context.Emax = -(10**9), 10**9
         A_d, B_d, Q_d, R_d, N_d = _sampled(*(_decimal(M) for M in (A, B, Q, [[R]])), Decimal(float(h)))
         # without the cross term: u = v - N'x / R
         A_0, Q_0 = A_d - B_d @ N_d.T / R_d[0, 0], Q_d - N_d @ N_d.T / R_d[0, 0]
@@ -39,8 +39,8 @@ def _sampled(A, B, Q, R, h):
     halvings = max(0, int(np.ceil(np.log2(max(1e-9, float(np.abs(F).sum() * h))))) + 8)
     short = h / 2**halvings
     blocks = _expm(np.block([[-F.T, weight], [_decimal(np.zeros((n + m, n + m))), F]]) * short)
-    transition = blocks[n + m:, n + m:]
-    cost = transition.T @ blocks[:n + m, n + m:]
+    transition = blocks[n + m :, n + m :]
+    cost = transition.T @ blocks[: n + m, n + m :]
     for _ in range(halvings):
         cost, transition = cost + transition.T @ cost @ transition, transition @ transition
     return transition[:n, :n], transition[:n, n:], cost[:n, :n], cost[n:, n:], cost[:n, n:]

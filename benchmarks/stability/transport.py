@@ -8,8 +8,19 @@ import warp as wp
 from tests.physics.rig import floor, one_ray_scene, point, radiance, single_scattering, spot, water
 from varos_warp.errors import InputError
 
-__all__ = ["INTEGRATORS", "estimate", "floor", "off", "one_ray_scene", "point", "run", "single_scattering", "spot",
-           "truth_of", "water"]
+__all__ = [
+    "INTEGRATORS",
+    "estimate",
+    "floor",
+    "off",
+    "one_ray_scene",
+    "point",
+    "run",
+    "single_scattering",
+    "spot",
+    "truth_of",
+    "water",
+]
 
 INTEGRATORS = ("field", "path", "reference")
 

@@ -11,12 +11,22 @@ sys.path.insert(0, str(Path(__file__).parent))  # reference.py
 import reference
 
 ROOT = reference.ROOT
-OUTSIDE = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md",
-           "benchmarks/peers/README.md": "peers.md", "examples": "examples.md"}
+OUTSIDE = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "benchmarks/peers/README.md": "peers.md",
+    "examples": "examples.md",
+}
 """Pages of the site that are not in docs/, by their path in the repository."""
-BOOST = {"start.md": 1.5, "dataset.md": 1.5, **dict.fromkeys(
-    ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md"), 0.4),
-    **dict.fromkeys(("howto/sweeps.md", "spectra.md", "dataset_readme.md"), 0.6)}
+BOOST = {
+    "start.md": 1.5,
+    "dataset.md": 1.5,
+    **dict.fromkeys(
+        ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md"), 0.4
+    ),
+    **dict.fromkeys(("howto/sweeps.md", "spectra.md", "dataset_readme.md"), 0.6),
+}
 """How much a page counts in the search, where that is not 1: what is looked up less often than it matches."""
 LINK = re.compile(r"(!?\[[^\]]*\]\()(?!https?:|#)([^)#\s]+)(#[^)\s]+)?(\))")
 
@@ -29,7 +39,7 @@ def on_config(config):
         for title, entries in section.items():
             if isinstance(entries, list) and "*" in entries:
                 at = entries.index("*")
-                section[title] = [*entries[:at], *rest, *entries[at + 1:]]
+                section[title] = [*entries[:at], *rest, *entries[at + 1 :]]
     return config
 
 
@@ -41,8 +51,11 @@ def on_files(files, config):
     for page in [file for file in files if file.src_uri.endswith(".md")]:
         for link in LINK.finditer(page.content_string):
             path = target(page.src_uri, link[2])
-            if (ROOT / path).is_file() and place(path).startswith("files/") and files.get_file_from_path(
-                    place(path)) is None:
+            if (
+                (ROOT / path).is_file()
+                and place(path).startswith("files/")
+                and files.get_file_from_path(place(path)) is None
+            ):
                 files.append(File.generated(config, place(path), abs_src_path=str(ROOT / path)))
     return files
 

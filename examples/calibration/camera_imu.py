@@ -58,8 +58,10 @@ class Readings:
         a = np.einsum("kij,kj->ki", attitudes, self.force - biases[3:]) + gravity
         speeds = v + h / 2 * np.cumsum(np.concatenate([0 * a[:1], a[:-1] + a[1:]]), axis=0)
         places = p + np.cumsum(np.concatenate([0 * a[:1], h * speeds[:-1] + h * h / 6 * (2 * a[:-1] + a[1:])]), axis=0)
-        return (attitudes[k] @ exp(_turn(w[k], w[k + 1], s, h)),
-                places[k] + s * speeds[k] + s**2 / 2 * a[k] + s**3 / (6 * h) * (a[k + 1] - a[k]))
+        return (
+            attitudes[k] @ exp(_turn(w[k], w[k + 1], s, h)),
+            places[k] + s * speeds[k] + s**2 / 2 * a[k] + s**3 / (6 * h) * (a[k + 1] - a[k]),
+        )
 
     def _place(self, time_s):
         """Sample before each time [F], and how far behind it that is [F, 1] [s]."""
@@ -87,8 +89,11 @@ class CameraImu:
 
     def __init__(self, K, board, stamps_s, points, readings, gravity, part_s):
         self.K, self.board, self.gravity = K, board, gravity
-        there = (np.isfinite(points[..., 0]).sum(axis=1) >= LEAST_CORNERS) \
-            & (stamps_s > readings.time_s[0] + MARGIN_S) & (stamps_s < readings.time_s[-1] - MARGIN_S)
+        there = (
+            (np.isfinite(points[..., 0]).sum(axis=1) >= LEAST_CORNERS)
+            & (stamps_s > readings.time_s[0] + MARGIN_S)
+            & (stamps_s < readings.time_s[-1] - MARGIN_S)
+        )
         self.stamps_s, self.points = stamps_s[there], points[there]
         number = ((self.stamps_s - self.stamps_s[0]) / part_s + 1e-9).astype(int)
         self.parts = [np.flatnonzero(number == k) for k in np.unique(number)]
@@ -99,8 +104,10 @@ class CameraImu:
     def _begin(self, readings):
         """A first guess: poses of the camera from each image, and how their turning agrees with the gyroscope's."""
         seen = np.isfinite(self.points[..., 0])
-        poses = [cv2.solvePnP(self.board[each], points[each], self.K, None)[1:]
-                 for points, each in zip(self.points, seen, strict=True)]
+        poses = [
+            cv2.solvePnP(self.board[each], points[each], self.K, None)[1:]
+            for points, each in zip(self.points, seen, strict=True)
+        ]
         R_b_c = exp(-np.array([turn.ravel() for turn, _ in poses]))
         p = -np.einsum("fij,fj->fi", R_b_c, np.array([place.ravel() for _, place in poses]))
         spacing = np.diff(self.stamps_s)
@@ -126,8 +133,9 @@ class CameraImu:
     def residuals(self, x):
         """Pixels between where the board should be seen and where it is."""
         R_c_i, gravity, missed = self.rotation(x), self.fall(x), []
-        for rows, readings, (R, p, v), own in zip(self.parts, self.readings, self.starts, x[SHARED:].reshape(-1, 9),
-                                                  strict=True):
+        for rows, readings, (R, p, v), own in zip(
+            self.parts, self.readings, self.starts, x[SHARED:].reshape(-1, 9), strict=True
+        ):
             start = exp(own[:3]) @ R, p + own[3:6], v + own[6:]
             R_b_i, place = readings.course(start, x[7:13], gravity, self.stamps_s[rows] + x[6])
             there = np.einsum("fji,fnj->fni", R_b_i, self.board - place[:, None]) @ R_c_i.T + x[3:6]
@@ -151,8 +159,10 @@ class CameraImu:
     def _again(self, x):
         """The same solution as the guess to begin with, and its numbers."""
         self.R_c_i = self.rotation(x)
-        self.starts = [(exp(own[:3]) @ R, p + own[3:6], v + own[6:])
-                       for (R, p, v), own in zip(self.starts, x[SHARED:].reshape(-1, 9), strict=True)]
+        self.starts = [
+            (exp(own[:3]) @ R, p + own[3:6], v + own[6:])
+            for (R, p, v), own in zip(self.starts, x[SHARED:].reshape(-1, 9), strict=True)
+        ]
         self.down = self.fall(x) / self.gravity
         return np.concatenate([np.zeros(3), x[3:13], np.zeros(2 + 9 * len(self.parts))])
 
@@ -167,8 +177,9 @@ def corners(path):
     places = [f"board_{axis} [m]" for axis in "xyz"]
     frames = frames_of(path, stamp, *places, *image)
     board = np.array([[row[key] for key in places] for row in frames[0]])
-    points = np.array([[[row[key] if row["state"] == "visible" else np.nan for key in image] for row in rows]
-                       for rows in frames])
+    points = np.array(
+        [[[row[key] if row["state"] == "visible" else np.nan for key in image] for row in rows] for rows in frames]
+    )
     return board, 1e-9 * np.array([rows[0][stamp] for rows in frames]), points
 
 
@@ -176,8 +187,10 @@ def readings_of(dataset, vehicle):
     """What the IMU reads."""
     with open(f"{dataset}/vehicle{vehicle}/imu0/imu0_data.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    gyro, force = (np.array([[float(row[f"{name}_RS_S_{axis} [{unit}]"]) for axis in "xyz"] for row in rows])
-                   for name, unit in (("w", "rad s^-1"), ("a", "m s^-2")))
+    gyro, force = (
+        np.array([[float(row[f"{name}_RS_S_{axis} [{unit}]"]) for axis in "xyz"] for row in rows])
+        for name, unit in (("w", "rad s^-1"), ("a", "m s^-2"))
+    )
     return Readings(1e-9 * np.array([int(row["# timestamp [ns]"]) for row in rows]), gyro, force)
 
 
@@ -197,17 +210,28 @@ def main(argv=None):
     except ValueError as error:
         parser.error(str(error))
     points = points + np.random.default_rng(given.seed).normal(0.0, given.noise, points.shape)
-    fit = CameraImu(np.array(camera["K_opencv"]), board, stamps_s - 1e-3 * given.offset_ms, points,
-                    readings_of(given.dataset, about["vehicle"]), np.linalg.norm(about["gravity"]), given.part)
+    fit = CameraImu(
+        np.array(camera["K_opencv"]),
+        board,
+        stamps_s - 1e-3 * given.offset_ms,
+        points,
+        readings_of(given.dataset, about["vehicle"]),
+        np.linalg.norm(about["gravity"]),
+        given.part,
+    )
     R, x, covariance = fit.fit(given.noise)
-    error, true = np.sqrt(np.diag(covariance)), \
-        np.linalg.inv(camera["T_v_c"]) @ np.array(about["sensors"]["imu0"]["T_v_s"])
+    error, true = (
+        np.sqrt(np.diag(covariance)),
+        np.linalg.inv(camera["T_v_c"]) @ np.array(about["sensors"]["imu0"]["T_v_s"]),
+    )
     off = np.degrees(Rotation.from_matrix(R @ true[:3, :3].T).as_rotvec())
     for axis in range(3):
         print(f"rotation {'xyz'[axis]} [deg]: off by {off[axis]:.5f} +- {np.degrees(error[axis]):.5f}")
     for axis in range(3):
-        print(f"translation {'xyz'[axis]} [mm]: {1e3 * x[axis]:.3f} +- {1e3 * error[3 + axis]:.3f}, "
-              f"true {1e3 * true[axis, 3]:.3f}")
+        print(
+            f"translation {'xyz'[axis]} [mm]: {1e3 * x[axis]:.3f} +- {1e3 * error[3 + axis]:.3f}, "
+            f"true {1e3 * true[axis, 3]:.3f}"
+        )
     print(f"offset [ms]: {1e3 * x[3]:.4f} +- {1e3 * error[6]:.4f}, true {given.offset_ms:.4f}")
     return 0
 

@@ -57,9 +57,10 @@ def refined(image, board, points):
         ends = cv2.perspectiveTransform(ends[None].astype(float), H)[0]
         along = ends[::2] - ends[1::2]
         start = [*(points[k] - middle), *np.arctan2(along[:, 1], along[:, 0])]
-        window = image[v - HALF:v + HALF + 1, u - HALF:u + HALF + 1].ravel()
-        fit = least_squares(missed, start, args=(window / window.max(),), diff_step=1e-4,
-                            x_scale=[0.1, 0.1, 0.05, 0.05])
+        window = image[v - HALF : v + HALF + 1, u - HALF : u + HALF + 1].ravel()
+        fit = least_squares(
+            missed, start, args=(window / window.max(),), diff_step=1e-4, x_scale=[0.1, 0.1, 0.05, 0.05]
+        )
         found[k] = fit.x[:2] + middle
     return found
 
@@ -81,7 +82,8 @@ def calibrated(views, size):
     """fx, fy, cx, cy [pixels] and their standard errors, by OpenCV, of a camera without distortion."""
     flat = [np.pad(board, ((0, 0), (0, 1))).astype(np.float32) for board, _ in views]
     _, K, _, _, _, error, *_ = cv2.calibrateCameraExtended(
-        flat, [points.astype(np.float32) for _, points in views], size, None, None, flags=FIXED)
+        flat, [points.astype(np.float32) for _, points in views], size, None, None, flags=FIXED
+    )
     return K[[0, 1, 0, 1], [0, 1, 2, 2]], error.ravel()[:4]
 
 
@@ -101,8 +103,10 @@ def main(argv=None):
         about = data.camera(given.camera)
         if about.get("port") or about.get("distortion", "none") != "none":
             parser.error(f"camera {about['id']} has a port or distortion: K is not all")
-        found = [corners_of(data.image(given.images, frame, given.camera), given.rows, given.columns)
-                 for frame in data.frames]
+        found = [
+            corners_of(data.image(given.images, frame, given.camera), given.rows, given.columns)
+            for frame in data.frames
+        ]
     except (vw.InputError, cv2.error) as error:
         parser.error(str(error))
     views = [view for view in found if view is not None]

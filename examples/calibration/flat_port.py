@@ -59,15 +59,23 @@ class FlatPort:
         poses = x[3:].reshape(-1, 6)
         R = Rotation.from_rotvec(poses[:, :3]).as_matrix()
         there = np.einsum("fij,fnj->fni", R, self.corners) + poses[:, None, 3:]
-        J = np.stack([(self.missed(self.points + step, x, there) - self.missed(self.points - step, x, there))
-                      / (2.0 * STEP_PX) for step in STEP_PX * np.eye(2)], -1)
+        J = np.stack(
+            [
+                (self.missed(self.points + step, x, there) - self.missed(self.points - step, x, there))
+                / (2.0 * STEP_PX)
+                for step in STEP_PX * np.eye(2)
+            ],
+            -1,
+        )
         return np.linalg.solve(J, self.missed(self.points, x, there)[..., None]).ravel()
 
     def fit(self, noise_px):
         """Normal (x0, x1, 1) and distance [m], 3 numbers, and their covariance [3, 3], for noise of ``noise_px``."""
         in_water = self.K * [[self.n_water, 1, 1], [1, self.n_water, 1], [1, 1, 1]]
-        start = [np.ravel(cv2.solvePnP(corners, points, in_water, None)[1:3])
-                 for corners, points in zip(self.corners, self.points, strict=True)]
+        start = [
+            np.ravel(cv2.solvePnP(corners, points, in_water, None)[1:3])
+            for corners, points in zip(self.corners, self.points, strict=True)
+        ]
         found = least_squares(self.residuals, [0.0, 0.0, 0.04, *np.concatenate(start)], x_scale="jac", xtol=1e-12)
         return found.x[:3], noise_px**2 * np.linalg.inv(found.jac.T @ found.jac)[:3, :3]
 
@@ -100,8 +108,9 @@ def main(argv=None):
     got, covariance = FlatPort(camera, board, points).fit(given.noise)
     normal = np.array(camera["port"]["normal"])
     true = [*normal[:2] / normal[2], camera["port"]["distance_m"]]
-    for name, value, error, truth in zip(("normal x/z", "normal y/z", "distance [m]"), got,
-                                         np.sqrt(np.diag(covariance)), true, strict=True):
+    for name, value, error, truth in zip(
+        ("normal x/z", "normal y/z", "distance [m]"), got, np.sqrt(np.diag(covariance)), true, strict=True
+    ):
         print(f"{name}: {value:.5f} +- {error:.5f}, true {truth:.5f}")
     return 0
 

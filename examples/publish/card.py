@@ -86,26 +86,45 @@ def write_card(facts: Facts, archive: Path, index: Path, place: Path) -> Path:
 
 def yaml_header(facts: Facts, index: Path) -> dict:
     """What Hugging Face reads."""
-    return {"pretty_name": facts.name, "license": facts.licence,
-            "task_categories": ["depth-estimation", "image-to-image", "object-detection"],
-            "tags": ["underwater", "synthetic", "stereo", "optical-flow", "visual-odometry", "croissant"],
-            "size_categories": [next(name for most, name in SIZES if facts.rows < most)],
-            "configs": [{"config_name": "frames", "data_files": index.name}]}
+    return {
+        "pretty_name": facts.name,
+        "license": facts.licence,
+        "task_categories": ["depth-estimation", "image-to-image", "object-detection"],
+        "tags": ["underwater", "synthetic", "stereo", "optical-flow", "visual-odometry", "croissant"],
+        "size_categories": [next(name for most, name in SIZES if facts.rows < most)],
+        "configs": [{"config_name": "frames", "data_files": index.name}],
+    }
 
 
 def words(facts: Facts, archive: Path, index: Path) -> dict[str, object]:
     """What stands in the places of the text."""
     data = facts.datasets[0]
     meta = data.meta
-    return {"name": facts.name, "kind": facts.kind, "version": facts.version, "archive": archive.name,
-            "commit": f", commit {facts.commit}" if facts.commit else "", "licence": facts.licence,
-            "licence_url": LICENCES[facts.licence], "scene": meta["name"], "first": data.root.name,
-            "second": data.cameras[-1], "frames": len(data), "rate": meta["frames"]["rate_hz"],
-            "what": f"{facts.images} images in {len(facts.datasets)} waters: {len(data)} frames through "
-                    f"{len(data.cameras)} cameras in each.",
-            "files": files(facts, archive, index), "waters": waters(facts), "cameras": cameras(data),
-            "baseline": baseline(data), "images": images(facts), "sensors": sensors(data),
-            "machine": meta["device"]["model"], "command": facts.command, **quality(facts)}
+    return {
+        "name": facts.name,
+        "kind": facts.kind,
+        "version": facts.version,
+        "archive": archive.name,
+        "commit": f", commit {facts.commit}" if facts.commit else "",
+        "licence": facts.licence,
+        "licence_url": LICENCES[facts.licence],
+        "scene": meta["name"],
+        "first": data.root.name,
+        "second": data.cameras[-1],
+        "frames": len(data),
+        "rate": meta["frames"]["rate_hz"],
+        "what": f"{facts.images} images in {len(facts.datasets)} waters: {len(data)} frames through "
+        f"{len(data.cameras)} cameras in each.",
+        "files": files(facts, archive, index),
+        "waters": waters(facts),
+        "cameras": cameras(data),
+        "baseline": baseline(data),
+        "images": images(facts),
+        "sensors": sensors(data),
+        "machine": meta["device"]["model"],
+        "command": facts.command,
+        **quality(facts),
+    }
 
 
 def table(head: list[str], rows: list[list[object]]) -> str:
@@ -116,13 +135,16 @@ def table(head: list[str], rows: list[list[object]]) -> str:
 
 def files(facts: Facts, archive: Path, index: Path) -> str:
     """Sizes and checksums of what is published."""
-    rows = [[f"`{path.name}`", what, f"{path.stat().st_size:,}", f"`{sha256(path)}`"]
-            for path, what in ((archive, f"{len(facts.datasets)} datasets"), (index, f"{facts.rows} views"))]
+    rows = [
+        [f"`{path.name}`", what, f"{path.stat().st_size:,}", f"`{sha256(path)}`"]
+        for path, what in ((archive, f"{len(facts.datasets)} datasets"), (index, f"{facts.rows} views"))
+    ]
     return table(["file", "what", "bytes", "SHA-256"], rows)
 
 
 def waters(facts: Facts) -> str:
     """Coefficients of each water; none of what is no water."""
+
     def numbers(values: list[float]) -> str:
         return ", ".join(f"{value:.4g}" for value in values)
 
@@ -139,8 +161,11 @@ def waters(facts: Facts) -> str:
 def kind(data: vw.Dataset) -> str:
     """Which water it is: its form in the scene, with the Jerlov type."""
     given = data.meta["scene"]["water"]
-    return f"Jerlov {given['jerlov']['type']}" if isinstance(given, dict) and given.get("jerlov") else (
-        data.meta["water"]["source"])
+    return (
+        f"Jerlov {given['jerlov']['type']}"
+        if isinstance(given, dict) and given.get("jerlov")
+        else (data.meta["water"]["source"])
+    )
 
 
 def cameras(data: vw.Dataset) -> str:
@@ -148,8 +173,14 @@ def cameras(data: vw.Dataset) -> str:
     rows = []
     for camera in data.cameras:
         about, K = data.camera(camera), data.intrinsics(camera, "opencv")
-        rows.append([f"`{camera}`", f"{about['width']} x {about['height']}", f"{K[0, 0]:.6g}, {K[1, 1]:.6g}",
-                     f"{K[0, 2]:.6g}, {K[1, 2]:.6g}"])
+        rows.append(
+            [
+                f"`{camera}`",
+                f"{about['width']} x {about['height']}",
+                f"{K[0, 0]:.6g}, {K[1, 1]:.6g}",
+                f"{K[0, 2]:.6g}, {K[1, 2]:.6g}",
+            ]
+        )
     return table(["camera", "pixels", "focal lengths [px]", "principal point [px], OpenCV's"], rows)
 
 

@@ -8,9 +8,11 @@ import varos_warp as vw
 from varos_warp.dataset.write.checksums import read_checksums
 from varos_warp.errors import InputError
 
-LICENCES = {"cc-by-4.0": "https://creativecommons.org/licenses/by/4.0/",
-            "cc0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
-            "apache-2.0": "https://www.apache.org/licenses/LICENSE-2.0"}
+LICENCES = {
+    "cc-by-4.0": "https://creativecommons.org/licenses/by/4.0/",
+    "cc0-1.0": "https://creativecommons.org/publicdomain/zero/1.0/",
+    "apache-2.0": "https://www.apache.org/licenses/LICENSE-2.0",
+}
 """Licences by the names that Hugging Face has for them."""
 
 
@@ -30,8 +32,7 @@ class Facts:
     """What made them."""
 
     @classmethod
-    def of(cls, kind: str, roots: list[Path], repository: Path, licence: str, url: str | None,
-           command: str) -> "Facts":
+    def of(cls, kind: str, roots: list[Path], repository: Path, licence: str, url: str | None, command: str) -> "Facts":
         """Open the datasets.
 
         Raises:
@@ -42,8 +43,7 @@ class Facts:
             if not listed:
                 raise InputError("has no checksums: it is not complete", file=root, remedy="Run the command again.")
         commit, date = git(repository)
-        return cls(kind, [vw.Dataset(root) for root in roots], sums, licence, url, commit, date,
-                   command)
+        return cls(kind, [vw.Dataset(root) for root in roots], sums, licence, url, commit, date, command)
 
     @property
     def name(self) -> str:
@@ -72,9 +72,11 @@ class Facts:
 
 def git(repository: Path) -> tuple[str | None, str | None]:
     """Commit of the repository and its date; ``-modified`` if files differ from it, None where there is no git."""
+
     def ask(*words: str) -> str:
-        return subprocess.run(["git", "-C", str(repository), *words], capture_output=True, text=True,
-                              check=True).stdout.strip()
+        return subprocess.run(
+            ["git", "-C", str(repository), *words], capture_output=True, text=True, check=True
+        ).stdout.strip()
 
     try:
         if Path(ask("rev-parse", "--show-toplevel")).resolve() != repository:

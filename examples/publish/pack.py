@@ -48,8 +48,9 @@ def add(tar: tarfile.TarFile, path: Path, member: str, value: str) -> None:
     """Add a file whose SHA-256 is known."""
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != value:
-        raise InputError("is not as it was written: its checksum differs", file=path,
-                         remedy="Delete it and run the command again.")
+        raise InputError(
+            "is not as it was written: its checksum differs", file=path, remedy="Delete it and run the command again."
+        )
     tar.addfile(entry(member, size=len(content)), io.BytesIO(content))
 
 
@@ -73,8 +74,9 @@ def write_index(facts: Facts, place: Path) -> Path:
             for camera in data.cameras:
                 for frame in data[:, camera]:
                     images = [data.layout.image(camera, letter, frame.number) for letter in letters]
-                    names = [f"{facts.name}/{data.root.name}/{image.relative_to(data.root).as_posix()}"
-                             for image in images]
+                    names = [
+                        f"{facts.name}/{data.root.name}/{image.relative_to(data.root).as_posix()}" for image in images
+                    ]
                     table.writerow([data.root.name, camera, frame.number, frame.time_ns, *names])
     return path
 

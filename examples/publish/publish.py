@@ -38,19 +38,36 @@ def sizes(width: int, height: int) -> list[str]:
 
 KINDS = {
     "reference": {
-        "waters": ["clear", "IB", "II", "coast", "harbour"], "most_bytes": 20e9,
-        "set": [*sizes(960, 640), f"render.outputs={PAIR}", "render.frame_rate_hz=5", "trajectory.duration_s=40",
-                "render.integrator=auto", "render.spp=null", "render.max_triangles=4000000"]},
+        "waters": ["clear", "IB", "II", "coast", "harbour"],
+        "most_bytes": 20e9,
+        "set": [
+            *sizes(960, 640),
+            f"render.outputs={PAIR}",
+            "render.frame_rate_hz=5",
+            "trajectory.duration_s=40",
+            "render.integrator=auto",
+            "render.spp=null",
+            "render.max_triangles=4000000",
+        ],
+    },
     "sample": {
-        "waters": ["IB", "II", "coast"], "most_bytes": 50e6,
-        "set": [*sizes(192, 128), f"render.outputs={PAIR}", "render.frame_rate_hz=5", "trajectory.duration_s=1.6",
-                "render.max_triangles=200000"]},
+        "waters": ["IB", "II", "coast"],
+        "most_bytes": 50e6,
+        "set": [
+            *sizes(192, 128),
+            f"render.outputs={PAIR}",
+            "render.frame_rate_hz=5",
+            "trajectory.duration_s=1.6",
+            "render.max_triangles=200000",
+        ],
+    },
 }
 """What is made: the waters, versions of examples/sweeps/waters.yaml; what changes in the template; the most bytes."""
 OURS = {"made_by.json", "scene.yaml", "varos-warp.schema.json", "waters.yaml", "datasets", "upload", ".upload"}
 """All that lies in the folder of a publication."""
 UPLOADED = re.compile(
-    r"README\.md|SHA256SUMS|contact_sheet\.png|croissant\.json|frames\.csv|varos_warp-\w+-[\w.+]+\.tar")
+    r"README\.md|SHA256SUMS|contact_sheet\.png|croissant\.json|frames\.csv|varos_warp-\w+-[\w.+]+\.tar"
+)
 """Names of what lies in its folder `upload`."""
 
 
@@ -103,8 +120,17 @@ def make(asked: argparse.Namespace) -> None:
     (asked.out / "made_by.json").write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
     if not (asked.out / "waters.yaml").exists():
         prepare(asked.out, settings)
-    call("sweep", asked.out / "scene.yaml", "-o", asked.out / "datasets", "--over", asked.out / "waters.yaml",
-         *options(settings), "--device", asked.device)
+    call(
+        "sweep",
+        asked.out / "scene.yaml",
+        "-o",
+        asked.out / "datasets",
+        "--over",
+        asked.out / "waters.yaml",
+        *options(settings),
+        "--device",
+        asked.device,
+    )
     for water in settings["waters"]:
         call("validate", asked.out / "datasets" / water, "--quiet", output=False)
     upload(asked, settings)
@@ -121,10 +147,20 @@ def describe(asked: argparse.Namespace) -> dict:
     known = yaml.safe_load(WATERS.read_text(encoding="utf-8"))["versions"]
     for water in waters:
         if water not in known:
-            raise InputError("there is no such water", file=WATERS, key="--waters", value=water,
-                             remedy=f"There are: {', '.join(known)}.")
-    return {"format": "varos_warp publication", "kind": asked.kind, "waters": waters,
-            "set": [*kind["set"], *asked.set], "frames": asked.frames}
+            raise InputError(
+                "there is no such water",
+                file=WATERS,
+                key="--waters",
+                value=water,
+                remedy=f"There are: {', '.join(known)}.",
+            )
+    return {
+        "format": "varos_warp publication",
+        "kind": asked.kind,
+        "waters": waters,
+        "set": [*kind["set"], *asked.set],
+        "frames": asked.frames,
+    }
 
 
 def check_folder(out: Path, settings: dict) -> None:
@@ -149,11 +185,17 @@ def check_folder(out: Path, settings: dict) -> None:
         raise InputError("cannot be read", file=out / "made_by.json", remedy=remedy)
     for key, value in settings.items():
         if before.get(key) != value:
-            raise InputError(f"is {value!r} here, and was {before.get(key)!r} when the folder was begun",
-                             file=out, key=key, remedy=f"Ask for the same again. {remedy}")
+            raise InputError(
+                f"is {value!r} here, and was {before.get(key)!r} when the folder was begun",
+                file=out,
+                key=key,
+                remedy=f"Ask for the same again. {remedy}",
+            )
     uploaded = (out / "upload").iterdir() if (out / "upload").is_dir() else ()
-    foreign = [*(out / name for name in there if name not in OURS),
-               *(path for path in uploaded if not UPLOADED.fullmatch(path.name))]
+    foreign = [
+        *(out / name for name in there if name not in OURS),
+        *(path for path in uploaded if not UPLOADED.fullmatch(path.name)),
+    ]
     if foreign:
         raise InputError("is nothing of a publication", file=foreign[0], remedy=f"Move it away. {remedy}")
 
@@ -180,20 +222,39 @@ def estimate(place: Path, asked: argparse.Namespace, settings: dict) -> None:
     Raises:
         InputError: If it is more than the limit, or than the disk holds.
     """
-    plan = told("sweep", place / "scene.yaml", "-o", place / "datasets", "--over", place / "waters.yaml",
-                *options(settings), "--dry-run", "--json", "--quiet")["datasets"]
+    plan = told(
+        "sweep",
+        place / "scene.yaml",
+        "-o",
+        place / "datasets",
+        "--over",
+        place / "waters.yaml",
+        *options(settings),
+        "--dry-run",
+        "--json",
+        "--quiet",
+    )["datasets"]
     total = sum(bytes_of(place, settings, entry) for entry in plan)
     hours, limit = sum(entry["seconds"] for entry in plan) / 3600, KINDS[asked.kind]["most_bytes"]
-    print(f"{asked.kind}: about {total / 1e6:.4g} MB in {len(plan)} waters (at most {limit / 1e6:g} MB), "
-          f"roughly {hours:.2g} hours on this machine", flush=True)
+    print(
+        f"{asked.kind}: about {total / 1e6:.4g} MB in {len(plan)} waters (at most {limit / 1e6:g} MB), "
+        f"roughly {hours:.2g} hours on this machine",
+        flush=True,
+    )
     if total > limit:
-        raise InputError(f"would take about {total / 1e6:.4g} MB, more than {limit / 1e6:g} MB", key=asked.kind,
-                         remedy="Choose fewer --frames or --waters, or a smaller resolution.")
+        raise InputError(
+            f"would take about {total / 1e6:.4g} MB, more than {limit / 1e6:g} MB",
+            key=asked.kind,
+            remedy="Choose fewer --frames or --waters, or a smaller resolution.",
+        )
     free = shutil.disk_usage(next(folder for folder in asked.out.absolute().parents if folder.exists())).free
     if 2 * total > free:
-        raise InputError(f"takes about {2 * total / 1e6:.4g} MB beside each other, files and archive; "
-                         f"{free / 1e6:.4g} MB are free", key="--out", value=str(asked.out),
-                         remedy="Choose another disk.")
+        raise InputError(
+            f"takes about {2 * total / 1e6:.4g} MB beside each other, files and archive; {free / 1e6:.4g} MB are free",
+            key="--out",
+            value=str(asked.out),
+            remedy="Choose another disk.",
+        )
 
 
 def bytes_of(place: Path, settings: dict, entry: dict) -> float:
@@ -215,13 +276,22 @@ def upload(asked: argparse.Namespace, settings: dict) -> None:
     place, part = asked.out / "upload", asked.out / ".upload"
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir()
-    facts = Facts.of(asked.kind, [asked.out / "datasets" / water for water in settings["waters"]], ROOT,
-                     asked.licence, asked.url, command(settings))
+    facts = Facts.of(
+        asked.kind,
+        [asked.out / "datasets" / water for water in settings["waters"]],
+        ROOT,
+        asked.licence,
+        asked.url,
+        command(settings),
+    )
     archive = pack(facts, asked.out / "datasets" / "sweep.json", part)
     size, limit = archive.stat().st_size, KINDS[asked.kind]["most_bytes"]
     if size > limit:
-        raise InputError(f"has {size / 1e6:.4g} MB, more than {limit / 1e6:g} MB", file=archive,
-                         remedy="Choose fewer --frames or --waters, or a smaller resolution, in a new folder.")
+        raise InputError(
+            f"has {size / 1e6:.4g} MB, more than {limit / 1e6:g} MB",
+            file=archive,
+            remedy="Choose fewer --frames or --waters, or a smaller resolution, in a new folder.",
+        )
     index = write_index(facts, part)
     shutil.copyfile(facts.datasets[0].root / "contact_sheet.png", part / "contact_sheet.png")
     metadata = write_croissant(facts, archive, index, part)
@@ -231,17 +301,25 @@ def upload(asked: argparse.Namespace, settings: dict) -> None:
     if place.exists():
         shutil.rmtree(place)  # nothing else is in it: check_folder has looked
     part.rename(place)
-    print(f"{place}: {archive.name} of {size / 1e6:.4g} MB, README.md, {metadata.name} ({judged}), {index.name}, "
-          "contact_sheet.png, SHA256SUMS")
+    print(
+        f"{place}: {archive.name} of {size / 1e6:.4g} MB, README.md, {metadata.name} ({judged}), {index.name}, "
+        "contact_sheet.png, SHA256SUMS"
+    )
 
 
 def command(settings: dict) -> str:
     """The command that makes the same."""
     kind = KINDS[settings["kind"]]
-    words = ["python", "examples/publish/publish.py", settings["kind"], "-o", "OUT",
-             *(word for change in settings["set"][len(kind["set"]):] for word in ("--set", change)),
-             *(["--frames", settings["frames"]] if settings["frames"] else []),
-             *(["--waters", ",".join(settings["waters"])] if settings["waters"] != kind["waters"] else [])]
+    words = [
+        "python",
+        "examples/publish/publish.py",
+        settings["kind"],
+        "-o",
+        "OUT",
+        *(word for change in settings["set"][len(kind["set"]) :] for word in ("--set", change)),
+        *(["--frames", settings["frames"]] if settings["frames"] else []),
+        *(["--waters", ",".join(settings["waters"])] if settings["waters"] != kind["waters"] else []),
+    ]
     return shlex.join(words)
 
 

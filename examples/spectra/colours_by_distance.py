@@ -58,8 +58,9 @@ class View:
     def patches(self, image):
         """Mean of an image [H, W, 3] over the middle of each patch, float64 [24, 3]."""
         low, high = np.ceil(self.pixels.min(axis=1)).astype(int), np.floor(self.pixels.max(axis=1)).astype(int)
-        return np.array([image[y0:y1, x0:x1].mean(axis=(0, 1), dtype=float)
-                         for (x0, y0), (x1, y1) in zip(low, high, strict=True)])
+        return np.array(
+            [image[y0:y1, x0:x1].mean(axis=(0, 1), dtype=float) for (x0, y0), (x1, y1) in zip(low, high, strict=True)]
+        )
 
     @property
     def window(self):
@@ -104,8 +105,12 @@ def of_patches(near, far):
 def by_distance(frame, edges):
     """Medians of a frame's effective attenuation between distances, float64 [N - 1, 3]; NaN where nothing is seen."""
     groups = np.digitize(frame.range, edges) - 1
-    return np.array([np.median(frame.effective_attenuation[groups == k], axis=0) if (groups == k).any()
-                     else np.full(3, np.nan) for k in range(len(edges) - 1)])
+    return np.array(
+        [
+            np.median(frame.effective_attenuation[groups == k], axis=0) if (groups == k).any() else np.full(3, np.nan)
+            for k in range(len(edges) - 1)
+        ]
+    )
 
 
 def srgb(linear):
@@ -154,16 +159,25 @@ def draw_locus(axis, frame, views, edges):
         for size, (near, far) in zip((22, 12, 5), near_far, strict=False):
             found = of_patches(near, far)
             label = f"patches, {near.distance:.0f} to {far.distance:.0f} m" if channel == 1 else None
-            axis.scatter(found[:, 0], found[:, channel], s=size, facecolors="none", edgecolors=RGB[channel],
-                         linewidths=0.6, label=label)
+            axis.scatter(
+                found[:, 0],
+                found[:, channel],
+                s=size,
+                facecolors="none",
+                edgecolors=RGB[channel],
+                linewidths=0.6,
+                label=label,
+            )
     axis.set(xlabel="of red [1/m]", ylabel="of green, of blue [1/m]", title="space of attenuation coefficients")
     axis.legend(fontsize=7, frameon=False)
 
 
 def draw(data, path):
     """The figure of a dataset."""
-    views, frame = chart_views(data), max((data[0, camera] for camera in data.cameras), key=lambda f: np.ptp(
-        f.range[np.isfinite(f.range)]))
+    views, frame = (
+        chart_views(data),
+        max((data[0, camera] for camera in data.cameras), key=lambda f: np.ptp(f.range[np.isfinite(f.range)])),
+    )
     seen = frame.range[np.isfinite(frame.range)]
     edges = np.linspace(np.ceil(seen.min()), np.floor(np.quantile(seen, 0.99)), 40)
     figure = Figure(figsize=(10.5, 7.3), layout="constrained", dpi=100)
@@ -196,8 +210,11 @@ def main(arguments=None):
     if not views:
         parser.error(f"{options.dataset}: no camera sees all of a colour chart, its patches {LEAST_PX:g} pixels wide")
     for near, far in pairwise(views):
-        print(f"white from {near.distance:.1f} to {far.distance:.1f} m: "
-              + ", ".join(f"{value:.3f}" for value in of_patches(near, far)[WHITE]) + " 1/m")
+        print(
+            f"white from {near.distance:.1f} to {far.distance:.1f} m: "
+            + ", ".join(f"{value:.3f}" for value in of_patches(near, far)[WHITE])
+            + " 1/m"
+        )
     draw(data, options.output)
     return 0
 

@@ -19,15 +19,25 @@ GAINS = 60.0, 70.0
 """Force by distance [N/m] and by speed [N s/m]."""
 SCENE = {
     "name": "keep_distance",
-    "objects": [{"kind": "calibration_board", "pattern": "checkerboard", "rows": 6, "columns": 8, "square_m": 1.0,
-                 "thickness_m": 0.1, "position": [0, WALL_M, 0]}],
+    "objects": [
+        {
+            "kind": "calibration_board",
+            "pattern": "checkerboard",
+            "rows": 6,
+            "columns": 8,
+            "square_m": 1.0,
+            "thickness_m": 0.1,
+            "position": [0, WALL_M, 0],
+        }
+    ],
     "current": {"velocity": [0, 0.1, 0], "fluctuation": 0.02},
     "vehicle": {
         "mass_kg": 12,
         # turned by 90 degrees about x, its -z looks ahead, along the vehicle's y
         "dvl": {"rate_hz": 1 / PERIOD_S, "rotation_euler_deg": [90, 0, 0]},
         "cameras": [{"id": "M0", "resolution": [16, 9]}],
-        "lights": [{"kind": "spot", "position": [0.2, 0, 0], "direction": [0, 1, 0], "intensity": [30, 30, 30]}]},
+        "lights": [{"kind": "spot", "position": [0.2, 0, 0], "direction": [0, 1, 0], "intensity": [30, 30, 30]}],
+    },
     "trajectory": {"waypoints": [{"position": [0, 1, 0]}]},
 }
 

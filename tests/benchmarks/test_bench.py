@@ -7,8 +7,9 @@ import pytest
 from benchmarks import bench
 
 
-@pytest.mark.parametrize("arguments", [["nowhere"], ["--methods", "magic"], ["--outputs", "B"], ["--seconds", "-1"],
-                                       ["--device", "cuda:99"]])
+@pytest.mark.parametrize(
+    "arguments", [["nowhere"], ["--methods", "magic"], ["--outputs", "B"], ["--seconds", "-1"], ["--device", "cuda:99"]]
+)
 def test_an_unknown_name_or_a_bad_value_is_one_message(tmp_path, capsys, arguments):
     assert bench.main([*arguments, "-o", str(tmp_path)]) == 2
     said = capsys.readouterr().err.splitlines()
@@ -20,7 +21,27 @@ def test_an_unknown_name_or_a_bad_value_is_one_message(tmp_path, capsys, argumen
 def test_the_options_reach_the_benchmark(monkeypatch, tmp_path, capsys):
     seen = []
     monkeypatch.setattr(bench, "run", lambda *arguments: seen.append(arguments) or {"machine": {}})
-    assert bench.main(["ref1", "demo", "--methods", "path, field", "--outputs", "A,sensors", "--device", "cpu",
-                       "--quick", "--seconds", "7", "-o", str(tmp_path), "--json", "--quiet"]) == 0
+    assert (
+        bench.main(
+            [
+                "ref1",
+                "demo",
+                "--methods",
+                "path, field",
+                "--outputs",
+                "A,sensors",
+                "--device",
+                "cpu",
+                "--quick",
+                "--seconds",
+                "7",
+                "-o",
+                str(tmp_path),
+                "--json",
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "sensors"], "cpu", True, 7.0, tmp_path, True)]
     assert json.loads(capsys.readouterr().out) == {"machine": {}}

@@ -10,11 +10,18 @@ S, A, G = [0.00175, 0.3, 0.8], [0.12, 0.3, 0.0], 0.8
 
 
 def scene(**lamp):
-    return scene_from_dict({
-        "water": {"coefficients": {"sigma_s": S, "sigma_a": A, "phase": {"g": G}}},
-        "vehicle": {"lights": [{"position": [-0.15, -0.1, 0.05], "direction": [0.1, 1, 0.2], "intensity": [1, 2, 3],
-                                **lamp}], "cameras": [{"resolution": [8, 6]}]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+    return scene_from_dict(
+        {
+            "water": {"coefficients": {"sigma_s": S, "sigma_a": A, "phase": {"g": G}}},
+            "vehicle": {
+                "lights": [
+                    {"position": [-0.15, -0.1, 0.05], "direction": [0.1, 1, 0.2], "intensity": [1, 2, 3], **lamp}
+                ],
+                "cameras": [{"resolution": [8, 6]}],
+            },
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        }
+    )
 
 
 def integral(lamp, ray, nodes=200_000, end=300.0):
@@ -42,8 +49,11 @@ def _edge(lamp, w, d):
     return x * x * (3 - 2 * x)
 
 
-@pytest.mark.parametrize("lamp", [{"cone_deg": 65}, {"cone_deg": 65, "blend": 0.5}, {"cone_deg": 170},
-                                  {"kind": "point"}], ids=["hard", "soft", "wide", "point"])
+@pytest.mark.parametrize(
+    "lamp",
+    [{"cone_deg": 65}, {"cone_deg": 65, "blend": 0.5}, {"cone_deg": 170}, {"kind": "point"}],
+    ids=["hard", "soft", "wide", "point"],
+)
 def test_a_ray_through_a_cone_of_light(lamp):
     made = scene(**{"kind": "spot", **lamp}) if lamp.get("kind") != "point" else scene_without_direction()
     light = made.vehicle.lights[0]

@@ -15,8 +15,22 @@ def test_textures_light_as_triangles_do(name, tmp_path):
     of the hundred rays of a pixel.
     """
     kept = tmp_path / "masked.json"
-    masked_light.main(["--scenes", name, "--integrators", "path", "--seeds", "4", "--spp", "2", "--resolution", "48x32",
-                       "--json", str(kept)])
+    masked_light.main(
+        [
+            "--scenes",
+            name,
+            "--integrators",
+            "path",
+            "--seeds",
+            "4",
+            "--spp",
+            "2",
+            "--resolution",
+            "48x32",
+            "--json",
+            str(kept),
+        ]
+    )
     told = json.loads(kept.read_text())
     of_a, of_b, *of_geometry = told["rows"]
     for row in (of_a, of_b):

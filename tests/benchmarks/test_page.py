@@ -6,8 +6,15 @@ from benchmarks import page
 
 
 def row(seconds, error, method="field"):
-    return {"scene": "s", "method": method, "label": method, "truth": "full", "cpu_seconds": 2 * seconds,
-            "seconds": seconds, "rmse_limit": error}
+    return {
+        "scene": "s",
+        "method": method,
+        "label": method,
+        "truth": "full",
+        "cpu_seconds": 2 * seconds,
+        "seconds": seconds,
+        "rmse_limit": error,
+    }
 
 
 def test_a_table_replaces_what_is_between_its_markers():

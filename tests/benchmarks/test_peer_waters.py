@@ -56,7 +56,7 @@ def test_lobes_add_up_to_the_phase_function(name):
 @pytest.mark.parametrize(("n", "mu"), [(1.02, 3.2), (1.10, 3.5835), (1.10, 4.5), (1.20, 4.2), (1.40, 4.9)])
 def test_the_slope_comes_back_from_the_backscatter_fraction_that_cycles_is_given(n, mu):
     """In the float32 that its inputs have."""
-    lobe, = lobes_of(FournierForand(n, mu))
+    (lobe,) = lobes_of(FournierForand(n, mu))
     index, fraction = np.float32(lobe.n), np.float32(lobe.backscatter)
     d90 = np.float32(2) / (np.float32(3) * (index - np.float32(1)) ** 2)
     nu = -np.log(np.float32(2) * fraction * (d90 - np.float32(1)) + np.float32(1)) / np.log(d90)
@@ -84,8 +84,11 @@ def found(*mean, stderr=0.0):
 
 
 def test_programs_agree_within_the_tolerance_and_three_standard_errors_of_both():
-    made = {"path": found(1.0, 2.0, 4.0, stderr=0.003), "field": found(1.0, 2.0, 4.0),
-            "cycles": found(1.0, 2.0, 4.06, stderr=0.004)}
+    made = {
+        "path": found(1.0, 2.0, 4.0, stderr=0.003),
+        "field": found(1.0, 2.0, 4.0),
+        "cycles": found(1.0, 2.0, 4.06, stderr=0.004),
+    }
     row = agree.Row("lens", "ff3.6", "one event", made)
     assert row.pairs() == [("field", "path"), ("cycles", "path"), ("cycles", "field")]
     # 0.015 off; granted are 0.001 and 3 hypot(0.003, 0.004) / 4 = 0.00375, or 3 * 0.004 / 4 = 0.003
@@ -131,14 +134,33 @@ def assert_no_residual(image, truth, precision):
     assert np.all(np.abs(residual.mean(axis=0)) <= Z * stderr)
 
 
-@pytest.mark.parametrize(("peer", "phase"), [
-    ("cycles", {"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}),
-    ("cycles", {"kind": "fournier_forand", "backscatter_fraction": 0.01}),
-    ("cycles", {"kind": "rayleigh"}), ("mitsuba", {"kind": "rayleigh"}),
-    ("cycles", {"kind": "mixture", "of": [{"kind": "fournier_forand", "n": 1.15, "mu": 4.0, "weight": 0.6},
-                                          {"kind": "rayleigh", "weight": 0.1}, {"g": 0.7, "weight": 0.3}]}),
-    ("mitsuba", {"kind": "mixture", "of": [{"g": 0.8, "weight": 0.6}, {"kind": "rayleigh", "weight": 0.1},
-                                           {"g": -0.5, "weight": 0.3}]})])
+@pytest.mark.parametrize(
+    ("peer", "phase"),
+    [
+        ("cycles", {"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}),
+        ("cycles", {"kind": "fournier_forand", "backscatter_fraction": 0.01}),
+        ("cycles", {"kind": "rayleigh"}),
+        ("mitsuba", {"kind": "rayleigh"}),
+        (
+            "cycles",
+            {
+                "kind": "mixture",
+                "of": [
+                    {"kind": "fournier_forand", "n": 1.15, "mu": 4.0, "weight": 0.6},
+                    {"kind": "rayleigh", "weight": 0.1},
+                    {"g": 0.7, "weight": 0.3},
+                ],
+            },
+        ),
+        (
+            "mitsuba",
+            {
+                "kind": "mixture",
+                "of": [{"g": 0.8, "weight": 0.6}, {"kind": "rayleigh", "weight": 0.1}, {"g": -0.5, "weight": 0.3}],
+            },
+        ),
+    ],
+)
 def test_single_scattering_of_an_open_ray_is_its_integral_in_any_water(peer, phase):
     """A lamp that faces the camera: angles from ahead to behind."""
     needs(peer)

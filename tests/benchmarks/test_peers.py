@@ -58,8 +58,13 @@ def scores(image, truth, precision):
 
 
 DISTANCE, CORNER, REFLECTANCE = 3.0, 0.03, (0.2, 0.5, 0.8)
-LAMP = {"kind": "spot", "position": [0.4, 0.0, 0.25], "direction": [-0.1, 1.0, 0.05], "cone_deg": 40.0,
-        "intensity": [10.0, 20.0, 30.0]}
+LAMP = {
+    "kind": "spot",
+    "position": [0.4, 0.0, 0.25],
+    "direction": [-0.1, 1.0, 0.05],
+    "cone_deg": 40.0,
+    "intensity": [10.0, 20.0, 30.0],
+}
 ABSORPTION = [0.3, 0.1, 0.02]
 
 
@@ -67,14 +72,18 @@ def plate(right_half=False):
     """A wide plate across the view, or only what of it lies to the right and above the axis, and ends in pixels."""
     low = CORNER if right_half else -50.0
     corners = [[low, DISTANCE, low], [50, DISTANCE, low], [50, DISTANCE, 50], [low, DISTANCE, 50]]
-    return Part("plate", np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-                Diffuse(reflectance=REFLECTANCE))
+    return Part(
+        "plate", np.array(corners, float), np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=REFLECTANCE)
+    )
 
 
 def plate_scene(blend, water="none", **camera):
     view = {"id": "M0", "resolution": [48, 32], "sensor_mm": [4.5, 3.0], "focal_mm": 4.0} | camera
-    return Scene(vehicle={"lights": [LAMP | {"blend": blend}], "cameras": [view]}, water=water,
-                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+    return Scene(
+        vehicle={"lights": [LAMP | {"blend": blend}], "cameras": [view]},
+        water=water,
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+    )
 
 
 def plate_truth(scene, right_half=False, cone_deg=40.0, samples=12):
@@ -154,8 +163,11 @@ def test_a_lens_blurs_what_is_out_of_focus_by_its_aperture(peer):
 # -------------------------------------------------------------------------------------------------------- scattering
 
 
-@pytest.mark.parametrize(("position", "axis"), [((0.5, 0.0, -0.1), (0.1, 0, 1)), ((0.5, 0.1, 4.0), (0, 0, -1))],
-                         ids=["backwards", "forwards"])
+@pytest.mark.parametrize(
+    ("position", "axis"),
+    [((0.5, 0.0, -0.1), (0.1, 0, 1)), ((0.5, 0.1, 4.0), (0, 0, -1))],
+    ids=["backwards", "forwards"],
+)
 def test_single_scattering_of_an_open_ray_is_its_integral(peer, position, axis):
     """Lamps behind and before what they light; a wrong sign of g would be off by far."""
     water = {"sigma_s": [0.05, 0.2, 0.4], "sigma_a": [0.2, 0.1, 0.0], "phase": {"g": 0.6}}
@@ -165,8 +177,9 @@ def test_single_scattering_of_an_open_ray_is_its_integral(peer, position, axis):
     def truth(g):
         sigma_t = np.add(water["sigma_s"], water["sigma_a"])
         how = {"T": np.inf, "axis": axis, "cone_deg": 65.0}
-        return np.array([single_scattering(position, s, t, g, **how)
-                         for s, t in zip(water["sigma_s"], sigma_t, strict=True)])
+        return np.array(
+            [single_scattering(position, s, t, g, **how) for s, t in zip(water["sigma_s"], sigma_t, strict=True)]
+        )
 
     assert np.all(np.abs(scores(image, np.broadcast_to(truth(0.6), image.shape), 0.02)) <= Z)
     assert np.all(np.abs(scores(image, np.broadcast_to(truth(-0.6), image.shape), np.inf)) > 2 * Z)
@@ -196,8 +209,9 @@ def behind_pane(water="none", **port):
     """A point light in the water before a camera with a wide view."""
     lamp = {"kind": "point", "position": [0.4, 0.5, 0.25], "intensity": LAMP["intensity"]}
     camera = {"id": "M0", "resolution": [48, 32], "sensor_mm": [4.5, 3.0], "focal_mm": 2.25} | port
-    return Scene(vehicle={"lights": [lamp], "cameras": [camera]}, water=water,
-                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+    return Scene(
+        vehicle={"lights": [lamp], "cameras": [camera]}, water=water, trajectory={"poses": [{"position": [0, 0, 0]}]}
+    )
 
 
 def pane(T_w_c, distance, before, after, **water):
@@ -208,8 +222,12 @@ def pane(T_w_c, distance, before, after, **water):
     x = np.cross([0.0, 1.0, 0.0], z) / np.hypot(z[0], z[2])
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), -distance * z
-    return {"type": "rectangle", "to_world": mitsuba.ScalarTransform4f((T_w_c @ T).tolist()), **water,
-            "bsdf": {"type": "dielectric", "ext_ior": before, "int_ior": after}}
+    return {
+        "type": "rectangle",
+        "to_world": mitsuba.ScalarTransform4f((T_w_c @ T).tolist()),
+        **water,
+        "bsdf": {"type": "dielectric", "ext_ior": before, "int_ior": after},
+    }
 
 
 def mitsuba_behind_pane(water, part, folder):
@@ -239,8 +257,9 @@ def test_a_flat_port_is_two_dielectrics_of_mitsuba(half, tmp_path):
 
     def ours(n_water):
         renderer = FrameRenderer(behind_pane(water, port=PORT, n_water=n_water), "cpu", [plate(right_half=half)])
-        return renderer.render(np.eye(4), outputs="A", spp=256, integrator="path", layers=("direct",),
-                               denoise="none").A.radiance.astype(float)
+        return renderer.render(
+            np.eye(4), outputs="A", spp=256, integrator="path", layers=("direct",), denoise="none"
+        ).A.radiance.astype(float)
 
     expected, n = ours(N_WATER), np.array(PORT["normal"]) / np.linalg.norm(PORT["normal"])
     rays = np.concatenate([(pixel_centres(48, 32) - [24.0, 16.0]) / 24.0, np.ones((32, 48, 1))], -1)
@@ -267,15 +286,27 @@ def test_copies_and_smooth_normals_are_exported(peer):
     What smoothing does to the image, ``smooth - flat``, is found in the other program's image once, not 0 times.
     """
     pipe = {"kind": "pipe", "radius": 0.3, "length": 2.0, "chord_error_m": 0.03}
-    scene = Scene(objects=[pipe], trajectory={"poses": [{"position": [0, 0, 0]}]}, vehicle={
-        "lights": [{"kind": "point", "intensity": [10, 20, 30]}],
-        "cameras": [{"id": "M0", "resolution": [48, 32], "sensor_mm": [4.5, 3.0], "focal_mm": 4.0}]})
+    scene = Scene(
+        objects=[pipe],
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        vehicle={
+            "lights": [{"kind": "point", "intensity": [10, 20, 30]}],
+            "cameras": [{"id": "M0", "resolution": [48, 32], "sensor_mm": [4.5, 3.0], "focal_mm": 4.0}],
+        },
+    )
     part, places = build_parts(scene)[0], np.array([np.eye(4)] * 2)
     places[:, :3, 3] = [[-0.6, 3.0, 0.0], [0.7, 3.5, 0.2]]
 
     def ours(smooth):
-        copies = Instances("scatter.0", part.vertices, part.faces, part.material, places,
-                           smooth_angle=part.smooth_angle, smooth_shading=smooth)
+        copies = Instances(
+            "scatter.0",
+            part.vertices,
+            part.faces,
+            part.material,
+            places,
+            smooth_angle=part.smooth_angle,
+            smooth_shading=smooth,
+        )
         how = {"spp": 256, "integrator": "path", "layers": ("direct",)}
         return copies, FrameRenderer(scene, "cpu", [copies]).render(np.eye(4), outputs="A", **how).A.radiance[..., 1]
 
@@ -359,9 +390,16 @@ def test_phase_functions_that_peers_have_not_are_refused():
         view(plate_scene(0.0, water), [plate()])
 
 
-@pytest.mark.parametrize("bounds", [
-    {"max_scatterings": 2}, {"max_bounces": 2}, {"max_scatterings": 2, "max_bounces": 3},
-    {"max_scatterings": 0, "max_bounces": 0}, {"max_events": 0}])
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        {"max_scatterings": 2},
+        {"max_bounces": 2},
+        {"max_scatterings": 2, "max_bounces": 3},
+        {"max_scatterings": 0, "max_bounces": 0},
+        {"max_events": 0},
+    ],
+)
 def test_bounds_that_peers_cannot_count_are_refused(bounds):
     with pytest.raises(InputError, match="together"):
         view(plate_scene(0.0), [plate()], **bounds)

@@ -14,8 +14,16 @@ from benchmarks.methods import Method, Timed
 from varos_warp.errors import InputError
 
 SHAPE = (24, 32, 3)
-MACHINE = {"device": "cuda:0", "device_name": "a GPU", "cpu": "a CPU", "cores": 2, "system": "Linux", "warp": "1",
-           "commit": "abc", "date": "2026-01-01"}
+MACHINE = {
+    "device": "cuda:0",
+    "device_name": "a GPU",
+    "cpu": "a CPU",
+    "cores": 2,
+    "system": "Linux",
+    "warp": "1",
+    "commit": "abc",
+    "date": "2026-01-01",
+}
 
 
 class Clock:
@@ -71,7 +79,7 @@ def test_the_cheapest_point_comes_first_and_the_budget_is_kept(bench, tmp_path):
     points = radiance.compare(bench, series("1.0", "0.1"), "cuda:0", 20.0, kept, lambda text: None)
     done = [(row["method"], row["spp"]) for row in kept.rows["A"]]
     assert points == len(done)
-    assert done == [("1.0", 1), ("0.1", 1), ("0.1", 4), ("0.1", 16), ("1.0", 4), ("0.1", 64), ("1.0", 16)][:len(done)]
+    assert done == [("1.0", 1), ("0.1", 1), ("0.1", 4), ("0.1", 16), ("1.0", 4), ("0.1", 64), ("1.0", 16)][: len(done)]
     assert ("1.0", 16) not in done  # 16 s more than the 20 there are
     assert Clock.now <= 20.0
 

@@ -12,9 +12,14 @@ def test_efficiency_is_the_gain_over_one_worker_and_differing_bytes_are_told(tmp
 
     def measure(scene, frames, workers, device, out, step=1):
         calls.append((frames, workers))
-        return {"workers": workers, "frames_per_s": rates[workers],
-                "until_first_image_s": 8.0, "expose_and_checksums_s": 2.0, "stages": {},
-                "checksums": f"{workers == 4}  A/000.png\nb  B/000.png\n"}
+        return {
+            "workers": workers,
+            "frames_per_s": rates[workers],
+            "until_first_image_s": 8.0,
+            "expose_and_checksums_s": 2.0,
+            "stages": {},
+            "checksums": f"{workers == 4}  A/000.png\nb  B/000.png\n",
+        }
 
     monkeypatch.setattr(scaling, "measure", measure)
     result = scaling.scaling(make_scene(), 50, [0, 1, 2, 4], "cpu", tmp_path, say=lambda line: None)
@@ -31,7 +36,7 @@ def test_a_run_is_measured_by_its_log(tmp_path):
     scene = small_scene(6, (16, 9), integrator="path", max_scatterings=1, denoise="none", denoise_b="none")
     row = scaling.measure(scene, 6, 0, "cpu", tmp_path / "out")
     assert row["images"] == 24
-    log, = (json.loads(path.read_text()) for path in (tmp_path / "out" / "log").glob("*.json"))
+    (log,) = (json.loads(path.read_text()) for path in (tmp_path / "out" / "log").glob("*.json"))
     assert 0 < row["frames_per_s"] <= 1.01 * 5 / sum(entry["seconds"] for entry in log["frames"][1:])
     assert row["spp"] > 0
     assert 0 <= row["until_first_image_s"] < row["seconds"] - 5 / row["frames_per_s"]

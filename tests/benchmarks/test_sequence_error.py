@@ -7,8 +7,23 @@ from benchmarks import by_frame
 
 
 def test_frames_of_a_short_sequence_are_measured_and_charted(boulder, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["by_frame", "--scene", str(boulder), "--device", "cpu", "--frames", "2", "--set",
-                                      "render.tolerance=0.1", "-o", str(tmp_path / "out")])
+    monkeypatch.setattr(
+        sys,
+        "argv",
+        [
+            "by_frame",
+            "--scene",
+            str(boulder),
+            "--device",
+            "cpu",
+            "--frames",
+            "2",
+            "--set",
+            "render.tolerance=0.1",
+            "-o",
+            str(tmp_path / "out"),
+        ],
+    )
     by_frame.main()
     result = json.loads((tmp_path / "out.json").read_text())
     assert len(result["checked"]) == 2

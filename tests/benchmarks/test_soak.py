@@ -64,6 +64,8 @@ def test_a_renderer_that_keeps_its_images_is_found_out(tmp_path):
 
 
 def test_growth_is_the_slope_after_the_run_has_settled():
-    samples = [{"frame": k, "rss_mb": 100.0 + 0.002 * k + (k < 10) * 50, "handles": 6 + 0.5 * k, "threads": 4}
-               for k in range(50)]
+    samples = [
+        {"frame": k, "rss_mb": 100.0 + 0.002 * k + (k < 10) * 50, "handles": 6 + 0.5 * k, "threads": 4}
+        for k in range(50)
+    ]
     assert soak.growth(samples) == pytest.approx({"bytes": 2000.0, "handles": 0.5, "threads": 0.0})

@@ -11,7 +11,7 @@ def test_passes_are_triples_by_hand(tmp_path, monkeypatch, capsys):
     kept = tmp_path / "scenes.json"
     common = ["--scenes", "open", "--seeds", "8", "--spp", "4", "--json", str(kept)]
     spectral_scenes.main([*common, "--most", "9"])
-    row, = json.loads(kept.read_text())["rows"]
+    (row,) = json.loads(kept.read_text())["rows"]
     assert abs(row["weaving"]["block_z"]) < 5.0
     assert 0.3 < row["bars"]["z_pooled"] < 3.0
     off, stated = (row["reduction"][key] for key in ("mean_percent", "stated_worst"))
@@ -24,16 +24,34 @@ def test_passes_are_triples_by_hand(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(spectral_scenes, "_shining", brighter)
     spectral_scenes.main([*common, "--most", "0"])
-    row, = json.loads(kept.read_text())["rows"]
+    (row,) = json.loads(kept.read_text())["rows"]
     assert abs(row["weaving"]["block_z"]) > 5.0
     capsys.readouterr()
 
 
 def test_costs_are_told_as_ratios(tmp_path, capsys):
     kept = tmp_path / "cost.json"
-    spectral_cost.main(["--templates", "static_observer", "--resolution", "16x9", "--repeats", "1", "--spp", "1",
-                        "--integrator", "path", "--outputs", "A", "--bands", "4", "-o", str(kept)])
-    row, = json.loads(kept.read_text())["rows"]
+    spectral_cost.main(
+        [
+            "--templates",
+            "static_observer",
+            "--resolution",
+            "16x9",
+            "--repeats",
+            "1",
+            "--spp",
+            "1",
+            "--integrator",
+            "path",
+            "--outputs",
+            "A",
+            "--bands",
+            "4",
+            "-o",
+            str(kept),
+        ]
+    )
+    (row,) = json.loads(kept.read_text())["rows"]
     assert row["4_bands"]["passes"] == 2
     assert row["4_bands"]["over_rgb"] > 0.0
     capsys.readouterr()

@@ -74,10 +74,33 @@ def test_what_moves_is_where_the_instants_have_it(place, kind):
 def test_moving_things_are_held_against_instants(tmp_path, capsys):
     """A strobe and a rolling shutter: rows of all parts add up to the exposure, and images are written."""
     kept, page = tmp_path / "moving.json", tmp_path / "moving.png"
-    moving.main(["--scenes", "open", "--kinds", "strobe", "--integrators", "path", "--seeds", "4", "--spp", "2",
-                 "--instants", "3", "--truth-spp", "2", "--resolution", "24x16", "--denoise", "none",
-                 "--json", str(kept), "--png", str(page)])
-    row, = json.loads(kept.read_text())["rows"]
+    moving.main(
+        [
+            "--scenes",
+            "open",
+            "--kinds",
+            "strobe",
+            "--integrators",
+            "path",
+            "--seeds",
+            "4",
+            "--spp",
+            "2",
+            "--instants",
+            "3",
+            "--truth-spp",
+            "2",
+            "--resolution",
+            "24x16",
+            "--denoise",
+            "none",
+            "--json",
+            str(kept),
+            "--png",
+            str(page),
+        ]
+    )
+    (row,) = json.loads(kept.read_text())["rows"]
     assert np.abs(row["mean_z"]).max() < 5.0
     assert max(row["mean_off_stderr"]) < 30.0
     assert page.stat().st_size > 1000
@@ -194,8 +217,21 @@ def test_a_table_is_written_with_a_reference_that_grows(tmp_path, capsys):
     assert len(kept.images) == 4
     assert len({image.tobytes() for image in kept.images}) == 4
     assert references.load(path, build("sheets_turbid", (24, 14))) is None
-    measure.main([*common, "--integrators", "path", "--spp", "2", "--seeds", "3", "--json", str(tmp_path / "out.json"),
-                  "--png", str(tmp_path / "png")])
+    measure.main(
+        [
+            *common,
+            "--integrators",
+            "path",
+            "--spp",
+            "2",
+            "--seeds",
+            "3",
+            "--json",
+            str(tmp_path / "out.json"),
+            "--png",
+            str(tmp_path / "png"),
+        ]
+    )
     result = json.loads((tmp_path / "out.json").read_text())
     assert result["machine"]["warp"]
     assert result["rows"][0]["reference_spp"] == 32

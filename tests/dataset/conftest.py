@@ -12,6 +12,7 @@ from varos_warp.dataset.run.produce import produce
 @pytest.fixture
 def unchecked(tmp_path):
     """Makes a copy of a dataset without its checksums, so that only the checks of what it holds find a change."""
+
     def copy_of(dataset):
         copied = shutil.copytree(dataset, tmp_path / "copy")
         (copied / "checksums").unlink()

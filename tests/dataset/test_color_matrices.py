@@ -24,16 +24,24 @@ def stand_ins():
 
 
 def scene_of(folder, matrix="auto", **render):
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17, "seed": 1},
-        "objects": [{"kind": "color_chart", "position": [0, 1.0, 0.2], "scale": 2.0}],
-        "water": {"spectral": {"jerlov": "IB"}},
-        "vehicle": {"lights": [{"spectrum": "led_b4", "power_W": 20.0}],
-                    "cameras": [{"id": "M0", "resolution": [48, 27], "response": "nikon_5100"} | (
-                        {"color_matrix": matrix} if matrix else {})]},
-        "trajectory": {"poses": [{"position": [0, 0, 0.2]}]},
-        "render": {"outputs": ["A", "B"], "spp": 1, "integrator": "path", "linear_exr": True,
-                   "denoise": "none"} | render}, folder)
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17, "seed": 1},
+            "objects": [{"kind": "color_chart", "position": [0, 1.0, 0.2], "scale": 2.0}],
+            "water": {"spectral": {"jerlov": "IB"}},
+            "vehicle": {
+                "lights": [{"spectrum": "led_b4", "power_W": 20.0}],
+                "cameras": [
+                    {"id": "M0", "resolution": [48, 27], "response": "nikon_5100"}
+                    | ({"color_matrix": matrix} if matrix else {})
+                ],
+            },
+            "trajectory": {"poses": [{"position": [0, 0, 0.2]}]},
+            "render": {"outputs": ["A", "B"], "spp": 1, "integrator": "path", "linear_exr": True, "denoise": "none"}
+            | render,
+        },
+        folder,
+    )
 
 
 def made(folder, *arguments, seed=1, **render):

@@ -23,8 +23,11 @@ FLOOR = {"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 5,
 """That of the stand-in that renders."""
 DVL = {"position": [0.1, 0.2, -0.2], "rotation_euler_deg": [5, 1, 30], "rate_hz": 20, "range_m": [0.5, 3.4]}
 MAGNETOMETER = {"position": [0, 0, 0.2], "rotation_euler_deg": [0, 10, 20], "rate_hz": 50}
-PROFILE = NoiseProfile(name="both", dvl={"velocity_std": 0.01, "scale": 0.02, "range_std": 0.05}, magnetometer={
-    "noise_density": 1e-9, "random_walk": 1e-9, "bias": (1e-6, 0.0, 0.0), "turn_on_bias": 1e-7})
+PROFILE = NoiseProfile(
+    name="both",
+    dvl={"velocity_std": 0.01, "scale": 0.02, "range_std": 0.05},
+    magnetometer={"noise_density": 1e-9, "random_walk": 1e-9, "bias": (1e-6, 0.0, 0.0), "turn_on_bias": 1e-7},
+)
 
 
 def scene_with_both():
@@ -83,10 +86,17 @@ def test_a_scene_without_them_leaves_no_trace(written):
 
 
 def test_both_are_sound_and_so_are_they_with_noise(both, noisy):
-    for root, names in ((both, ("mag0: against poses", "dvl0: readings against ranges and states",
-                                "dvl0: beams with another range than to the scene's meshes")),
-                        (noisy.root, ("mag0: readings against profile and seed",
-                                      "dvl0: readings against profile and seed"))):
+    for root, names in (
+        (
+            both,
+            (
+                "mag0: against poses",
+                "dvl0: readings against ranges and states",
+                "dvl0: beams with another range than to the scene's meshes",
+            ),
+        ),
+        (noisy.root, ("mag0: readings against profile and seed", "dvl0: readings against profile and seed")),
+    ):
         result = validate(root, quiet=True)
         assert result.problems == []
         assert {*names} <= {measure["name"] for measure in result.measures}
@@ -125,8 +135,10 @@ def test_the_viewer_has_every_reading(both, tmp_path):
     from test_view import cell, rows
 
     recording = load_recording(view(both, tmp_path / "test.rrd", quiet=True))
-    for name, quantity, readings in (("dvl0", "velocity", Dataset(both).dvl()),
-                                     ("mag0", "field", Dataset(both).magnetometer())):
+    for name, quantity, readings in (
+        ("dvl0", "velocity", Dataset(both).dvl()),
+        ("mag0", "field", Dataset(both).magnetometer()),
+    ):
         for i, axis in enumerate("xyz"):
             found = [cell(row, "scalars") for row in rows(recording, f"/{name}/{quantity}/{axis}")]
             np.testing.assert_array_equal(found, readings[quantity][:, i])
@@ -149,14 +161,18 @@ def rows_with(root, locked):
     return np.flatnonzero(np.isfinite(Dataset(root).dvl(truth=True)["range"]).sum(axis=1) == locked)
 
 
-@pytest.mark.parametrize(("name", "column", "locked", "by", "problem"), [
-    ("mag0", 2, 4, 1e-8, "is not the field in the axes of the poses"),
-    ("dvl0", 1, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
-    ("dvl0", 4, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
-    ("dvl0", 5, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
-    ("dvl0", 9, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
-    ("dvl0", 3, 4, np.nan, "is not what its ranges and vehicle0_states.csv make it"),
-    ("dvl0", 3, 2, 0.5, "is not what its ranges and vehicle0_states.csv make it")])
+@pytest.mark.parametrize(
+    ("name", "column", "locked", "by", "problem"),
+    [
+        ("mag0", 2, 4, 1e-8, "is not the field in the axes of the poses"),
+        ("dvl0", 1, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
+        ("dvl0", 4, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
+        ("dvl0", 5, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
+        ("dvl0", 9, 4, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
+        ("dvl0", 3, 4, np.nan, "is not what its ranges and vehicle0_states.csv make it"),
+        ("dvl0", 3, 2, 0.5, "is not what its ranges and vehicle0_states.csv make it"),
+    ],
+)
 def test_a_changed_cell_is_named_with_its_file(both, tmp_path, name, column, locked, by, problem):
     copy = shutil.copytree(both, tmp_path / "copy")
     (copy / "checksums").unlink()
@@ -172,22 +188,28 @@ def test_ranges_and_altitudes_that_are_all_wrong_alike_are_found(both, tmp_path)
     copy = shutil.copytree(both, tmp_path / "copy")
     (copy / "checksums").unlink()
     path = Dataset(copy).layout.sensor("dvl0")
-    table = {name: values * (0.99 if "range" in name or "altitude" in name else 1)
-             for name, values in files.read_csv(path).items()}
+    table = {
+        name: values * (0.99 if "range" in name or "altitude" in name else 1)
+        for name, values in files.read_csv(path).items()
+    }
     path.unlink()
     files.write_csv(path, list(table), *table.values())
-    problem, = validate(copy, quiet=True).problems
+    (problem,) = validate(copy, quiet=True).problems
     assert problem.startswith("dvl0: beams with another range than to the scene's meshes")
 
 
-@pytest.mark.parametrize(("name", "column", "by", "problem"), [
-    ("mag0", 1, 1e-6, "mag0: reading off truth and bias"),
-    ("mag0", 4, 1e-8, "is not the field in the axes of the poses"),
-    ("mag0", 7, 1e-6, "mag0: readings against profile and seed"),
-    ("dvl0", 1, 0.001, "is not what its beams make it"),
-    ("dvl0", 5, 0.001, "dvl0: readings against profile and seed"),
-    ("dvl0", 9, 0.2, "dvl0: beam velocity off the truth"),
-    ("dvl0", 17, 0.001, "is not what its ranges and vehicle0_states.csv make it")])
+@pytest.mark.parametrize(
+    ("name", "column", "by", "problem"),
+    [
+        ("mag0", 1, 1e-6, "mag0: reading off truth and bias"),
+        ("mag0", 4, 1e-8, "is not the field in the axes of the poses"),
+        ("mag0", 7, 1e-6, "mag0: readings against profile and seed"),
+        ("dvl0", 1, 0.001, "is not what its beams make it"),
+        ("dvl0", 5, 0.001, "dvl0: readings against profile and seed"),
+        ("dvl0", 9, 0.2, "dvl0: beam velocity off the truth"),
+        ("dvl0", 17, 0.001, "is not what its ranges and vehicle0_states.csv make it"),
+    ],
+)
 def test_damage_to_noise_and_to_truth_is_found(noisy, tmp_path, name, column, by, problem):
     copy = shutil.copytree(noisy.root, tmp_path / "copy")
     (copy / "checksums").unlink()

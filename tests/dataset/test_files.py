@@ -76,8 +76,9 @@ def test_a_csv_with_a_short_row_is_refused(tmp_path):
         files.read_csv(tmp_path / "t.csv")
 
 
-@pytest.mark.parametrize("pixels", [np.arange(60, dtype=np.uint8).reshape(4, 5, 3),
-                                    np.array([[0, 1, 255, 256, 65535]], np.uint16)])
+@pytest.mark.parametrize(
+    "pixels", [np.arange(60, dtype=np.uint8).reshape(4, 5, 3), np.array([[0, 1, 255, 256, 65535]], np.uint16)]
+)
 def test_png_gives_back_what_was_written(tmp_path, pixels):
     files.write_png(tmp_path / "x.png", pixels)
     again = files.read_png(tmp_path / "x.png")
@@ -139,4 +140,3 @@ def test_a_folder_made_again_removes_what_a_killed_attempt_left_beside_it_but_no
             raise ZeroDivisionError
         assert mine.exists()
     assert list((tmp_path / "euroc").iterdir()) == []
-

@@ -23,10 +23,25 @@ SCENE = {
     "objects": [{"kind": "boulder", "position": [0.5, 2.5, -0.4], "diameter": 0.5}],
     "scatter": [{"object": {"kind": "nut", "size": "M64"}, "count": 3, "circle": [0, 2, 1]}],
     "vehicles": [
-        {"id": "1", "body": ROD, "cameras": [CAMERA], "trajectory": {
-            "poses": [{"time_s": 0, "position": [0, 0, 0]}, {"time_s": 0.3, "position": [0.1, 0, 0]}]}},
-        {"id": "b", "body": ROD, "cameras": [CAMERA], "trajectory": {"duration_s": 0.2, "waypoints": [
-            {"position": [0.1, 2.5, 0.2], "rotation_euler_deg": [0, 0, 180]}, {"position": [1, 2.5, 0.2]}]}}],
+        {
+            "id": "1",
+            "body": ROD,
+            "cameras": [CAMERA],
+            "trajectory": {"poses": [{"time_s": 0, "position": [0, 0, 0]}, {"time_s": 0.3, "position": [0.1, 0, 0]}]},
+        },
+        {
+            "id": "b",
+            "body": ROD,
+            "cameras": [CAMERA],
+            "trajectory": {
+                "duration_s": 0.2,
+                "waypoints": [
+                    {"position": [0.1, 2.5, 0.2], "rotation_euler_deg": [0, 0, 180]},
+                    {"position": [1, 2.5, 0.2]},
+                ],
+            },
+        },
+    ],
     "surface_depth_m": 50,
     "render": {"frame_rate_hz": 10, "outputs": ["D", "S", "F"]},
 }
@@ -79,8 +94,9 @@ def test_poses_of_the_other_are_those_of_its_own_dataset_and_then_rest(made):
     expected = own.trajectory().at(own.time_ns()).poses()
     np.testing.assert_allclose(T, expected[[0, 1, 1, 1]], atol=1e-9)
     assert np.array_equal(time_ns, Dataset(made / "veh1").time_ns())
-    np.testing.assert_allclose(Dataset(made / "veh1").meta["moving"][0]["box_m"],
-                               [[-0.2, -0.25, -0.2], [0.2, 0.25, 0.2]], atol=1e-3)
+    np.testing.assert_allclose(
+        Dataset(made / "veh1").meta["moving"][0]["box_m"], [[-0.2, -0.25, -0.2], [0.2, 0.25, 0.2]], atol=1e-3
+    )
 
 
 def test_all_are_sound(made):
@@ -110,7 +126,9 @@ def test_a_run_completes_what_is_there(made, scene_file, tmp_path):
     lost.unlink()
     told = command("run", scene_file, "-o", out, "--device", "cpu", "-q", "--json")
     assert {each: (made["rendered"], made["kept"]) for each, made in json.loads(told.output)["vehicles"].items()} == {
-        "1": (0, 12), "b": (1, 5)}
+        "1": (0, 12),
+        "b": (1, 5),
+    }
     assert lost.read_bytes() == before
 
 
@@ -122,11 +140,14 @@ def test_one_of_them_may_be_chosen(scene_file, made, tmp_path):
     assert (tmp_path / states).read_bytes() == (made / states).read_bytes()
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["run", "{scene}", "-o", "{made}", "--vehicle", "2"], "no vehicle has the id '2' (there are: 1, b)"),
-    (["run", "{scene}", "-o", "{made}/veh1"], "holds a dataset, but each of the scene's vehicles"),
-    (["report", "{made}"], "Several vehicles have a dataset each: give"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "{scene}", "-o", "{made}", "--vehicle", "2"], "no vehicle has the id '2' (there are: 1, b)"),
+        (["run", "{scene}", "-o", "{made}/veh1"], "holds a dataset, but each of the scene's vehicles"),
+        (["report", "{made}"], "Several vehicles have a dataset each: give"),
+    ],
+)
 def test_what_cannot_be_done_is_told(scene_file, made, arguments, words):
     told = command(*(text.format(scene=scene_file, made=made) for text in arguments))
     assert told.exit_code == 2
@@ -143,18 +164,26 @@ def test_info_tells_of_each(scene_file):
 ALONE = {"trajectory": {"poses": [{"position": [0, 0, 0]}]}}
 
 
-@pytest.mark.parametrize(("scene", "words"), [
-    ({"vehicles": [{"id": "1"} | ALONE, {"id": "1"} | ALONE]}, "vehicles.1.id: '1' is that of vehicles.0"),
-    ({"vehicles": [{"id": "a"} | ALONE, {"id": "A"} | ALONE]}, "vehicles.1.id: 'A' is that of vehicles.0"),
-    ({"vehicles": [ALONE], "vehicle": {}}, "vehicle: cannot be given beside vehicles"),
-    ({"vehicles": [ALONE]} | ALONE, "trajectory: cannot be given beside vehicles"),
-    ({"vehicles": [{"id": "1"}]}, "vehicles.0.trajectory: is missing"),
-    ({"vehicles": [ALONE], "observer": "7"}, "observer: no vehicle has the id '7' (there are: 0)"),
-    (ALONE | {"observer": "0"}, "observer: no vehicle has the id '0' (`vehicles` is absent)"),
-    ({"vehicles": [{"body": ROD | {"material": "red"}} | ALONE]}, "vehicles.0.body.material: no material named 'red'"),
-    ({"vehicles": [{"body": ROD | {"path": [{"position": [0, 0, i], "time_s": i} for i in range(2)]}} | ALONE]},
-     "vehicles.0.body.path: the body goes where its vehicle does"),
-])
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        ({"vehicles": [{"id": "1"} | ALONE, {"id": "1"} | ALONE]}, "vehicles.1.id: '1' is that of vehicles.0"),
+        ({"vehicles": [{"id": "a"} | ALONE, {"id": "A"} | ALONE]}, "vehicles.1.id: 'A' is that of vehicles.0"),
+        ({"vehicles": [ALONE], "vehicle": {}}, "vehicle: cannot be given beside vehicles"),
+        ({"vehicles": [ALONE]} | ALONE, "trajectory: cannot be given beside vehicles"),
+        ({"vehicles": [{"id": "1"}]}, "vehicles.0.trajectory: is missing"),
+        ({"vehicles": [ALONE], "observer": "7"}, "observer: no vehicle has the id '7' (there are: 0)"),
+        (ALONE | {"observer": "0"}, "observer: no vehicle has the id '0' (`vehicles` is absent)"),
+        (
+            {"vehicles": [{"body": ROD | {"material": "red"}} | ALONE]},
+            "vehicles.0.body.material: no material named 'red'",
+        ),
+        (
+            {"vehicles": [{"body": ROD | {"path": [{"position": [0, 0, i], "time_s": i} for i in range(2)]}} | ALONE]},
+            "vehicles.0.body.path: the body goes where its vehicle does",
+        ),
+    ],
+)
 def test_bad_fleets_are_refused(scene, words):
     with pytest.raises(InputError) as refused:
         scene_from_dict(scene)
@@ -170,11 +199,13 @@ def test_what_is_wrong_with_a_course_is_told_with_its_key():
 
 
 def test_vehicles_that_meet_are_told():
-    scene = scene_from_dict({"vehicles": [{"id": "1"} | ALONE, {"id": "2", "trajectory": {"poses": [
-        {"position": [0.1, 0, 0]}]}}]})
+    scene = scene_from_dict(
+        {"vehicles": [{"id": "1"} | ALONE, {"id": "2", "trajectory": {"poses": [{"position": [0.1, 0, 0]}]}}]}
+    )
     assert [text for text in simulate(scene).messages if "vehicles.2" in text] == [
         "vehicles.0.trajectory: at 0.00 s the vehicle is 0.10 m from vehicles.2, nearer than their radii of 0.42 m "
-        "together"]
+        "together"
+    ]
 
 
 def test_what_a_dataset_keeps_of_a_scene_is_the_same_scene():

@@ -39,8 +39,25 @@ SECONDS, WAIT_SECONDS, BYTES = 25, 240, 1_000_000_000  # the surfaces of a scene
 FACTORS = [-1, 0, 1e-9, 1e-3, 0.5, 2, 1e3, 1e9]
 NUMBERS = ["1e308", "-1", "0", "NaN", ".nan", "1e999", "1000000000000", "5e-324", "-2147483649", "4294967295", "", "x"]
 TEXTS = [b"*a", b"&a ", b"!!int ", b"{", b"[", b"\0", b"\xff", b"/dev/zero", b"../", b"\\ud800", b"<<: ", b"<script>"]
-VALUES = [None, True, -1, 10**12, 1e308, float("nan"), float("inf"), "", "../x", "a/b", "\0", "<script>", [], {}, [[]],
-          {"id": "/"}, [0] * 1000]
+VALUES = [
+    None,
+    True,
+    -1,
+    10**12,
+    1e308,
+    float("nan"),
+    float("inf"),
+    "",
+    "../x",
+    "a/b",
+    "\0",
+    "<script>",
+    [],
+    {},
+    [[]],
+    {"id": "/"},
+    [0] * 1000,
+]
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
@@ -52,17 +69,17 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
         if how == 0 and out:
             out[rng.randrange(len(out))] ^= 1 << rng.randrange(8)
         elif how == 1:
-            del out[at:at + rng.choice((1, 4, 64, end - at))]
+            del out[at : at + rng.choice((1, 4, 64, end - at))]
         elif how == 2:
-            out[at:at] = out[at:at + rng.choice((1, 4, 64))] * rng.choice((1, 2, 50))
+            out[at:at] = out[at : at + rng.choice((1, 4, 64))] * rng.choice((1, 2, 50))
         elif how == 3:
-            out[at:at + 4] = rng.choice((b"\xff" * 4, b"\0" * 4, b"\x7f" * 4, rng.randbytes(4)))
+            out[at : at + 4] = rng.choice((b"\xff" * 4, b"\0" * 4, b"\x7f" * 4, rng.randbytes(4)))
         elif how == 4:
             out[at:at] = rng.choice(TEXTS)
         else:
-            digits = [i for i in range(len(out)) if out[i:i + 1].isdigit()] or [0]
+            digits = [i for i in range(len(out)) if out[i : i + 1].isdigit()] or [0]
             at = rng.choice(digits)
-            out[at:at + 1] = rng.choice(NUMBERS).encode()
+            out[at : at + 1] = rng.choice(NUMBERS).encode()
     return bytes(out)
 
 
@@ -104,7 +121,6 @@ def read(path, simulated: bool) -> None:
         path.with_suffix(".obj").write_text(QUADS)
         load_mesh(path.with_suffix(".obj"))
 
-
     elif path.suffix in (".ies", ".csv"):
         values = of_profile(read_profile(path, "file")).profile
         assert 0.0 <= min(values) <= max(values) <= 1.0 + 1e-9
@@ -114,8 +130,10 @@ def read(path, simulated: bool) -> None:
 
 def calibrated(path):
     """A scene whose camera is that of a calibration file."""
-    return scene_from_dict({"vehicle": {"cameras": [{"calibration": path.name}]},
-                            "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, path.parent)
+    return scene_from_dict(
+        {"vehicle": {"cameras": [{"calibration": path.name}]}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}},
+        path.parent,
+    )
 
 
 def attempt(path, simulated: bool) -> None:

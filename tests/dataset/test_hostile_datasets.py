@@ -35,15 +35,33 @@ def change(root, path: tuple, value) -> None:
     (root / "dataset.json").write_text(json.dumps(meta))
 
 
-@pytest.mark.parametrize(("path", "value"), [
-    (("cameras", 0, "id"), "M0/../../../x"), (("cameras", 0, "id"), "../"), (("cameras", 0, "id"), "R0"),
-    (("sequence",), "a/"), (("sequence",), "01\n"), (("vehicle",), "/"), (("vehicle",), "."),
-    (("frames", "ranges"), [[0, 10**12]]), (("frames", "ranges"), [[5, 2]]), (("frames", "ranges"), [[-5, 2]]),
-    (("frames", "ranges"), [[0.0, 10]]), (("cameras", 0, "width"), 64.0),
-    (("frames", "ranges"), [[0, 9], [3, 10]]), (("cameras", 0, "width"), 10**9), (("cameras", 0, "height"), 0),
-    (("cameras", 0, "K_opencv", 0, 0), float("nan")), (("cameras", 0, "K_center_half", 1, 1), float("inf")),
-    (("samples", "denoise"), SCRIPT), (("gravity", 2), float("nan")), (("surface_depth_m",), float("-inf")),
-    (("water", "g"), float("nan"))], ids=str)
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("cameras", 0, "id"), "M0/../../../x"),
+        (("cameras", 0, "id"), "../"),
+        (("cameras", 0, "id"), "R0"),
+        (("sequence",), "a/"),
+        (("sequence",), "01\n"),
+        (("vehicle",), "/"),
+        (("vehicle",), "."),
+        (("frames", "ranges"), [[0, 10**12]]),
+        (("frames", "ranges"), [[5, 2]]),
+        (("frames", "ranges"), [[-5, 2]]),
+        (("frames", "ranges"), [[0.0, 10]]),
+        (("cameras", 0, "width"), 64.0),
+        (("frames", "ranges"), [[0, 9], [3, 10]]),
+        (("cameras", 0, "width"), 10**9),
+        (("cameras", 0, "height"), 0),
+        (("cameras", 0, "K_opencv", 0, 0), float("nan")),
+        (("cameras", 0, "K_center_half", 1, 1), float("inf")),
+        (("samples", "denoise"), SCRIPT),
+        (("gravity", 2), float("nan")),
+        (("surface_depth_m",), float("-inf")),
+        (("water", "g"), float("nan")),
+    ],
+    ids=str,
+)
 def test_an_entry_that_no_dataset_has_is_refused(copy, path, value):
     change(copy, path, value)
     with pytest.raises(InputError, match=r"dataset\.json"):
@@ -145,7 +163,7 @@ def test_an_exr_whose_table_begins_beyond_its_end_is_not_whole(copy):
     data = bytearray(path.read_bytes())
     end = data.index(b"screenWindowWidth")
     at = data.index(b"\0", data.index(b"float\0", end) + 10)
-    data[at + 1:at + 9] = (2**62).to_bytes(8, "little")
+    data[at + 1 : at + 9] = (2**62).to_bytes(8, "little")
     path.write_bytes(data)
     with pytest.raises(InputError):
         Dataset(copy).linear("A", 0)

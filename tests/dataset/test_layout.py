@@ -25,9 +25,16 @@ def test_names_and_folders_are_those_of_the_released_dataset(written):
     cam = written / "vehicle0" / "cam0"
     for output in "ABCD":
         assert (cam / output / f"seq01_veh0_camL0_{output}-00000009.png").is_file()
-    for name in ("camL0.yaml", "camL0_timestamps.csv", "camL0_poses/camL0_poses_transformation_matrix.csv",
-                 "camL0_poses/camL0_poses_euler.csv", "../imu0/imu0_data.csv", "../depth0/depth0_data.csv",
-                 "../ground_truth_vehicle0_poses/vehicle0_poses_euler.csv", "../cam1/camR0.yaml"):
+    for name in (
+        "camL0.yaml",
+        "camL0_timestamps.csv",
+        "camL0_poses/camL0_poses_transformation_matrix.csv",
+        "camL0_poses/camL0_poses_euler.csv",
+        "../imu0/imu0_data.csv",
+        "../depth0/depth0_data.csv",
+        "../ground_truth_vehicle0_poses/vehicle0_poses_euler.csv",
+        "../cam1/camR0.yaml",
+    ):
         assert (cam / name).is_file(), name
 
 
@@ -48,8 +55,11 @@ def test_the_public_name_opens_a_dataset(written):
 def test_depth_comes_back_within_half_a_step(data):
     scene = make_scene()
     T_w_v = simulate(scene).trajectory.T_w_v(60)
-    truth = FlatFloorRenderer(scene).render(T_w_v, "R0", "D", spp=8, max_scatterings=None, max_bounces=None, layers=(),
-                                            frame=3).D.depth
+    truth = (
+        FlatFloorRenderer(scene)
+        .render(T_w_v, "R0", "D", spp=8, max_scatterings=None, max_bounces=None, layers=(), frame=3)
+        .D.depth
+    )
     read = data.depth(3, "R0")
     within = truth < 25 - 25 / 65535
     assert within.any()
@@ -125,10 +135,34 @@ def test_an_unknown_camera_and_a_frame_that_is_not_there_are_told_with_those_tha
         data.depth(99)
 
 
-@pytest.mark.parametrize("keys", [
-    "versions", "versions.varos_warp", "device", "sources", "scene", "samples", "samples.plan", "frames.ranges",
-    "frames.rate_hz", "depth", "depth.kind", "depth.range_m", "cameras", "cameras.0.width", "cameras.0.K_opencv",
-    "cameras.1.mount", "sensors", "outputs", "gravity", "surface_depth_m", "lights", "sequence", "vehicle"])
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "versions",
+        "versions.varos_warp",
+        "device",
+        "sources",
+        "scene",
+        "samples",
+        "samples.plan",
+        "frames.ranges",
+        "frames.rate_hz",
+        "depth",
+        "depth.kind",
+        "depth.range_m",
+        "cameras",
+        "cameras.0.width",
+        "cameras.0.K_opencv",
+        "cameras.1.mount",
+        "sensors",
+        "outputs",
+        "gravity",
+        "surface_depth_m",
+        "lights",
+        "sequence",
+        "vehicle",
+    ],
+)
 def test_an_entry_that_is_missing_from_dataset_json_is_bad_input_that_names_it(written, tmp_path, keys):
     meta = json.loads((written / "dataset.json").read_text())
     *path, last = [int(key) if key.isdigit() else key for key in keys.split(".")]
@@ -139,17 +173,24 @@ def test_an_entry_that_is_missing_from_dataset_json_is_bad_input_that_names_it(w
         Dataset(tmp_path)
 
 
-@pytest.mark.parametrize(("key", "value", "words"), [
-    ("spp", 0, "samples.plan.spp is missing or damaged: .*greater than 0"),
-    ("spp", "many", "samples.plan.spp .*valid number"),
-    ("max_scatterings", -1, "samples.plan.max_scatterings .*greater than or equal to 0"),
-    ("max_bounces", 2.5, "samples.plan.max_bounces .*integer"),
-    ("integrator", "magic", "samples.plan.integrator .*'auto', 'field', 'path' or 'reference'"),
-    ("spp_by_frame", {"L0": [[0, 4.0]], "X9": [[0, 4.0]]},
-     "samples.plan.spp_by_frame.X9 is of no camera of the dataset.*L0, R0"),
-    ("spp_by_frame", {"L0": []}, "samples.plan.spp_by_frame.L0 .*at least 1"),
-    ("spp_by_frame", {"L0": [[0, -4.0]]}, r"samples.plan.spp_by_frame.L0.0.1 .*greater than 0"),
-    ("spp_by_frame", {"L0": [[5, 4.0], [2, 4.0]]}, "samples.plan.spp_by_frame.L0 .*frames are not in order")])
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("spp", 0, "samples.plan.spp is missing or damaged: .*greater than 0"),
+        ("spp", "many", "samples.plan.spp .*valid number"),
+        ("max_scatterings", -1, "samples.plan.max_scatterings .*greater than or equal to 0"),
+        ("max_bounces", 2.5, "samples.plan.max_bounces .*integer"),
+        ("integrator", "magic", "samples.plan.integrator .*'auto', 'field', 'path' or 'reference'"),
+        (
+            "spp_by_frame",
+            {"L0": [[0, 4.0]], "X9": [[0, 4.0]]},
+            "samples.plan.spp_by_frame.X9 is of no camera of the dataset.*L0, R0",
+        ),
+        ("spp_by_frame", {"L0": []}, "samples.plan.spp_by_frame.L0 .*at least 1"),
+        ("spp_by_frame", {"L0": [[0, -4.0]]}, r"samples.plan.spp_by_frame.L0.0.1 .*greater than 0"),
+        ("spp_by_frame", {"L0": [[5, 4.0], [2, 4.0]]}, "samples.plan.spp_by_frame.L0 .*frames are not in order"),
+    ],
+)
 def test_a_plan_that_cannot_be_is_bad_input_that_says_what_is_wrong(written, tmp_path, key, value, words):
     meta = json.loads((written / "dataset.json").read_text())
     meta["samples"]["plan"][key] = value

@@ -16,18 +16,33 @@ from varos_warp.dataset.view import view
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.sim.poses import poses_along
 
-PATH = [{"time_s": 0, "position": [-0.5, 1.5, 0], "rotation_euler_deg": [0, 90, 0]},
-        {"time_s": 0.4, "position": [0.1, 1.7, 0.2], "rotation_euler_deg": [0, 90, 40]}]
+PATH = [
+    {"time_s": 0, "position": [-0.5, 1.5, 0], "rotation_euler_deg": [0, 90, 0]},
+    {"time_s": 0.4, "position": [0.1, 1.7, 0.2], "rotation_euler_deg": [0, 90, 40]},
+]
 SCENE = {
     "terrain": {"kind": "procedural", "size_m": 20, "resolution": 65, "position": [0, 5, -1.8]},
-    "objects": [{"kind": "pipe", "radius": 0.5, "length": 1.5, "path": PATH},
-                {"kind": "boulder", "position": [0.5, 2.5, -0.4], "diameter": 0.5}],
+    "objects": [
+        {"kind": "pipe", "radius": 0.5, "length": 1.5, "path": PATH},
+        {"kind": "boulder", "position": [0.5, 2.5, -0.4], "diameter": 0.5},
+    ],
     "surface_depth_m": 50,
-    "vehicle": {"lights": [{"kind": "spot", "position": [0.3, 0, 0.2], "direction": [0, 1, 0], "cone_deg": 80,
-                            "intensity": [20, 20, 20]}],
-                "cameras": [{"id": "M0", "resolution": [96, 54]}]},
-    "trajectory": {"poses": [{"time_s": 0, "position": [0, 0, 0]}, {"time_s": 1, "position": [0.1, 0, 0]}],
-                   "duration_s": 0.4},
+    "vehicle": {
+        "lights": [
+            {
+                "kind": "spot",
+                "position": [0.3, 0, 0.2],
+                "direction": [0, 1, 0],
+                "cone_deg": 80,
+                "intensity": [20, 20, 20],
+            }
+        ],
+        "cameras": [{"id": "M0", "resolution": [96, 54]}],
+    },
+    "trajectory": {
+        "poses": [{"time_s": 0, "position": [0, 0, 0]}, {"time_s": 1, "position": [0.1, 0, 0]}],
+        "duration_s": 0.4,
+    },
     "render": {"frame_rate_hz": 10, "outputs": ["B", "D", "S", "F"], "spp_b": 2, "denoise_b": "none"},
 }
 
@@ -45,7 +60,7 @@ def test_poses_and_box_are_on_record(made):
     assert data.moving == ["objects.0"]
     assert np.array_equal(time_ns, data.time_ns())
     np.testing.assert_allclose(T, poses_along(scene.objects[0].stops, time_ns), atol=1e-12)
-    entry, = data.meta["moving"]
+    (entry,) = data.meta["moving"]
     assert entry["id"] == next(row["id"] for row in data.segments() if row["key"] == "objects.0")
     np.testing.assert_allclose(entry["box_m"], [[-0.5, -0.5, -0.75], [0.5, 0.5, 0.75]], atol=1e-3)
     assert "OBJECTS THAT MOVE" in (made / "README.txt").read_text()
@@ -63,8 +78,8 @@ def test_the_viewer_shows_where_it_goes_and_its_box(made, tmp_path):
         return [value for row in table for key, value in row.items() if key.endswith(name) and value is not None]
 
     places = found("/world/moving/objects.0", "translation")
-    np.testing.assert_allclose([place for place, in places], Dataset(made).poses("objects.0")[1][:, :3, 3], atol=1e-6)
-    half, = found("/world/moving/objects.0/box", "half_sizes", "select_static")
+    np.testing.assert_allclose([place for (place,) in places], Dataset(made).poses("objects.0")[1][:, :3, 3], atol=1e-6)
+    (half,) = found("/world/moving/objects.0/box", "half_sizes", "select_static")
     np.testing.assert_allclose(half, [[0.5, 0.5, 0.75]], atol=1e-3)
 
 
@@ -89,8 +104,15 @@ def test_a_sound_dataset_is_sound_since_pixels_that_move_are_left_out(made, monk
     assert any("neighbours" in problem for problem in validate(made, quiet=True).problems)
 
 
-@pytest.mark.parametrize(("what", "told"), [("pose", "is not where its path has it"), ("file", "there is no such file"),
-                                            ("flow", "does not follow from D"), ("id", "but the scene lets")])
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        ("pose", "is not where its path has it"),
+        ("file", "there is no such file"),
+        ("flow", "does not follow from D"),
+        ("id", "but the scene lets"),
+    ],
+)
 def test_damage_is_found(made, tmp_path, monkeypatch, what, told):
     out = tmp_path / "out"
     shutil.copytree(made, out)
@@ -129,23 +151,40 @@ def test_every_export_has_their_poses(made, tmp_path, form):
             found = [bag.deserialize(raw, of.msgtype).transforms[0] for of, _, raw in bag.messages(topics)]
         found = [message for message in found if message.child_frame_id == "objects.0"]
         assert {message.header.frame_id for message in found} == {"map"}
-        np.testing.assert_allclose([[t.transform.translation.x, t.transform.translation.y, t.transform.translation.z]
-                                    for t in found], T[:, :3, 3], atol=1e-12)
+        np.testing.assert_allclose(
+            [[t.transform.translation.x, t.transform.translation.y, t.transform.translation.z] for t in found],
+            T[:, :3, 3],
+            atol=1e-12,
+        )
 
 
 @pytest.fixture(scope="module")
 def passed_through(tmp_path_factory):
     """A boulder that comes from behind, through the camera, whose shutter is open for long."""
     path = [{"time_s": t, "position": [0.3, -1.0 + 3.0 * t, 1.2]} for t in (0, 1)]
-    camera = {"id": "M0", "resolution": [48, 27], "sensor_mm": [4.8, 2.7], "focal_mm": 3.0,
-              "rotation_euler_deg": [-15, 0, 0], "shutter": {"exposure_s": 0.08}}
-    scene = scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 0.6, "seed": 2},
-        "objects": [{"kind": "boulder", "diameter": 0.6, "path": path}], "surface_depth_m": 50,
-        "vehicle": {"cameras": [camera]},
-        "trajectory": {"poses": [{"position": [0, 0, 1.2]}, {"time_s": 1, "position": [0.6, 0.2, 1.2],
-                                                             "rotation_euler_deg": [0, 0, 20]}]},
-        "render": {"frame_rate_hz": 10, "outputs": ["B", "C", "D", "S"], "spp_b": 4, "denoise_b": "none"}})
+    camera = {
+        "id": "M0",
+        "resolution": [48, 27],
+        "sensor_mm": [4.8, 2.7],
+        "focal_mm": 3.0,
+        "rotation_euler_deg": [-15, 0, 0],
+        "shutter": {"exposure_s": 0.08},
+    }
+    scene = scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 0.6, "seed": 2},
+            "objects": [{"kind": "boulder", "diameter": 0.6, "path": path}],
+            "surface_depth_m": 50,
+            "vehicle": {"cameras": [camera]},
+            "trajectory": {
+                "poses": [
+                    {"position": [0, 0, 1.2]},
+                    {"time_s": 1, "position": [0.6, 0.2, 1.2], "rotation_euler_deg": [0, 0, 20]},
+                ]
+            },
+            "render": {"frame_rate_hz": 10, "outputs": ["B", "C", "D", "S"], "spp_b": 4, "denoise_b": "none"},
+        }
+    )
     out = tmp_path_factory.mktemp("passing") / "out"
     produce(scene, out, device="cpu", quiet=True)
     return out

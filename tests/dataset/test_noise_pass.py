@@ -63,8 +63,15 @@ def test_everything_else_is_that_of_the_dataset_without_noise(written, noisy):
     changed = {name for name in before if after.get(name) != before[name]}
     images = {name for name in before if "/A/" in name}
     assert images <= changed
-    assert changed - images <= {"dataset.json", "README.txt", "contact_sheet.png", "report.html", "checksums",
-                                "vehicle0/imu0/imu0_data.csv", "vehicle0/depth0/depth0_data.csv"}
+    assert changed - images <= {
+        "dataset.json",
+        "README.txt",
+        "contact_sheet.png",
+        "report.html",
+        "checksums",
+        "vehicle0/imu0/imu0_data.csv",
+        "vehicle0/depth0/depth0_data.csv",
+    }
 
 
 def test_dataset_json_says_profile_and_seed(written, noisy):
@@ -152,8 +159,9 @@ def test_dark_current_gathers_while_the_shutter_is_open(tmp_path):
     root = exposed_for(tmp_path / "d", 0.02)
     model = {"electrons_per_radiance": 1e5, "shot_noise": False, "bits": 16, "vignetting": {"kind": "cos4"}}
     dark, light = (NoiseProfile(camera=model | more) for more in ({"dark_current_electrons_per_s": 5000.0}, {}))
-    made, without = (add_noise(root, profile, tmp_path / name, quiet=True)
-                     for name, profile in (("dark", dark), ("light", light)))
+    made, without = (
+        add_noise(root, profile, tmp_path / name, quiet=True) for name, profile in (("dark", dark), ("light", light))
+    )
     linear, gain = Dataset(root).linear("A", 1), Dataset(root).gain("A", 1)
     bare = image_noise.expose(light.camera, linear, gain, np.random.default_rng(0))
     more = image_noise.expose(dark.camera, linear, gain, np.random.default_rng(0), exposure_s=0.02)
@@ -199,15 +207,18 @@ def test_a_failure_leaves_nothing(written, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["broken"]
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("camera: {electrons_per_dn: 2, bits: 99}", r"camera\.bits = 99"),
-    ("camera: {bits: 12}", "give one of electrons_per_dn and electrons_per_radiance"),
-    ("imu: {gyroscope_noise_dens: 1}", "gyroscope_noise_dens: unknown key. Did you mean 'gyroscope_noise_density'"),
-    ("camera: {electrons_per_radiance: 1.0e+20}", r"camera\.electrons_per_radiance = 1e\+20"),
-    ("camera: {electrons_per_dn: 1.0e+20}", r"camera\.electrons_per_dn = 1e\+20"),
-    ("depth_gauge: {resolution: -1}", r"depth_gauge\.resolution = -1"),
-    ("", "the noise profile is empty"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("camera: {electrons_per_dn: 2, bits: 99}", r"camera\.bits = 99"),
+        ("camera: {bits: 12}", "give one of electrons_per_dn and electrons_per_radiance"),
+        ("imu: {gyroscope_noise_dens: 1}", "gyroscope_noise_dens: unknown key. Did you mean 'gyroscope_noise_density'"),
+        ("camera: {electrons_per_radiance: 1.0e+20}", r"camera\.electrons_per_radiance = 1e\+20"),
+        ("camera: {electrons_per_dn: 1.0e+20}", r"camera\.electrons_per_dn = 1e\+20"),
+        ("depth_gauge: {resolution: -1}", r"depth_gauge\.resolution = -1"),
+        ("", "the noise profile is empty"),
+    ],
+)
 def test_a_wrong_profile_is_bad_input_that_names_file_and_key(tmp_path, text, message):
     path = tmp_path / "mine.yaml"
     path.write_text(text)

@@ -35,8 +35,10 @@ def test_all_readers_find_the_pixels_that_were_written(tmp_path, shape, dtype):
 def test_a_file_does_not_depend_on_the_thread_that_packs_it():
     """Threads that live at once have stacks of their own, whose addresses ISA-L by itself mixes into what it finds."""
     rng, count, found = np.random.default_rng(1), 600, []
-    images = [(rng.integers(0, 9, (9, 1, 3)) + np.arange(16)[:, None] // rng.integers(1, 9)).astype(np.uint8)
-              for _ in range(30)]
+    images = [
+        (rng.integers(0, 9, (9, 1, 3)) + np.arange(16)[:, None] // rng.integers(1, 9)).astype(np.uint8)
+        for _ in range(30)
+    ]
     together = threading.Barrier(count)
 
     def pack():
@@ -62,9 +64,21 @@ def test_how_pixels_lie_in_memory_does_not_matter():
     assert png.encode(turned) == png.encode(turned.copy()) == png.encode(turned.astype(">u2"))
 
 
-@pytest.mark.parametrize(("shape", "dtype"), [
-    ((5, 7, 4), np.uint8), ((5, 7, 1), np.uint8), ((1, 5, 7, 3), np.uint8), ((5, 7), np.int16), ((5, 7), bool),
-    ((5, 7), np.float16), ((5, 7, 3), np.float32), ((0, 7), np.uint8), ((5, 0, 3), np.uint16), ((5,), np.uint8)])
+@pytest.mark.parametrize(
+    ("shape", "dtype"),
+    [
+        ((5, 7, 4), np.uint8),
+        ((5, 7, 1), np.uint8),
+        ((1, 5, 7, 3), np.uint8),
+        ((5, 7), np.int16),
+        ((5, 7), bool),
+        ((5, 7), np.float16),
+        ((5, 7, 3), np.float32),
+        ((0, 7), np.uint8),
+        ((5, 0, 3), np.uint16),
+        ((5,), np.uint8),
+    ],
+)
 def test_other_arrays_are_refused(shape, dtype):
     with pytest.raises(ValueError, match="a PNG holds"):
         png.encode(np.ones(shape, dtype))
@@ -83,20 +97,23 @@ def test_files_of_older_versions_are_read(tmp_path):
 def rewritten(data, rows):
     """The file with other rows, whole and with the right checksums."""
     at = data.index(b"IDAT") - 4
-    length, = struct.unpack(">I", data[at:at + 4])
+    (length,) = struct.unpack(">I", data[at : at + 4])
     packed = b"IDAT" + zlib.compress(rows)
     chunk = struct.pack(">I", len(packed) - 4) + packed + struct.pack(">I", zlib.crc32(packed))
-    return data[:at] + chunk + data[at + 12 + length:]
+    return data[:at] + chunk + data[at + 12 + length :]
 
 
-@pytest.mark.parametrize(("damage", "problem"), [
-    (lambda data: data[:60] + bytes([data[60] ^ 1]) + data[61:], "a checksum of it is wrong"),
-    (lambda data: data[:-30] + data[-12:], "cannot be read"),
-    (lambda data: rewritten(data, bytes(9 * 85 - 1)), "does not hold its pixels"),
-    (lambda data: rewritten(data, bytes(1 << 26)), "does not hold its pixels"),
-    (lambda data: rewritten(data, bytes(9 * 85)), "filtered otherwise"),
-    (lambda data: data[:16] + struct.pack(">II", 1 << 20, 1 << 20) + data[24:], "cannot be read"),
-])
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [
+        (lambda data: data[:60] + bytes([data[60] ^ 1]) + data[61:], "a checksum of it is wrong"),
+        (lambda data: data[:-30] + data[-12:], "cannot be read"),
+        (lambda data: rewritten(data, bytes(9 * 85 - 1)), "does not hold its pixels"),
+        (lambda data: rewritten(data, bytes(1 << 26)), "does not hold its pixels"),
+        (lambda data: rewritten(data, bytes(9 * 85)), "filtered otherwise"),
+        (lambda data: data[:16] + struct.pack(">II", 1 << 20, 1 << 20) + data[24:], "cannot be read"),
+    ],
+)
 def test_damage_is_one_message(tmp_path, damage, problem):
     path = tmp_path / "f.png"
     files.write_png(path, PIXELS)

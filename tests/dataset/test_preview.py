@@ -39,9 +39,13 @@ def scene_file(tmp_path):
         "terrain": {"kind": "procedural", "size_m": 10, "resolution": 17, "relief_m": 0.5},
         "objects": [{"file": "box.obj", "position": [0, 2, 0.3]}],
         "water": {"coefficients": {"sigma_s": [0.02, 0.05, 0.1], "sigma_a": [0.1, 0.04, 0.02]}},
-        "vehicle": {"lights": [LAMP], "cameras": [
-            {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-25, 0, 0], "resolution": [96, 54]}
-            for name, x in (("L0", -0.1), ("R0", 0.1))]},
+        "vehicle": {
+            "lights": [LAMP],
+            "cameras": [
+                {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-25, 0, 0], "resolution": [96, 54]}
+                for name, x in (("L0", -0.1), ("R0", 0.1))
+            ],
+        },
         "trajectory": {"poses": [{"position": [0, 0, 1]}, {"time_s": 1.0, "position": [0, 0.5, 1]}]},
         "render": {"exposure": {"A": GAIN}, "denoise": "none"},
     }
@@ -125,8 +129,11 @@ def fresh(path: Path, width: int = 48, frame: int = 0) -> np.ndarray:
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": cameras})})
     simulation = simulate(scene)
     T_w_v, time_ns = simulation.frames.T_w_v(frame), int(simulation.frames.time_ns[frame])
-    image = FrameRenderer(scene, "cpu").render(T_w_v, None, "A", spp=1, integrator="path", time_ns=time_ns,
-                                               motion=simulation.motion(time_ns)).A
+    image = (
+        FrameRenderer(scene, "cpu")
+        .render(T_w_v, None, "A", spp=1, integrator="path", time_ns=time_ns, motion=simulation.motion(time_ns))
+        .A
+    )
     return developed("A", image.radiance, scene, cameras[0])[0]
 
 
@@ -164,7 +171,7 @@ def test_the_picture_is_the_frame(scene_file, tmp_path, where):
 def blocks(image: np.ndarray) -> np.ndarray:
     """Means of the whole blocks of 8 x 8 pixels."""
     rows, columns = (side // 8 for side in image.shape[:2])
-    return image[:8 * rows, :8 * columns].reshape(rows, 8, columns, 8, 3).mean((1, 3))
+    return image[: 8 * rows, : 8 * columns].reshape(rows, 8, columns, 8, 3).mean((1, 3))
 
 
 CHANGES = {
@@ -223,8 +230,10 @@ def test_a_calibration_that_is_saved_is_a_change_too(scene_file, counted):
     file = scene_file.with_name("chain.yaml")
 
     def calibrate(f: int):
-        file.write_text(f"cam0: {{camera_model: pinhole, intrinsics: [{f}, 70, 47.5, 26.5], distortion_model: none, "
-                        "resolution: [96, 54]}")
+        file.write_text(
+            f"cam0: {{camera_model: pinhole, intrinsics: [{f}, 70, 47.5, 26.5], distortion_model: none, "
+            "resolution: [96, 54]}"
+        )
 
     calibrate(70)
     edit(scene_file, cameras=[{"id": "L0", "rotation_euler_deg": [-25, 0, 0], "calibration": "chain.yaml"}])
@@ -245,12 +254,17 @@ def test_a_broken_save_keeps_the_picture_and_says_why(scene_file, counted, capsy
             pictures.append((scene_file.parent / "out" / "preview.png").read_bytes())
             for step in steps:
                 step()
+
         return run
 
-    screen = watch(scene_file, after(lambda: scene_file.write_text(good.replace("cone_deg", "cone"))),
-                   after(lambda: scene_file.write_text(good + "\n  ]")),
-                   after(lambda: scene_file.write_text(good), lambda: mesh.rename(mesh.with_suffix(".old"))),
-                   after(lambda: mesh.with_suffix(".old").rename(mesh)), viewpoint=Viewpoint(width=48))
+    screen = watch(
+        scene_file,
+        after(lambda: scene_file.write_text(good.replace("cone_deg", "cone"))),
+        after(lambda: scene_file.write_text(good + "\n  ]")),
+        after(lambda: scene_file.write_text(good), lambda: mesh.rename(mesh.with_suffix(".old"))),
+        after(lambda: mesh.with_suffix(".old").rename(mesh)),
+        viewpoint=Viewpoint(width=48),
+    )
     assert len(set(pictures)) == 1
     assert len(screen.images) == 2
     unknown, yaml_error, missing = screen.told
@@ -263,14 +277,17 @@ def test_a_broken_save_keeps_the_picture_and_says_why(scene_file, counted, capsy
     assert counted == {"built": 2, "simulated": 1}  # the second failed for want of the mesh, the first served again
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["--frame", 11], "--frame = 11: there is no such frame. The sequence has frames 0 to 10."),
-    (["--time", 60], "--time = 60.0: is not on the course."),
-    (["--time", "nan"], "--time = nan: is not on the course."),
-    (["--time", 0.5, "--frame", 1], "--frame and --time: cannot be given together."),
-    (["--camera", "X9"], "--camera = 'X9': no such camera. There are: L0, R0."),
-    (["--set", "vehicle.lights.0.cone_deg=-1"], "vehicle.lights.0.cone_deg = -1"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--frame", 11], "--frame = 11: there is no such frame. The sequence has frames 0 to 10."),
+        (["--time", 60], "--time = 60.0: is not on the course."),
+        (["--time", "nan"], "--time = nan: is not on the course."),
+        (["--time", 0.5, "--frame", 1], "--frame and --time: cannot be given together."),
+        (["--camera", "X9"], "--camera = 'X9': no such camera. There are: L0, R0."),
+        (["--set", "vehicle.lights.0.cone_deg=-1"], "vehicle.lights.0.cone_deg = -1"),
+    ],
+)
 def test_what_cannot_be_shown_at_first_ends_it_with_status_2(scene_file, tmp_path, arguments, words):
     result = call(scene_file, "-o", tmp_path / "out", "--device", "cpu", *arguments)
     assert result.exit_code == 2
@@ -288,12 +305,17 @@ def test_a_dataset_is_no_folder_for_it(scene_file, tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_an_interruption_is_status_130_and_leaves_whole_files_only(scene_file, tmp_path):
-    code = ("import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-            "from varos_warp.cli import main; main()")
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from varos_warp.cli import main; main()"
+    )
     out = tmp_path / "out"
-    process = subprocess.Popen([sys.executable, "-c", code, "preview", scene_file, "-o", out, "--width", "48"],
-                               stderr=subprocess.PIPE, text=True, env=os.environ | {
-                                   "PYTHONPATH": os.pathsep.join(sys.path)})
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "preview", scene_file, "-o", out, "--width", "48"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
     deadline = time.monotonic() + 60
     while not (out / "preview.png").exists() and time.monotonic() < deadline and process.poll() is None:
         time.sleep(0.02)
@@ -375,8 +397,11 @@ def test_the_viewer_gets_every_save_as_a_step(scene_file, tmp_path):
     preview(scene_file, screen, Viewpoint(width=48), spp=1, device="cpu", quiet=True, once=True)
     stream.disconnect()
     recording = load_recording(tmp_path / "test.rrd")
-    shown = [row for row in recording.view(index="save", contents="/world/camera/A").select().read_all().to_pylist()
-             if row["save"] is not None]
+    shown = [
+        row
+        for row in recording.view(index="save", contents="/world/camera/A").select().read_all().to_pylist()
+        if row["save"] is not None
+    ]
     assert [row["save"] for row in shown] == [0, 1]
     for row, pixels in zip(shown, (before, fresh(scene_file)), strict=True):
         buffer = next(value for name, value in row.items() if name.endswith("buffer"))
@@ -401,8 +426,12 @@ def test_a_folder_that_cannot_be_written_ends_it(scene_file, tmp_path):
 
 
 def test_a_course_along_an_object_is_driven_anew_when_the_object_moves(scene_file, counted):
-    along = {"kind": "hull_following", "surface": "objects.0", "distance_m": 1.0,
-             "through": [[-0.1, 0, 0.3], [0.1, 0, 0.3]]}
+    along = {
+        "kind": "hull_following",
+        "surface": "objects.0",
+        "distance_m": 1.0,
+        "through": [[-0.1, 0, 0.3], [0.1, 0, 0.3]],
+    }
     edit(scene_file, trajectory={"pattern": along})
     moved = [{"file": "box.obj", "position": [0, 2.3, 0.3]}]
     screen = watch(scene_file, lambda: edit(scene_file, objects=moved), viewpoint=Viewpoint(width=48))
@@ -411,8 +440,9 @@ def test_a_course_along_an_object_is_driven_anew_when_the_object_moves(scene_fil
 
 
 @pytest.mark.parametrize("change", ["file", "camera"])
-def test_a_recorded_course_is_followed_anew_when_its_file_or_the_camera_that_it_is_of_changes(scene_file, counted,
-                                                                                              change):
+def test_a_recorded_course_is_followed_anew_when_its_file_or_the_camera_that_it_is_of_changes(
+    scene_file, counted, change
+):
     def write(height):
         scene_file.with_name("course.txt").write_text(f"0 0 0 {height} 0 0 0 1\n1 0 0.5 {height} 0 0 0 1\n")
 

@@ -39,9 +39,18 @@ def test_steps_that_are_all_done_at_once_have_their_rate_from_the_start(clock, c
 
 def test_a_log_is_told_of_each_step_and_of_a_long_one_now_and_then(clock, capsys):
     with progress.NamedSteps("planning", ["views", "samples"]) as steps:
-        for seconds, name, share in ((2, "views", 0.0), (1, "views", 0.5), (1, "samples", 0.0), (14, "samples", 0.2),
-                                     (1, "samples", 0.3), (14, "samples", 0.4)):
+        for seconds, name, share in (
+            (2, "views", 0.0),
+            (1, "views", 0.5),
+            (1, "samples", 0.0),
+            (14, "samples", 0.2),
+            (1, "samples", 0.3),
+            (14, "samples", 0.4),
+        ):
             clock[0] += seconds
             steps.reach(name, share)
     assert capsys.readouterr().err.splitlines() == [
-        "planning: views after 0:02", "planning: samples after 0:04", "planning: samples 30% after 0:19"]
+        "planning: views after 0:02",
+        "planning: samples after 0:04",
+        "planning: samples 30% after 0:19",
+    ]

@@ -63,8 +63,9 @@ def test_a_is_what_the_noise_pass_makes_of_the_same_scene_without_noise(whole, t
     data = Dataset(whole)
     for camera in data.cameras:
         for truth in (False, True):
-            np.testing.assert_array_equal(data.pixels("A", 4, camera, truth=truth),
-                                          noisy.pixels("A", 4, camera, truth=truth))
+            np.testing.assert_array_equal(
+                data.pixels("A", 4, camera, truth=truth), noisy.pixels("A", 4, camera, truth=truth)
+            )
     assert (data.pixels("A", 4) != data.pixels("A", 4, truth=True)).mean() > 0.3
 
 
@@ -89,7 +90,8 @@ def test_another_percentile_or_level_exposes_what_is_there_anew(whole, tmp_path)
     assert validate(with_adaptive, quiet=True).problems == []
     made(out)
     assert {name: data for name, data in tree(out).items() if "/A" in name} == {
-        name: data for name, data in tree(whole).items() if "/A" in name}
+        name: data for name, data in tree(whole).items() if "/A" in name
+    }
 
 
 def test_dataset_json_and_the_readme_tell_of_it(whole, tmp_path):
@@ -110,13 +112,18 @@ def test_damage_to_either_image_is_named(whole, tmp_path):
     out = made(tmp_path / "out", frames=slice(2))
     data = Dataset(out)
     (out / "checksums").unlink()
-    for path, other in ((data.layout.clean("L0", 0), data.layout.clean("L0", 1)),
-                        (data.layout.image("R0", "A", 0), data.layout.clean("R0", 0)),
-                        (data.layout.image("R0", "B", 1), data.layout.image("R0", "B", 0))):
+    for path, other in (
+        (data.layout.clean("L0", 0), data.layout.clean("L0", 1)),
+        (data.layout.image("R0", "A", 0), data.layout.clean("R0", 0)),
+        (data.layout.image("R0", "B", 1), data.layout.image("R0", "B", 0)),
+    ):
         path.write_bytes(other.read_bytes())
     problems = validate(out, quiet=True).problems
-    for words in ("A_clean/seq01_veh0_camL0_A-00000000.png: is not its EXR with the gain",
-                  "camR0_A-00000000.png: is not its EXR with the noise", "camR0_B-00000001.png: is not its EXR"):
+    for words in (
+        "A_clean/seq01_veh0_camL0_A-00000000.png: is not its EXR with the gain",
+        "camR0_A-00000000.png: is not its EXR with the noise",
+        "camR0_B-00000001.png: is not its EXR",
+    ):
         assert any(words in problem for problem in problems), problems
 
 
@@ -134,20 +141,25 @@ def test_of_a_profile_with_sensors_the_camera_is_taken_and_that_is_told():
     assert scene.render.noise == load_profile("low_light_rov").camera
 
 
-@pytest.mark.parametrize(("render", "said"), [
-    ({"noise": "machine_visoin"}, r"render\.noise.*no such noise profile.*machine_vision"),
-    ({"noise": "bar30"}, r"render\.noise.*has no camera"),
-    ({"noise": {"bits": 12}}, r"render\.noise.*give one of electrons_per_dn"),
-    ({"noise": {"electrons_per_dn": 2.6, "dark_current_electrons_per_s": 9.0}},
-     r"render\.noise\.dark_current_electrons_per_s.*no shutter"),
-    ({"dither": "blue"}, r"render\.dither.*choices"),
-    ({"exposure": {"A": {"meter": "median"}}}, r"render\.exposure\.A\.meter.*choices"),
-    ({"exposure": {"A": {"percentile": 98}}}, r"render\.exposure\.A\.meter.*missing"),
-    ({"exposure": {"A": {"meter": "percentile", "percentile": 120}}}, r"render\.exposure\.A\.percentile.*100"),
-    ({"exposure": {"A": {"meter": "percentile", "level": 0}}}, r"render\.exposure\.A\.level"),
-    ({"exposure": {"A": {"meter": "percentile", "gain": 3}}}, r"render\.exposure\.A\.gain.*unknown key"),
-    ({"exposure": {"A": "adaptiv"}}, r"render\.exposure\.A.*adaptive"),
-])
+@pytest.mark.parametrize(
+    ("render", "said"),
+    [
+        ({"noise": "machine_visoin"}, r"render\.noise.*no such noise profile.*machine_vision"),
+        ({"noise": "bar30"}, r"render\.noise.*has no camera"),
+        ({"noise": {"bits": 12}}, r"render\.noise.*give one of electrons_per_dn"),
+        (
+            {"noise": {"electrons_per_dn": 2.6, "dark_current_electrons_per_s": 9.0}},
+            r"render\.noise\.dark_current_electrons_per_s.*no shutter",
+        ),
+        ({"dither": "blue"}, r"render\.dither.*choices"),
+        ({"exposure": {"A": {"meter": "median"}}}, r"render\.exposure\.A\.meter.*choices"),
+        ({"exposure": {"A": {"percentile": 98}}}, r"render\.exposure\.A\.meter.*missing"),
+        ({"exposure": {"A": {"meter": "percentile", "percentile": 120}}}, r"render\.exposure\.A\.percentile.*100"),
+        ({"exposure": {"A": {"meter": "percentile", "level": 0}}}, r"render\.exposure\.A\.level"),
+        ({"exposure": {"A": {"meter": "percentile", "gain": 3}}}, r"render\.exposure\.A\.gain.*unknown key"),
+        ({"exposure": {"A": "adaptiv"}}, r"render\.exposure\.A.*adaptive"),
+    ],
+)
 def test_bad_values_are_refused_by_name(render, said):
     with pytest.raises(InputError, match=f"(?s){said}"):
         make_scene(render=render)

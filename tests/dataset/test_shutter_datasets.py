@@ -87,8 +87,12 @@ def test_points_are_projected_back_to_the_pixels_that_see_them(whole):
 def test_a_camera_says_what_its_shutter_does(whole):
     data = Dataset(whole)
     shutter = data.camera()["shutter"]
-    assert shutter == {**ROLLING, "line_delay_s": 0.03 / 54, "time_stamp": "middle of the exposure of the middle row",
-                       "row_poses": "vehicle0/cam0/camM0_poses/camM0_poses_rows.npy"}
+    assert shutter == {
+        **ROLLING,
+        "line_delay_s": 0.03 / 54,
+        "time_stamp": "middle of the exposure of the middle row",
+        "row_poses": "vehicle0/cam0/camM0_poses/camM0_poses_rows.npy",
+    }
     assert yaml.safe_load(data.layout.camera_file("M0", ".yaml").read_text())["shutter"] == shutter
     assert "camXX_poses_rows.npy" in data.meta["conventions"]["shutter"]
     readme = (whole / "README.txt").read_text()
@@ -107,8 +111,9 @@ def test_without_a_shutter_all_rows_are_of_one_pose(hilly):
 
 
 def test_a_camera_that_stands_in_the_world_needs_no_poses_of_rows(tmp_path):
-    scene = hills_scene("D", shutter=ROLLING, resolution=SIZE, mount="world", look_at=[0, 3, -3],
-                        rotation_euler_deg=[0, 0, 0])
+    scene = hills_scene(
+        "D", shutter=ROLLING, resolution=SIZE, mount="world", look_at=[0, 3, -3], rotation_euler_deg=[0, 0, 0]
+    )
     produce(scene, tmp_path / "d", images=False, quiet=True)
     data = Dataset(tmp_path / "d")
     assert not data.layout.row_poses("M0").exists()
@@ -160,11 +165,17 @@ def no_number(table):
     table[4, 20, 1] = np.nan
 
 
-@pytest.mark.parametrize(("damage", "problem"), [
-    (one_row, "row 20 of frame 4 is not where the vehicle's motion has it"),
-    (turned, "row 20 of frame 4 is not where"), (no_number, "row 20 of frame 4 is not where"),
-    (negative, "frame 4 has quaternions that are not of length 1 with w >= 0"),
-    (swapped, "of frame 5 is not where"), (upside_down, "of frame 0 is not where")])
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [
+        (one_row, "row 20 of frame 4 is not where the vehicle's motion has it"),
+        (turned, "row 20 of frame 4 is not where"),
+        (no_number, "row 20 of frame 4 is not where"),
+        (negative, "frame 4 has quaternions that are not of length 1 with w >= 0"),
+        (swapped, "of frame 5 is not where"),
+        (upside_down, "of frame 0 is not where"),
+    ],
+)
 def test_damaged_poses_of_rows_are_named(copy, damage, problem):
     path = Dataset(copy).layout.row_poses("M0")
     table = np.load(path)
@@ -174,13 +185,17 @@ def test_damaged_poses_of_rows_are_named(copy, damage, problem):
     assert any(problem in found and "camM0_poses_rows.npy" in found for found in problems), problems
 
 
-@pytest.mark.parametrize(("damage", "problem"), [
-    (lambda path, table: path.unlink(), "there is no such file"),
-    (lambda path, table: path.write_bytes(path.read_bytes()[:-100]), "cannot be read"),
-    (lambda path, table: path.write_bytes(b""), "cannot be read"),
-    (lambda path, table: np.save(path, table[:5]), "not float64 (10, 54, 7)"),
-    (lambda path, table: np.save(path, table.astype(np.float32)), "not float64 (10, 54, 7)"),
-    (lambda path, table: np.save(path, np.array([{}]), allow_pickle=True), "cannot be read")])
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [
+        (lambda path, table: path.unlink(), "there is no such file"),
+        (lambda path, table: path.write_bytes(path.read_bytes()[:-100]), "cannot be read"),
+        (lambda path, table: path.write_bytes(b""), "cannot be read"),
+        (lambda path, table: np.save(path, table[:5]), "not float64 (10, 54, 7)"),
+        (lambda path, table: np.save(path, table.astype(np.float32)), "not float64 (10, 54, 7)"),
+        (lambda path, table: np.save(path, np.array([{}]), allow_pickle=True), "cannot be read"),
+    ],
+)
 def test_a_file_of_rows_that_cannot_be_used_is_named(copy, damage, problem):
     path = Dataset(copy).layout.row_poses("M0")
     damage(path, np.load(path))
@@ -229,8 +244,10 @@ def test_a_streak_is_what_a_point_passes_in_the_exposure(tmp_path):
     row, col, z = (x[::50] for x in np.nonzero(np.isfinite(depth)) + (depth[np.isfinite(depth)],))
     points = points_at(data.camera_model(), data.T_w_c(4), row, col, z)
     T_v_c = np.array(data.camera()["T_v_c"])
-    ends = [project(points, data.camera_model(), T @ T_v_c)[:, :2]
-            for T in data.trajectory().at(data[4].time_ns + np.array([-100_000_000, 100_000_000])).poses()]
+    ends = [
+        project(points, data.camera_model(), T @ T_v_c)[:, :2]
+        for T in data.trajectory().at(data[4].time_ns + np.array([-100_000_000, 100_000_000])).poses()
+    ]
     np.testing.assert_allclose(found.streak, (ends[1] - ends[0]).mean(0), atol=0.1)  # of other points
     assert np.hypot(*found.streak) > 2.0
     assert 0.0 < found.displaced < 0.2 * np.hypot(*found.streak)
@@ -245,8 +262,11 @@ def test_kalibr_gets_the_line_delay_and_openvins_the_time_stamps(whole, tmp_path
         export(whole, "euroc", tmp_path / "out", images="B")
     chain = yaml.safe_load((tmp_path / "out/kalibr_camchain.yaml").read_text())["cam0"]
     scene = hills_scene(shutter=ROLLING, resolution=SIZE)
-    np.testing.assert_allclose(chain["timeshift_cam_imu"] + np.arange(54) * chain["line_delay"],
-                               row_offsets_s(scene.vehicle.cameras[0]), atol=1e-15)
+    np.testing.assert_allclose(
+        chain["timeshift_cam_imu"] + np.arange(54) * chain["line_delay"],
+        row_offsets_s(scene.vehicle.cameras[0]),
+        atol=1e-15,
+    )
     other = yaml.safe_load((tmp_path / "out/openvins/kalibr_imucam_chain.yaml").read_text().partition("\n")[2])["cam0"]
     assert other["timeshift_cam_imu"] == 0.0
     assert "line_delay" not in other

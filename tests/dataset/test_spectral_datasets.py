@@ -19,8 +19,13 @@ OTHER = {"id": "R0", "resolution": [32, 18], "response": "camera.csv", "color_ma
 
 
 def vehicle(id, y, spectrum, *cameras, **more):
-    return {"id": id, "cameras": list(cameras), "lights": [{"spectrum": spectrum, "power_W": 80.0, "cone_deg": 100.0}],
-            "trajectory": {"poses": [{"position": [0.2, y, 1.0]}]}, **more}
+    return {
+        "id": id,
+        "cameras": list(cameras),
+        "lights": [{"spectrum": spectrum, "power_W": 80.0, "cone_deg": 100.0}],
+        "trajectory": {"poses": [{"position": [0.2, y, 1.0]}]},
+        **more,
+    }
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +33,19 @@ def fleet(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fleet")
     (folder / "lamp.csv").write_text("wavelength_nm,power\n400,1\n550,3\n700,1\n")
     (folder / "camera.csv").write_text("wavelength_nm,r,g,b\n400,0,0,1\n500,0,1,0.1\n600,1,0.1,0\n700,0.2,0,0\n")
-    scene = scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17, "seed": 1},
-        "objects": [{"kind": "boulder", "diameter": 0.5, "seed": 3, "position": [0, 3, 0.6]}],
-        "water": {"spectral": {"jerlov": "1C"}}, "render": {"outputs": ["A", "D", "S", "T"], "spp": 1},
-        "vehicles": [vehicle("0", 0.0, "led_b4", CAMERA, OTHER),
-                     vehicle("1", 1.5, "lamp.csv", CAMERA, body={"kind": "rov", "position": [0, 0, 0]})]}, folder)
+    scene = scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17, "seed": 1},
+            "objects": [{"kind": "boulder", "diameter": 0.5, "seed": 3, "position": [0, 3, 0.6]}],
+            "water": {"spectral": {"jerlov": "1C"}},
+            "render": {"outputs": ["A", "D", "S", "T"], "spp": 1},
+            "vehicles": [
+                vehicle("0", 0.0, "led_b4", CAMERA, OTHER),
+                vehicle("1", 1.5, "lamp.csv", CAMERA, body={"kind": "rov", "position": [0, 0, 0]}),
+            ],
+        },
+        folder,
+    )
     produce_each(scene, folder / "out", device="cpu", quiet=True)
     return folder
 

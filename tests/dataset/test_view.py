@@ -48,8 +48,10 @@ def cell(row: dict, name: str):
 
 
 def times(found: list[dict]) -> list[int]:
-    return [int(row["time"].value) if hasattr(row["time"], "value") else round(row["time"] / np.timedelta64(1, "ns"))
-            for row in found]
+    return [
+        int(row["time"].value) if hasattr(row["time"], "value") else round(row["time"] / np.timedelta64(1, "ns"))
+        for row in found
+    ]
 
 
 SINGLE = 2.0**-22

@@ -83,7 +83,7 @@ def test_an_error_does_not_wait_for_what_goes_on_beside():
 
 
 def test_what_a_thread_failed_to_compile_is_tried_again_where_it_is_needed():
-    kernel, = waiting(1, error=RuntimeError("no compiler"))
+    (kernel,) = waiting(1, error=RuntimeError("no compiler"))
     kernel.module.go.set()
     with compiling([kernel], "cpu"):
         assert kernel.module.begun.wait(60.0)

@@ -14,8 +14,10 @@ def mark(first_row: int, done: wp.array(dtype=int)):
     done[first_row + wp.tid()] = 1
 
 
-@pytest.mark.parametrize(("given", "words"), [
-    ({}, r"misses the arguments \['done'\]"), ({"done": None, "dome": 1}, r"no parameters \['dome'\]")])
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({}, r"misses the arguments \['done'\]"), ({"done": None, "dome": 1}, r"no parameters \['dome'\]")],
+)
 def test_arguments_that_a_kernel_does_not_take_are_told_before_it_runs(given, words):
     with pytest.raises(TypeError, match=words):
         launch.launch_rows(mark, (64,), given, "cpu")

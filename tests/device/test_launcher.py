@@ -31,7 +31,7 @@ def test_arrays_are_awaited_and_copied_without_the_turn_and_pinned_memory_is_use
     for number in (1.0, 2.0):
         one = wp.full((2, 3), number, dtype=float, device="cpu")
         with launcher.turn:
-            found, = launcher.fetch(one)
+            (found,) = launcher.fetch(one)
             again, whole = launcher.fetch(one, wp.full((2, 3), 7, dtype=wp.int32, device="cpu"))
             assert launcher.turn.locked()
         np.testing.assert_array_equal(found, np.full((2, 3), number))

@@ -25,11 +25,17 @@ def functions_of(kernel) -> dict:
     return found
 
 
-@pytest.mark.parametrize("make", [
-    lambda: make_camera_kernel(RICHEST), lambda: make_subpath_kernel(RICHEST),
-    lambda: make_reference_kernel(RICHEST),
-    lambda: make_ambient_kernel(RICHEST),
-    lambda: tabulate_single_scattering], ids=["camera", "subpaths", "reference", "ambient", "tabulate"])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: make_camera_kernel(RICHEST),
+        lambda: make_subpath_kernel(RICHEST),
+        lambda: make_reference_kernel(RICHEST),
+        lambda: make_ambient_kernel(RICHEST),
+        lambda: tabulate_single_scattering,
+    ],
+    ids=["camera", "subpaths", "reference", "ambient", "tabulate"],
+)
 def test_no_expression_is_evaluated_only_when_the_code_is_made(make):
     """`wp.static` of a loop's index is: the hash knows its values only once some kernel has been made with it."""
     functions = functions_of(make())

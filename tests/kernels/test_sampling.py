@@ -15,15 +15,26 @@ AXES = AXES / np.linalg.norm(AXES, axis=1, keepdims=True)
 
 
 @wp.kernel(enable_backward=False)
-def draw(key: wp.array(dtype=wp.uint32), pixel: wp.array(dtype=int), sample: wp.array(dtype=int),
-         dimension: wp.array(dtype=int), out: wp.array(dtype=wp.vec4)):
+def draw(
+    key: wp.array(dtype=wp.uint32),
+    pixel: wp.array(dtype=int),
+    sample: wp.array(dtype=int),
+    dimension: wp.array(dtype=int),
+    out: wp.array(dtype=wp.vec4),
+):
     i = wp.tid()
     out[i] = sampling.uniforms(key[i], pixel[i], sample[i], dimension[i])
 
 
 @wp.kernel(enable_backward=False)
-def directions(axis: wp.vec3, most: float, u: wp.array(dtype=wp.vec2), cosine: wp.array(dtype=wp.vec3),
-               joint: wp.array(dtype=wp.vec3), disk: wp.array(dtype=wp.vec2)):
+def directions(
+    axis: wp.vec3,
+    most: float,
+    u: wp.array(dtype=wp.vec2),
+    cosine: wp.array(dtype=wp.vec3),
+    joint: wp.array(dtype=wp.vec3),
+    disk: wp.array(dtype=wp.vec2),
+):
     i = wp.tid()
     cosine[i] = sampling.sample_cosine(axis, u[i][0], u[i][1])
     joint[i] = sampling.sample_joint(axis, most, u[i][0], u[i][1])
@@ -37,8 +48,14 @@ def joint_density(chord: wp.array(dtype=float), most: float, pdf: wp.array(dtype
 
 
 @wp.kernel(enable_backward=False)
-def equiangular(h: wp.array(dtype=float), ya: wp.array(dtype=float), yb: wp.array(dtype=float),
-                u: wp.array(dtype=float), angle: wp.array(dtype=float), y: wp.array(dtype=float)):
+def equiangular(
+    h: wp.array(dtype=float),
+    ya: wp.array(dtype=float),
+    yb: wp.array(dtype=float),
+    u: wp.array(dtype=float),
+    angle: wp.array(dtype=float),
+    y: wp.array(dtype=float),
+):
     i = wp.tid()
     angle[i] = sampling.equiangular_angle(h[i], ya[i], yb[i])
     y[i] = sampling.equiangular_point(h[i], ya[i], yb[i], angle[i], u[i])
@@ -109,8 +126,13 @@ def test_sums_over_the_samples_of_a_pixel_have_the_variance_of_independent_numbe
 
 
 def test_frames_cameras_outputs_and_seeds_have_keys_of_their_own():
-    keys = [stream_key(seed, frame, camera, output) for seed in (1, 2, 3) for frame in range(500)
-            for camera in ("M0", "L0", "R0") for output in "AB"]
+    keys = [
+        stream_key(seed, frame, camera, output)
+        for seed in (1, 2, 3)
+        for frame in range(500)
+        for camera in ("M0", "L0", "R0")
+        for output in "AB"
+    ]
     assert len(set(keys)) == len(keys)
     assert_plausible(uniform_p(np.array(keys) / 2.0**32, 64))
 
@@ -137,13 +159,30 @@ def test_directions_around_an_axis_follow_their_densities(truth, axis):
     gamma_mu, gamma_azimuth = in_frame_of(axis, joint)
     gamma = np.arccos(np.clip(gamma_mu, -1, 1))
     assert mu.min() >= -1e-6
-    assert_plausible([uniform_p(np.clip(mu**2, 0, 1)), uniform_p(azimuth),
-                      uniform_p(1 - (1 - gamma / np.pi) ** 2), uniform_p(gamma_azimuth)])
+    assert_plausible(
+        [
+            uniform_p(np.clip(mu**2, 0, 1)),
+            uniform_p(azimuth),
+            uniform_p(1 - (1 - gamma / np.pi) ** 2),
+            uniform_p(gamma_azimuth),
+        ]
+    )
     where = f"axis {np.round(axis, 4).tolist()}"
-    truth(f"mean cosine to a normal, {where}", source="cos/pi: 2/3", expected=2 / 3, got=mu.mean(),
-          stderr=mu.std() / np.sqrt(N), subject="surfaces and lights")
-    truth(f"mean cosine to a lamp, {where}", source="(pi - gamma)/sin(gamma)/pi^3: 4/pi^2", expected=4 / np.pi**2,
-          got=gamma_mu.mean(), stderr=gamma_mu.std() / np.sqrt(N))
+    truth(
+        f"mean cosine to a normal, {where}",
+        source="cos/pi: 2/3",
+        expected=2 / 3,
+        got=mu.mean(),
+        stderr=mu.std() / np.sqrt(N),
+        subject="surfaces and lights",
+    )
+    truth(
+        f"mean cosine to a lamp, {where}",
+        source="(pi - gamma)/sin(gamma)/pi^3: 4/pi^2",
+        expected=4 / np.pi**2,
+        got=gamma_mu.mean(),
+        stderr=gamma_mu.std() / np.sqrt(N),
+    )
 
 
 def test_points_on_the_lens_are_uniform_in_the_disk():
@@ -162,9 +201,14 @@ def test_the_joint_density_is_what_it_says_and_integrates_to_one(truth):
     gamma = np.exp(0.5 * (s[1:] + s[:-1]))
     pdf = run(joint_density, [2 * np.sin(gamma / 2), np.pi], [float]).astype(float)
     np.testing.assert_allclose(pdf[gamma < 3], ((np.pi - gamma) / np.sin(gamma) / np.pi**3)[gamma < 3], rtol=2e-5)
-    truth("integral over the sphere of (pi - gamma)/sin(gamma)/pi^3", source="Kalos (1963)", expected=1.0,
-          got=(2 * np.pi * np.sin(gamma) * pdf * gamma).mean() * (s[-1] - s[0]), tolerance=2e-5,
-          reason="quadrature of 20 000 steps, and float32")
+    truth(
+        "integral over the sphere of (pi - gamma)/sin(gamma)/pi^3",
+        source="Kalos (1963)",
+        expected=1.0,
+        got=(2 * np.pi * np.sin(gamma) * pdf * gamma).mean() * (s[-1] - s[0]),
+        tolerance=2e-5,
+        reason="quadrature of 20 000 steps, and float32",
+    )
 
 
 @pytest.mark.parametrize("most", [0.02, 0.3, 2.0])
@@ -210,8 +254,9 @@ def on_device(h, ya, yb, u):
     return angle, y, true_angle(*exact[:3]), true_point(*exact)
 
 
-@pytest.mark.parametrize(("h", "bar"), [(0.15, 1e-5), (1e-2, 3e-5), (1e-3, 4e-5), (1e-4, 4e-5), (1e-5, 4e-5),
-                                        (1e-6, 5e-6)])
+@pytest.mark.parametrize(
+    ("h", "bar"), [(0.15, 1e-5), (1e-2, 3e-5), (1e-3, 4e-5), (1e-4, 4e-5), (1e-5, 4e-5), (1e-6, 5e-6)]
+)
 def test_equiangular_points_keep_their_digits_however_near_the_lamp(h, bar):
     """Worst relative error of t for the paper's lamp, 0.1 m behind the camera; the bars were measured for this form."""
     foot = -0.1
@@ -221,8 +266,21 @@ def test_equiangular_points_keep_their_digits_however_near_the_lamp(h, bar):
 
 
 @pytest.mark.parametrize("h", [10.0, 0.15, 1e-2, 1e-4, 1e-6])
-@pytest.mark.parametrize(("ya", "yb"), [(0.1, 5), (-5, -0.1), (-3, 4), (0.0, 5), (-5, 0.0), (2.0, 2.0001),
-                                        (1e-6, 1e-5), (0.1, 1e9), (-5, 1e9), (-1e-4, 1e-4)])
+@pytest.mark.parametrize(
+    ("ya", "yb"),
+    [
+        (0.1, 5),
+        (-5, -0.1),
+        (-3, 4),
+        (0.0, 5),
+        (-5, 0.0),
+        (2.0, 2.0001),
+        (1e-6, 1e-5),
+        (0.1, 1e9),
+        (-5, 1e9),
+        (-1e-4, 1e-4),
+    ],
+)
 def test_equiangular_angles_and_points_agree_with_float64(h, ya, yb):
     """The angle to a few roundings; points to a few roundings of the angle: dy = (h^2 + y^2)/h d(theta)."""
     angle, y, exact_angle, exact = on_device(h, ya, yb, rng_array(4, 20000))
@@ -234,8 +292,9 @@ def test_equiangular_angles_and_points_agree_with_float64(h, ya, yb):
     assert np.all((y >= np.float32(ya)) & (y <= np.float32(yb)))
 
 
-@pytest.mark.parametrize(("h", "ya", "yb"), [(0.15, -0.1, 5), (0.15, 0.2, 25), (1e-3, -2, 3), (1e-3, 0.5, 3),
-                                              (3.0, -4, -1)])
+@pytest.mark.parametrize(
+    ("h", "ya", "yb"), [(0.15, -0.1, 5), (0.15, 0.2, 25), (1e-3, -2, 3), (1e-3, 0.5, 3), (3.0, -4, -1)]
+)
 def test_equiangular_points_follow_the_density(h, ya, yb):
     _, y, _, _ = on_device(h, ya, yb, rng_array(5, N))
     share = true_angle(h, ya, np.maximum(y.astype(float), ya)) / true_angle(h, ya, yb)
@@ -243,8 +302,9 @@ def test_equiangular_points_follow_the_density(h, ya, yb):
 
 
 @wp.kernel(enable_backward=False)
-def choose(u: wp.array(dtype=float), weights: wp.array(dtype=float), index: wp.array(dtype=int),
-           inverse: wp.array(dtype=float)):
+def choose(
+    u: wp.array(dtype=float), weights: wp.array(dtype=float), index: wp.array(dtype=int), inverse: wp.array(dtype=float)
+):
     i = wp.tid()
     chosen = sampling.make_reservoir(u[i])
     for k in range(weights.shape[0]):

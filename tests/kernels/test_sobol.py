@@ -16,16 +16,27 @@ WHERE = [(0, 0, 0), (1, 0, 0), (7, 921_599, 3), (2**32 - 1, LAST, 5), (12345, 64
 
 
 @wp.kernel(enable_backward=False)
-def draw(key: wp.array(dtype=wp.uint32), pixel: wp.array(dtype=int), sample: wp.array(dtype=int),
-         pair: wp.array(dtype=int), out2: wp.array(dtype=wp.vec2), out4: wp.array(dtype=wp.vec4)):
+def draw(
+    key: wp.array(dtype=wp.uint32),
+    pixel: wp.array(dtype=int),
+    sample: wp.array(dtype=int),
+    pair: wp.array(dtype=int),
+    out2: wp.array(dtype=wp.vec2),
+    out4: wp.array(dtype=wp.vec4),
+):
     i = wp.tid()
     out2[i] = sobol.sobol2(key[i], pixel[i], sample[i], pair[i])
     out4[i] = sobol.sobol4(key[i], pixel[i], sample[i], pair[i])
 
 
 @wp.kernel(enable_backward=False)
-def words(x: wp.array(dtype=wp.uint32), seed: wp.array(dtype=wp.uint32), reverse: wp.array(dtype=wp.uint32),
-          dimension_1: wp.array(dtype=wp.uint32), scrambled: wp.array(dtype=wp.uint32)):
+def words(
+    x: wp.array(dtype=wp.uint32),
+    seed: wp.array(dtype=wp.uint32),
+    reverse: wp.array(dtype=wp.uint32),
+    dimension_1: wp.array(dtype=wp.uint32),
+    scrambled: wp.array(dtype=wp.uint32),
+):
     i = wp.tid()
     reverse[i] = sobol.reverse_bits(x[i])
     dimension_1[i] = sobol.reverse_bits(sobol.sobol_dimension_1(x[i]))
@@ -128,8 +139,13 @@ def test_large_blocks_beyond_the_first_are_nets():
 def test_points_lie_in_the_half_open_unit_square():
     """With 24 bits, whatever the arguments, so that float32 holds them exactly and none becomes 1."""
     key, pixel, sample, pair = (random_words(1 << 20, seed) for seed in range(3, 7))
-    u = np.vstack([points(key=key, pixel=pixel >> 1, sample=sample >> 1, pair=pair >> 1),
-                   points(sample=LAST - np.arange(1000)), points(sample=np.arange(1 << 20))])
+    u = np.vstack(
+        [
+            points(key=key, pixel=pixel >> 1, sample=sample >> 1, pair=pair >> 1),
+            points(sample=LAST - np.arange(1000)),
+            points(sample=np.arange(1 << 20)),
+        ]
+    )
     assert u.min() >= 0.0
     assert u.max() < 1.0
     assert np.array_equal(np.round(u * 2**24), u * 2**24)

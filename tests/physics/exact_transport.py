@@ -64,8 +64,13 @@ def slab_fluxes(c, g, tau):
     mu, weights, R, T = slab(c, g, tau)
     back, through = R.sum(axis=1), T.sum(axis=1)
     diffuse = [2.0 * (weights * mu * out)[:-1].sum() for out in (back, through)]
-    return {"R": back[-1], "T": through[-1], "R_diffuse": diffuse[0], "T_diffuse": diffuse[1],
-            "brdf": R[-1, -1] / (2.0 * np.pi * HEAD_ON)}
+    return {
+        "R": back[-1],
+        "T": through[-1],
+        "R_diffuse": diffuse[0],
+        "T_diffuse": diffuse[1],
+        "brdf": R[-1, -1] / (2.0 * np.pi * HEAD_ON),
+    }
 
 
 # --------------------------------------------------------------------------------------- half space, by H functions
@@ -111,8 +116,10 @@ def half_space_exitance(c, mu0, edges):
 
     Of unit flux across the surface, I(mu) = c H(mu) H(mu0) / (4 pi (mu + mu0)).
     """
+
     def flux(mu):
         return 0.5 * c * mu * h_at(c, mu) * h_at(c, mu0) / (mu + mu0)
+
     return np.array([quad(flux, a, b, epsabs=1e-13)[0] for a, b in pairwise(edges)])
 
 
@@ -134,12 +141,15 @@ def fluence(c, r):
 
     def continuum(nu):
         return np.exp(-r / nu) / nu**2 / ((1 - c * nu * np.arctanh(nu)) ** 2 + (0.5 * np.pi * c * nu) ** 2)
-    along_cut = sum(quad(continuum, a, b, epsabs=0, epsrel=1e-11, limit=200)[0]
-                    for a, b in ((0, 0.5), (0.5, 0.99), (0.99, 1)))
+
+    along_cut = sum(
+        quad(continuum, a, b, epsabs=0, epsrel=1e-11, limit=200)[0] for a, b in ((0, 0.5), (0.5, 0.99), (0.99, 1))
+    )
     return (strength * np.exp(-k * r) + along_cut) / (4 * np.pi * r)
 
 
 def collisions_between(c, edges):
     """Expected number of collisions of one photon with distances from its source between ``edges`` [n]: [n - 1]."""
-    return np.array([quad(lambda r: 4 * np.pi * r * r * fluence(c, r), a, b, epsrel=1e-8)[0]
-                     for a, b in pairwise(edges)])
+    return np.array(
+        [quad(lambda r: 4 * np.pi * r * r * fluence(c, r), a, b, epsrel=1e-8)[0] for a, b in pairwise(edges)]
+    )

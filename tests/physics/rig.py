@@ -115,8 +115,13 @@ def agreement(estimate, expected, truth_stderr=0.0, precision=0.01, tolerance=0.
     mean, stderr = estimate
     expected = np.broadcast_to(np.asarray(expected, float), 3)
     assert np.all(stderr <= precision * expected), f"too noisy to tell: {stderr / expected}"
-    return {"expected": expected, "got": mean, "stderr": np.hypot(stderr, truth_stderr),
-            "tolerance": (2e-5 + tolerance) * expected, "reason": reason or "float32 rounding"}
+    return {
+        "expected": expected,
+        "got": mean,
+        "stderr": np.hypot(stderr, truth_stderr),
+        "tolerance": (2e-5 + tolerance) * expected,
+        "reason": reason or "float32 rounding",
+    }
 
 
 def assert_agrees(estimate, expected, truth_stderr=0.0, precision=0.01):

@@ -39,8 +39,10 @@ def board():
     a = i * len(z) + j
     faces = np.stack([a, a + 1, a + len(z) + 1, a, a + len(z) + 1, a + len(z)], -1).reshape(-1, 2, 3).astype(np.int32)
     dark = (np.minimum(i, j) >= 1) & (i <= SQUARES[0]) & (j <= SQUARES[1]) & ((i + j) % 2 == 0)
-    return [Part(name, vertices, faces[which].reshape(-1, 3), Diffuse())
-            for name, which in (("dark", dark), ("light", ~dark))]
+    return [
+        Part(name, vertices, faces[which].reshape(-1, 3), Diffuse())
+        for name, which in (("dark", dark), ("light", ~dark))
+    ]
 
 
 def corners(sub, away=1.0, **camera):
@@ -71,8 +73,9 @@ def corners_of(image):
 
 def calibrated(points, flags):
     """fx, fy, cx, cy, k1, k2, p1, p2 by OpenCV, and their standard errors; principal point with pixels at 0.5."""
-    _, K, k, _, _, error, *_ = cv2.calibrateCameraExtended([CORNERS] * len(points), list(points), SIZE, None, None,
-                                                           flags=flags | cv2.CALIB_FIX_K3)
+    _, K, k, _, _, error, *_ = cv2.calibrateCameraExtended(
+        [CORNERS] * len(points), list(points), SIZE, None, None, flags=flags | cv2.CALIB_FIX_K3
+    )
     return np.array([K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5, *k.ravel()[:4]]), error.ravel()[:8]
 
 
@@ -81,18 +84,33 @@ def test_opencv_recovers_the_intrinsics_of_a_pinhole(truth):
     flags = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_ZERO_TANGENT_DIST
     got, error = calibrated(corners(6), flags)
     assert error[:4].max() < 0.02, "too noisy to tell"
-    truth("fx, fy, cx, cy [px] by cv2.calibrateCamera from five checkerboards", source="K of the scene",
-          expected=K[[0, 1, 0, 1], [0, 1, 2, 2]], got=got[:4], tolerance=0.02,
-          reason="corners by cv2.cornerSubPix to 0.01 px")
+    truth(
+        "fx, fy, cx, cy [px] by cv2.calibrateCamera from five checkerboards",
+        source="K of the scene",
+        expected=K[[0, 1, 0, 1], [0, 1, 2, 2]],
+        got=got[:4],
+        tolerance=0.02,
+        reason="corners by cv2.cornerSubPix to 0.01 px",
+    )
 
 
 def test_opencv_recovers_the_distortion_of_a_lens(truth):
     got, error = calibrated(corners(3, distortion={"model": "brown_conrady", "k": BARREL}), 0)
     assert (error[4:] < [1e-3, 2e-3, 1e-4, 1e-4]).all(), "too noisy to tell"
-    truth("k1, k2, p1, p2 by cv2.calibrateCamera from five checkerboards", source="distortion of the scene",
-          expected=np.array(BARREL[:4]), got=got[4:], stderr=error[4:])
-    truth("fx, fy, cx, cy [px] of a distorting lens by cv2.calibrateCamera", source="K of the scene",
-          expected=K[[0, 1, 0, 1], [0, 1, 2, 2]], got=got[:4], stderr=error[:4])
+    truth(
+        "k1, k2, p1, p2 by cv2.calibrateCamera from five checkerboards",
+        source="distortion of the scene",
+        expected=np.array(BARREL[:4]),
+        got=got[4:],
+        stderr=error[4:],
+    )
+    truth(
+        "fx, fy, cx, cy [px] of a distorting lens by cv2.calibrateCamera",
+        source="K of the scene",
+        expected=K[[0, 1, 0, 1], [0, 1, 2, 2]],
+        got=got[:4],
+        stderr=error[:4],
+    )
 
 
 def refracted(d, n, ratio):
@@ -117,8 +135,13 @@ def off_board(x, rays):
 
 def test_a_fit_recovers_distance_and_tilt_of_a_flat_port(truth):
     """Nothing of the package but its images: K, glass and water are known, port and boards are fitted."""
-    port = {"kind": "flat", "distance_m": DISTANCE_M, "thickness_m": THICKNESS_M, "n_glass": N_GLASS,
-            "normal": NORMAL.tolist()}
+    port = {
+        "kind": "flat",
+        "distance_m": DISTANCE_M,
+        "thickness_m": THICKNESS_M,
+        "n_glass": N_GLASS,
+        "normal": NORMAL.tolist(),
+    }
     points = corners(6, away=1.4, port=port, n_water=N_WATER)
     rays = np.concatenate([(points + 0.5 - K[:2, 2]) / K[0, 0], np.ones((*points.shape[:2], 1))], -1)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -129,7 +152,19 @@ def test_a_fit_recovers_distance_and_tilt_of_a_flat_port(truth):
     error = noise * np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))[:3]
     assert error[2] < 4.5e-5, "too noisy to tell"
     got = np.degrees(np.arctan(fit.x[:2]))
-    truth("tilts [degrees] of a flat port, fitted to five checkerboards", source="port of the scene",
-          expected=np.degrees(np.arctan(NORMAL[:2])), got=got, tolerance=0.05, reason="4 standard errors")
-    truth("distance [m] of a flat port, fitted to five checkerboards", source="port of the scene",
-          expected=DISTANCE_M, got=fit.x[2], tolerance=1e-4, reason="2.5 standard errors")
+    truth(
+        "tilts [degrees] of a flat port, fitted to five checkerboards",
+        source="port of the scene",
+        expected=np.degrees(np.arctan(NORMAL[:2])),
+        got=got,
+        tolerance=0.05,
+        reason="4 standard errors",
+    )
+    truth(
+        "distance [m] of a flat port, fitted to five checkerboards",
+        source="port of the scene",
+        expected=DISTANCE_M,
+        got=fit.x[2],
+        tolerance=1e-4,
+        reason="2.5 standard errors",
+    )

@@ -20,14 +20,24 @@ def disk(radius_m, position=(0, 0, 0), **how):
 
 
 def sheet(position=(0, 0, 0), axis=(0, 0, 1), normal=(0, 1, 0), fan_deg=60.0, thickness_deg=0.2):
-    return {"kind": "sheet", "position": to_vehicle(position), "direction": to_vehicle(axis),
-            "normal": to_vehicle(normal), "fan_deg": fan_deg, "thickness_deg": thickness_deg,
-            "intensity": [1.0] * 3}
+    return {
+        "kind": "sheet",
+        "position": to_vehicle(position),
+        "direction": to_vehicle(axis),
+        "normal": to_vehicle(normal),
+        "fan_deg": fan_deg,
+        "thickness_deg": thickness_deg,
+        "intensity": [1.0] * 3,
+    }
 
 
 def plate(name, corners, reflectance=0.0):
-    return Part(name, np.asarray(corners, float), np.array([[0, 2, 1], [0, 3, 2]], np.int32),
-                Diffuse(reflectance=[reflectance] * 3))
+    return Part(
+        name,
+        np.asarray(corners, float),
+        np.array([[0, 2, 1], [0, 3, 2]], np.int32),
+        Diffuse(reflectance=[reflectance] * 3),
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------- disks
@@ -73,23 +83,31 @@ def over_disk(radius, f):
     """Mean of a function of the place (x, y) on a disk."""
     node, weight = leggauss(6)
     angles = 2 * np.pi * (np.arange(12) + 0.5) / 12
-    return sum(w / 2 * np.mean([f(r * np.cos(a), r * np.sin(a)) for a in angles])
-               for r, w in zip(radius * np.sqrt(0.5 * (node + 1.0)), weight, strict=True))
+    return sum(
+        w / 2 * np.mean([f(r * np.cos(a), r * np.sin(a)) for a in angles])
+        for r, w in zip(radius * np.sqrt(0.5 * (node + 1.0)), weight, strict=True)
+    )
 
 
 def test_what_a_disk_scatters_once_is_the_mean_over_its_points():
     """A soft edge of all the cone, so that the quadrature is right to 1e-4."""
     lamp, T = disk(0.1, (-0.15, 0, -0.1), blend=1.0), 3.0
     estimate = radiance(one_ray_scene([lamp], WATER), [floor(T, 0.0)], "single", spp=256)
-    expected = over_disk(0.1, lambda x, y: single_scattering(
-        (x - 0.15, y, -0.1), 0.2, 0.3, 0.8, T, axis=(0, 0, 1), cone_deg=65.0, blend=1.0, breaks=20))
+    expected = over_disk(
+        0.1,
+        lambda x, y: single_scattering(
+            (x - 0.15, y, -0.1), 0.2, 0.3, 0.8, T, axis=(0, 0, 1), cone_deg=65.0, blend=1.0, breaks=20
+        ),
+    )
     assert_agrees(estimate, expected, truth_stderr=2e-4 * expected)
 
 
 def test_a_disk_of_no_size_is_a_point():
     ground = [floor(3.0, 0.3)]
-    point, small = (radiance(one_ray_scene([lamp], WATER), ground, "single")
-                    for lamp in (spot((-0.15, 0, -0.1)), disk(1e-6, (-0.15, 0, -0.1))))
+    point, small = (
+        radiance(one_ray_scene([lamp], WATER), ground, "single")
+        for lamp in (spot((-0.15, 0, -0.1)), disk(1e-6, (-0.15, 0, -0.1)))
+    )
     assert_agrees(small, point[0], truth_stderr=point[1])
 
 
@@ -140,10 +158,15 @@ def scattered_from_sheet(lamp, T):
     return T * float((lit * 0.2 * hg(-x[:, 2] / d, 0.8) / d**2 * np.exp(-0.3 * (t + d))).mean())
 
 
-@pytest.mark.parametrize("lamp", [
-    sheet((-0.5, 0, 0), (0.5, 0, 1), (1, 0, -0.5), thickness_deg=0.5), sheet((-0.5, 0, 0), (0.5, 0, 1), (0, 1, 0)),
-    sheet((0.1, 0.002, 0.5), (-1, 0, 0), (1, 1, 0), fan_deg=150.0, thickness_deg=4.0)],
-    ids=["across", "in the sheet", "beside the ray"])
+@pytest.mark.parametrize(
+    "lamp",
+    [
+        sheet((-0.5, 0, 0), (0.5, 0, 1), (1, 0, -0.5), thickness_deg=0.5),
+        sheet((-0.5, 0, 0), (0.5, 0, 1), (0, 1, 0)),
+        sheet((0.1, 0.002, 0.5), (-1, 0, 0), (1, 1, 0), fan_deg=150.0, thickness_deg=4.0),
+    ],
+    ids=["across", "in the sheet", "beside the ray"],
+)
 def test_a_ray_through_a_sheet_receives_what_a_quadrature_says(lamp):
     estimate = radiance(one_ray_scene([lamp], WATER, pixels=8), [floor(3.0, 0.0)], "single", spp=64)
     expected = scattered_from_sheet(lamp, 3.0)
@@ -156,10 +179,22 @@ def test_the_line_of_a_sheet_lies_where_triangulation_says():
     laser, point, across = np.array([0.1, 0.0, 0.5]), np.array([0.0, 2.0, 0.0]), np.array([0.3, -1.0, 0.2])
     u, v = np.array([1.0, 0.3, 0.0]), np.array([0.0, 0.2, 1.0])  # in the plate
     corners = [point + 5 * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    lamp = {"kind": "sheet", "position": laser.tolist(), "direction": [0, 1, -0.25], "normal": [0.1, 0.2, 1.0],
-            "fan_deg": 80.0, "thickness_deg": 0.05}
-    scene = Scene(water="none", trajectory={"poses": [{"position": [0, 0, 0]}]}, vehicle={"lights": [lamp], "cameras": [
-        {"id": "M0", "resolution": [96, 48], "sensor_mm": [9.6, 4.8], "focal_mm": 50.0}]})
+    lamp = {
+        "kind": "sheet",
+        "position": laser.tolist(),
+        "direction": [0, 1, -0.25],
+        "normal": [0.1, 0.2, 1.0],
+        "fan_deg": 80.0,
+        "thickness_deg": 0.05,
+    }
+    scene = Scene(
+        water="none",
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        vehicle={
+            "lights": [lamp],
+            "cameras": [{"id": "M0", "resolution": [96, 48], "sensor_mm": [9.6, 4.8], "focal_mm": 50.0}],
+        },
+    )
     renderer = FrameRenderer(scene, "cpu", parts=[plate("plate", corners, 0.5)])
     image = renderer.render(np.eye(4), outputs="A", spp=256, seed=3, layers=("direct",)).A.radiance[..., 0]
     found = (image * (np.arange(48)[:, None] + 0.5)).sum(axis=0) / image.sum(axis=0)

@@ -168,8 +168,10 @@ def test_ranges_are_those_to_the_nearest_of_all_triangles_of_terrain_objects_and
 
 
 def test_a_dvl_sees_the_terrain_of_its_scene_and_without_one_no_mesh_is_loaded(monkeypatch):
-    scene = {"terrain": {"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 9},
-             "trajectory": {"poses": [{"position": (0, 0, 2)}]}}
+    scene = {
+        "terrain": {"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 9},
+        "trajectory": {"poses": [{"position": (0, 0, 2)}]},
+    }
     read = simulate(Scene(**scene, vehicle={"dvl": {"rate_hz": 29.97}}, render={"frame_rate_hz": 10})).dvl
     assert read.time_ns.tolist() == [0]
     np.testing.assert_allclose(read.altitude, 2.0, rtol=ROUNDING)
@@ -204,8 +206,12 @@ def test_noise_of_the_beams_becomes_that_of_the_velocity_by_the_geometry_of_the_
 def test_noise_leaves_lock_as_it_was():
     beams = beam_directions(Dvl())
     distance = np.where(np.arange(12).reshape(3, 4) % 5 == 0, np.nan, 3.0)
-    read = dvl_noise(DvlNoise(velocity_std=1.0, range_std=1.0), bottom_track(
-        times_ns(3, 5.0), beams, distance, np.ones((3, 4))), beams, seed=1)
+    read = dvl_noise(
+        DvlNoise(velocity_std=1.0, range_std=1.0),
+        bottom_track(times_ns(3, 5.0), beams, distance, np.ones((3, 4))),
+        beams,
+        seed=1,
+    )
     np.testing.assert_array_equal(np.isnan(read.range), np.isnan(distance))
     np.testing.assert_array_equal(np.isnan(read.beam_velocity), np.isnan(distance))
 
@@ -218,8 +224,9 @@ def test_a_magnetometer_reads_the_worlds_field_in_its_own_axes():
     turned = Rotation.from_euler("xyz", [(0, 0, 0), (0, 0, 90), (90, 0, 0)], degrees=True)
     read = measure_field(motion(turned), Magnetometer(rate_hz=5.0, field_T=(0.0, 1e-5, 0.0), position=(1.0, 2.0, 3.0)))
     np.testing.assert_allclose(read.field, [[0, 1e-5, 0], [1e-5, 0, 0], [0, 0, -1e-5]], atol=1e-5 * ROUNDING)
-    on_its_side = measure_field(motion(turned[:1]), Magnetometer(field_T=(0.0, 1e-5, 2e-5),
-                                                                 rotation_euler_deg=(90.0, 0.0, 0.0)))
+    on_its_side = measure_field(
+        motion(turned[:1]), Magnetometer(field_T=(0.0, 1e-5, 2e-5), rotation_euler_deg=(90.0, 0.0, 0.0))
+    )
     np.testing.assert_allclose(on_its_side.field, [[0, 2e-5, -1e-5]], atol=1e-5 * ROUNDING)
 
 

@@ -57,9 +57,14 @@ def test_single_scattering_without_obstacles_has_no_noise_and_the_error_of_its_q
     scene = one_ray_scene(VAROS_LAMPS, PAPER_WATER, pixels=2)
     mean, stderr = radiance(scene, [floor(T, 0.0)], "single", integrator="field", spp=4)
     assert np.all(stderr <= 1e-5 * mean)
-    truth(f"field, red, green, blue, the paper's rig, ray up to {T} m",
-          source="two independent quadratures to 15 digits", expected=expected, got=mean,
-          tolerance=QUADRATURE * np.array(expected), reason="stated error of 10 nodes")
+    truth(
+        f"field, red, green, blue, the paper's rig, ray up to {T} m",
+        source="two independent quadratures to 15 digits",
+        expected=expected,
+        got=mean,
+        tolerance=QUADRATURE * np.array(expected),
+        reason="stated error of 10 nodes",
+    )
 
 
 @pytest.mark.parametrize("blend", [0.15, 1.0])
@@ -68,18 +73,31 @@ def test_soft_edges_are_integrated_in_parts(truth, blend):
     lamp = {"axis": (0, 0, 1), "cone_deg": 65.0, "blend": blend}
     scene = one_ray_scene([spot((0.15, 0, -0.1), blend=blend)], PAPER_WATER, pixels=2)
     mean, _ = radiance(scene, [floor(5, 0.0)], "single", integrator="field", spp=4)
-    expected = np.array([single_scattering((0.15, 0, -0.1), s, t, 0.8, 5.0, **lamp)
-                         for s, t in ((0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125))])
-    truth(f"field, red, green, blue, blend {blend}, ray up to 5 m", source="adaptive quadrature, tests/physics/rig.py",
-          expected=expected, got=mean, tolerance=QUADRATURE * expected, reason="stated error of 10 nodes")
+    expected = np.array(
+        [
+            single_scattering((0.15, 0, -0.1), s, t, 0.8, 5.0, **lamp)
+            for s, t in ((0.00175, 0.125), (0.01825, 0.057989), (0.043125, 0.043125))
+        ]
+    )
+    truth(
+        f"field, red, green, blue, blend {blend}, ray up to 5 m",
+        source="adaptive quadrature, tests/physics/rig.py",
+        expected=expected,
+        got=mean,
+        tolerance=QUADRATURE * expected,
+        reason="stated error of 10 nodes",
+    )
 
 
 def test_the_whole_pixel_in_blue_with_a_floor_with_the_field(truth):
     """A13, floor of reflectance 0.25 at 5 m: 7.2505e-3, its own error 0.1 %."""
     estimate = radiance(one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.25)], integrator="field", spp=256)
     blue = tuple(np.repeat(part[2], 3) for part in estimate)
-    truth("all light, blue, floor of reflectance 0.25 at 5 m", source="an independent Monte Carlo (0.1 %)",
-          **agreement(blue, 7.2505e-3, 7e-6, tolerance=BIAS, reason=STATED + ", 0.3 %"))
+    truth(
+        "all light, blue, floor of reflectance 0.25 at 5 m",
+        source="an independent Monte Carlo (0.1 %)",
+        **agreement(blue, 7.2505e-3, 7e-6, tolerance=BIAS, reason=STATED + ", 0.3 %"),
+    )
 
 
 def test_the_field_has_all_orders_of_the_isotropic_medium_around_a_point_source(truth):
@@ -87,9 +105,15 @@ def test_the_field_has_all_orders_of_the_isotropic_medium_around_a_point_source(
     scene = one_ray_scene([point((1, 0, 1), 1 / (4 * np.pi))], ISOTROPIC, pixels=4)
     mean, stderr = radiance(scene, integrator="field", spp=4)
     for c, (albedo, total) in enumerate(((0.5, 1.483289011131e-3), (0.9, 7.294186485738e-3))):
-        truth(f"all orders, albedo {albedo}, ray without end, 1 m from the source",
-              source="Case and Zweifel (1967); Fourier inversion and integral over the ray", expected=total,
-              got=mean[c], stderr=stderr[c], tolerance=BIAS * total, reason=STATED + ", 0.3 %")
+        truth(
+            f"all orders, albedo {albedo}, ray without end, 1 m from the source",
+            source="Case and Zweifel (1967); Fourier inversion and integral over the ray",
+            expected=total,
+            got=mean[c],
+            stderr=stderr[c],
+            tolerance=BIAS * total,
+            reason=STATED + ", 0.3 %",
+        )
     assert mean[2] == 0.0
 
 
@@ -97,8 +121,11 @@ def test_open_water_of_the_paper(truth):
     """A line of sight that ends at 5 m while the water goes on: a black floor would take 0.14 % of the light."""
     estimate = line_of_sight(varos_lamps, PAPER_WATER, 5.0, integrator="field", spp=4)
     green = tuple(np.repeat(part[1], 3) for part in estimate)
-    truth("all orders, green, ray up to 5 m", source="an independent Monte Carlo (0.1 %)",
-          **agreement(green, 6.3372e-4, 6.3e-7, tolerance=BIAS, reason=STATED + ", 0.3 %"))
+    truth(
+        "all orders, green, ray up to 5 m",
+        source="an independent Monte Carlo (0.1 %)",
+        **agreement(green, 6.3372e-4, 6.3e-7, tolerance=BIAS, reason=STATED + ", 0.3 %"),
+    )
 
 
 # ------------------------------------------------------------------------------------------ where surfaces stand about
@@ -115,8 +142,12 @@ def boxed(extents, centre, reflectance, name="box"):
 
 def shadows():
     """A wall near the lamps and a post in their light, over a floor."""
-    return [boxed((20, 20, 0.2), (0, 6, -1.1), 0.4), boxed((0.1, 0.1, 2.0), (-0.25, 1.5, 0), 0.6),
-            boxed((1.0, 0.1, 0.8), (0.9, 2.5, -0.6), 0.3), boxed((4, 0.2, 4), (0, 6, 0), 0.5)]
+    return [
+        boxed((20, 20, 0.2), (0, 6, -1.1), 0.4),
+        boxed((0.1, 0.1, 2.0), (-0.25, 1.5, 0), 0.6),
+        boxed((1.0, 0.1, 0.8), (0.9, 2.5, -0.6), 0.3),
+        boxed((4, 0.2, 4), (0, 6, 0), 0.5),
+    ]
 
 
 def chamber():
@@ -131,14 +162,20 @@ def riches():
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[:, :3, 3] = [(-0.6, 2.0, -0.4), (-0.2, 2.4, -0.7), (0.9, 3.0, 0.2)]
     copies = Instances("copies", small.vertices, small.faces, small.material, poses)
-    return [boxed((20, 20, 0.2), (0, 6, -1.1), 0.4), copies,
-            part(ball.copy().apply_translation((0.4, 2.0, -0.2)), Metal(kind="metal", roughness=0.4), "ball")]
+    return [
+        boxed((20, 20, 0.2), (0, 6, -1.1), 0.4),
+        copies,
+        part(ball.copy().apply_translation((0.4, 2.0, -0.2)), Metal(kind="metal", roughness=0.4), "ball"),
+    ]
 
 
 def view(lamps, coefficients, resolution=(24, 16)):
     camera = {"id": "M0", "resolution": resolution, "sensor_mm": [6.0, 4.0], "focal_mm": 4.0}
-    return Scene(water={"coefficients": coefficients}, vehicle={"lights": lamps, "cameras": [camera]},
-                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+    return Scene(
+        water={"coefficients": coefficients},
+        vehicle={"lights": lamps, "cameras": [camera]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+    )
 
 
 def assert_same_as_path(scene, parts, device="cpu", spp=(32, 96), bias=BIAS, precision=0.03):
@@ -147,8 +184,10 @@ def assert_same_as_path(scene, parts, device="cpu", spp=(32, 96), bias=BIAS, pre
     Errors are the spread of eight renderings: pixels share virtual point lights, and paths have heavy tails.
     """
     renderer = FrameRenderer(scene, device, parts=parts)
-    ours, theirs = ([renderer.render(np.eye(4), outputs="A", integrator=name, spp=n, seed=seed).A for seed in range(8)]
-                    for name, n in zip(("field", "path"), spp, strict=True))
+    ours, theirs = (
+        [renderer.render(np.eye(4), outputs="A", integrator=name, spp=n, seed=seed).A for seed in range(8)]
+        for name, n in zip(("field", "path"), spp, strict=True)
+    )
     assert all(np.isfinite(image.radiance).all() for image in ours)
     total = np.mean([quarters(image.radiance) for image in theirs], axis=0)
     p_values = []
@@ -212,9 +251,13 @@ def test_a_boxed_lamp_adds_nothing(truth):
     """Of the light of two equal lamps half is left."""
     scene, lid = one_ray_scene(VAROS_LAMPS, PAPER_WATER, pixels=64), boxed((0.1, 0.1, 0.1), (-0.15, -0.1, 0.0), 0.0)
     both, _ = radiance(scene, [floor(5.0, 0.0)], "single", integrator="field", spp=4)
-    truth("field, red, green, blue, one of two lamps boxed", source="half of the light of both",
-          **agreement(radiance(scene, [floor(5.0, 0.0), lid], "single", integrator="field", spp=8), 0.5 * both,
-                      precision=0.03))
+    truth(
+        "field, red, green, blue, one of two lamps boxed",
+        source="half of the light of both",
+        **agreement(
+            radiance(scene, [floor(5.0, 0.0), lid], "single", integrator="field", spp=8), 0.5 * both, precision=0.03
+        ),
+    )
 
 
 @pytest.mark.gpu

@@ -37,13 +37,25 @@ def test_a_translation_along_a_wall_moves_all_by_its_share_of_the_distance(truth
     K = camera_model(scene_of({}).vehicle.cameras[0]).K
     F = flow_of(transform(position=[0.05, 0, -0.02]))
     expected = -np.array([K[0, 0] * 0.05, K[1, 1] * 0.02]) / WALL_M
-    truth("flow of a translation [px]", source="f t / Z", expected=np.broadcast_to(expected, F.flow.shape), got=F.flow,
-          tolerance=1e-4, reason="float32 rounding of Z")
+    truth(
+        "flow of a translation [px]",
+        source="f t / Z",
+        expected=np.broadcast_to(expected, F.flow.shape),
+        got=F.flow,
+        tolerance=1e-4,
+        reason="float32 rounding of Z",
+    )
     np.testing.assert_allclose(F.motion, np.broadcast_to([-0.05, -0.02, 0], F.motion.shape), atol=1e-6)
     nearer = flow_of(transform(position=[0, 0.3, 0]))
     points = pixel_centres(64, 36)
-    truth("flow of an approach [px]", source="(x - c) d / (Z - d)", expected=(points - K[:2, 2]) * 0.3 / 2.7,
-          got=nearer.flow, tolerance=1e-4, reason="float32 rounding of Z")
+    truth(
+        "flow of an approach [px]",
+        source="(x - c) d / (Z - d)",
+        expected=(points - K[:2, 2]) * 0.3 / 2.7,
+        got=nearer.flow,
+        tolerance=1e-4,
+        reason="float32 rounding of Z",
+    )
     assert F.valid.all()
     assert not F.occluded.any()
 
@@ -56,21 +68,35 @@ def test_a_roll_turns_the_image_whatever_the_distance(truth):
     from_centre = pixel_centres(64, 36) - [32, 18]
     c, s = np.cos(angle), np.sin(angle)
     expected = from_centre @ np.array([[c, s], [-s, c]]).T - from_centre
-    truth("flow of a roll [px]", source="rotation about the centre", expected=expected, got=F.flow, tolerance=1e-4,
-          reason="float32 rounding")
+    truth(
+        "flow of a roll [px]",
+        source="rotation about the centre",
+        expected=expected,
+        got=F.flow,
+        tolerance=1e-4,
+        reason="float32 rounding",
+    )
     assert not F.occluded.any()
 
 
 def test_to_the_other_camera_of_a_pair_it_is_the_disparity(truth):
     """By f b / Z of the left camera; the right one does not see the wall just left of a plate."""
-    left, right = ({"resolution": [256, 16], "sensor_mm": [4.416, 0.276], "focal_mm": 3.4, "id": name,
-                    "position": [x, 0, 0]} for name, x in (("L0", -0.1), ("R0", 0.1)))
+    left, right = (
+        {"resolution": [256, 16], "sensor_mm": [4.416, 0.276], "focal_mm": 3.4, "id": name, "position": [x, 0, 0]}
+        for name, x in (("L0", -0.1), ("R0", 0.1))
+    )
     scene = Scene(water="none", vehicle={"cameras": [left, right]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
     renderer = FrameRenderer(scene, "cpu", parts=[wall(), wall(1.5, (0.05, 30), "plate")])
     frame = renderer.render(np.eye(4), "L0", "DF", following=NextFrame(np.eye(4), "R0"))
     f = 256 / 4.416 * 3.4
-    truth("disparity [px]", source="f b / Z", expected=f * 0.2 / frame.D.depth, got=-frame.F.flow[..., 0],
-          tolerance=1e-4, reason="float32 of the flow")
+    truth(
+        "disparity [px]",
+        source="f b / Z",
+        expected=f * 0.2 / frame.D.depth,
+        got=-frame.F.flow[..., 0],
+        tolerance=1e-4,
+        reason="float32 of the flow",
+    )
     np.testing.assert_allclose(frame.F.flow[..., 1], 0, atol=1e-9)
     # the ray to the right camera crosses the plate's plane, half way to the wall
     x = 0.1 + ((np.arange(256) + 0.5 - 128) / f * 3.0 - 0.2) / 2
@@ -94,11 +120,23 @@ def test_it_is_where_points_of_the_world_are_seen_next(truth, camera):
     assert known.mean() > 0.9
     assert not frame.F.valid[~hit].any()
     expected = (seen - pixel_centres(64, 36)[hit])[known]
-    truth(f"flow [px], {camera}", source="project of the same points", expected=expected,
-          got=frame.F.flow[hit][known], tolerance=1e-4, reason="float32 of the flow")
+    truth(
+        f"flow [px], {camera}",
+        source="project of the same points",
+        expected=expected,
+        got=frame.F.flow[hit][known],
+        tolerance=1e-4,
+        reason="float32 of the flow",
+    )
     motion = (points - MOVED[:3, 3]) @ MOVED[:3, :3] @ R_V_C - points @ R_V_C
-    truth(f"scene flow [m], {camera}", source="the same points in both cameras' axes", expected=motion,
-          got=frame.F.motion[hit], tolerance=1e-5, reason="float32 of the motion")
+    truth(
+        f"scene flow [m], {camera}",
+        source="the same points in both cameras' axes",
+        expected=motion,
+        got=frame.F.motion[hit],
+        tolerance=1e-5,
+        reason="float32 of the motion",
+    )
 
 
 @pytest.mark.parametrize("camera", ["none", "flat", "dome and barrel"])
@@ -189,12 +227,23 @@ def textured_scene(folder, camera):
     Image.fromarray(np.repeat(tones[..., None], 3, -1)).save(folder / "spots.png")
     texture = {"texture": str(folder / "spots.png"), "size_m": 2.0}
     view = {"resolution": list(SIZE), "sensor_mm": [4.8, 3.6], "rotation_euler_deg": [-60, 0, 0]}
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 30, "resolution": 65, "relief_m": 0.5, "position": [0, 0, -2.5],
-                    "material": "spots"},
-        "materials": {"spots": {"kind": "slope_blend", "flat": texture, "steep": texture}},
-        "water": "none", "vehicle": {"cameras": [view | camera], "lights": []},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": {"outputs": ["B", "F"]}})
+    return scene_from_dict(
+        {
+            "terrain": {
+                "kind": "procedural",
+                "size_m": 30,
+                "resolution": 65,
+                "relief_m": 0.5,
+                "position": [0, 0, -2.5],
+                "material": "spots",
+            },
+            "materials": {"spots": {"kind": "slope_blend", "flat": texture, "steep": texture}},
+            "water": "none",
+            "vehicle": {"cameras": [view | camera], "lights": []},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": {"outputs": ["B", "F"]},
+        }
+    )
 
 
 @pytest.mark.parametrize("camera", ["none", "flat"])
@@ -213,5 +262,11 @@ def test_it_warps_the_next_b_to_this_one(truth, tmp_path, camera):
     ends, found, _ = cv2.calcOpticalFlowPyrLK(this, warped, points, None, winSize=(21, 21), maxLevel=0)
     left = (ends - points)[found.astype(bool)]
     assert len(left) > 50
-    truth(f"what the warped B has left to move [px], {camera}", source="nothing", expected=0.0,
-          got=np.median(np.linalg.norm(left, axis=-1)), tolerance=0.05, reason="asked for")
+    truth(
+        f"what the warped B has left to move [px], {camera}",
+        source="nothing",
+        expected=0.0,
+        got=np.median(np.linalg.norm(left, axis=-1)),
+        tolerance=0.05,
+        reason="asked for",
+    )

@@ -19,8 +19,14 @@ pytestmark = pytest.mark.subject("surfaces and lights")
 
 def part(mesh, reflectance, smooth=False):
     material = Diffuse(reflectance=np.broadcast_to(reflectance, 3))
-    return Part("mesh", np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), material,
-                smooth_angle=np.pi, smooth_shading=smooth)
+    return Part(
+        "mesh",
+        np.asarray(mesh.vertices, float),
+        np.asarray(mesh.faces, np.int32),
+        material,
+        smooth_angle=np.pi,
+        smooth_shading=smooth,
+    )
 
 
 def camera_scene(position=(0, 0, 0), pixels=24, **view):
@@ -68,9 +74,13 @@ def test_white_surfaces_vanish_in_uniform_light(truth, smooth):
         # of the whole image: in a single pixel too few paths meet the roulette for a normal distribution
         scores.append(error.sum() / np.sqrt(variance.sum()))
         assert abs(error.mean()) < 1e-3
-        truth(f"mean of the image, reflectance 1, {'smooth' if smooth else 'flat'} normals, seed {seed}",
-              source="furnace: radiance 1 everywhere", expected=1.0, got=1 + error.mean(),
-              stderr=np.sqrt(variance.sum()) / variance.size)
+        truth(
+            f"mean of the image, reflectance 1, {'smooth' if smooth else 'flat'} normals, seed {seed}",
+            source="furnace: radiance 1 everywhere",
+            expected=1.0,
+            got=1 + error.mean(),
+            stderr=np.sqrt(variance.sum()) / variance.size,
+        )
     assert_plausible(two_sided(scores))
 
 
@@ -83,8 +93,14 @@ def test_a_convex_object_in_uniform_light_has_the_radiance_of_its_reflectance(tr
         image = clear([part(mesh, reflectance, smooth)], camera_scene(focal_mm=10.0), spp=16)
         where = f"{'smooth' if smooth else 'flat'} {'box' if mesh is box else 'ball'}"
         pixels = image.radiance.reshape(-1, 3).astype(float)
-        truth(f"{where} of reflectance {reflectance}, all pixels", source="furnace: every ray escapes",
-              expected=np.float32(reflectance), got=pixels, tolerance=0.0, reason="exact")
+        truth(
+            f"{where} of reflectance {reflectance}, all pixels",
+            source="furnace: every ray escapes",
+            expected=np.float32(reflectance),
+            got=pixels,
+            tolerance=0.0,
+            reason="exact",
+        )
         assert np.all(image.stderr == 0.0)
 
 
@@ -120,8 +136,14 @@ def test_direct_light_on_metal_is_the_lobe_times_the_beam(truth):
     E = np.interp(roughness, np.linspace(0, 1, len(E)), E)
     once = F * D / (1 + sum(Lambda)) / (4 * (n @ v) * (n @ l))
     expected = once * (1 + base * (1 - E) / E) * (n @ l) / distance**2
-    truth("red, green, blue of rough metal", source="GGX, Smith and Schlick in float64", expected=expected, got=made,
-          tolerance=1e-4 * expected, reason="float32 rounding, and the table of the lobe's albedo")
+    truth(
+        "red, green, blue of rough metal",
+        source="GGX, Smith and Schlick in float64",
+        expected=expected,
+        got=made,
+        tolerance=1e-4 * expected,
+        reason="float32 rounding, and the table of the lobe's albedo",
+    )
 
 
 @pytest.mark.parametrize("reflectance", [0.3, 0.8, 1.0])
@@ -142,8 +164,15 @@ def test_a_hemispherical_bowl_has_the_radiance_of_its_closed_form(truth, reflect
     mean = image.radiance[..., 0].mean(dtype=float)
     stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / 48**2
     assert stderr < 2e-3
-    truth(f"reflectance {reflectance}", source="form factors of a sphere: r/(2 - r)", expected=expected, got=mean,
-          stderr=stderr, tolerance=(np.pi / n) ** 2, reason="facets: (pi/128)^2")
+    truth(
+        f"reflectance {reflectance}",
+        source="form factors of a sphere: r/(2 - r)",
+        expected=expected,
+        got=mean,
+        stderr=stderr,
+        tolerance=(np.pi / n) ** 2,
+        reason="facets: (pi/128)^2",
+    )
     # evenly: no place differs
     halves = image.radiance[..., 0].reshape(6, 8, 6, 8).mean(axis=(1, 3), dtype=float)
     errors = np.sqrt((image.stderr[..., 0].astype(float) ** 2).reshape(6, 8, 6, 8).sum(axis=(1, 3))) / 64
@@ -154,17 +183,31 @@ def test_a_corner_of_two_squares_sees_what_the_form_factor_says(truth):
     """A black wall beside a floor: at distance a from its foot the floor loses (1 - a/sqrt(a^2 + h^2))/2 of light."""
     a, h = 0.5, 1.0
     long = 20.0
-    ground = Part("ground", np.array([[0, -long, 0], [long, -long, 0], [long, long, 0], [0, long, 0.0]]),
-                  np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=(0.5,) * 3))
-    wall = Part("wall", np.array([[0, -long, 0], [0, long, 0], [0, long, h], [0, -long, h]]),
-                np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse(reflectance=(0.0,) * 3))
+    ground = Part(
+        "ground",
+        np.array([[0, -long, 0], [long, -long, 0], [long, long, 0], [0, long, 0.0]]),
+        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        Diffuse(reflectance=(0.5,) * 3),
+    )
+    wall = Part(
+        "wall",
+        np.array([[0, -long, 0], [0, long, 0], [0, long, h], [0, -long, h]]),
+        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        Diffuse(reflectance=(0.0,) * 3),
+    )
     scene = camera_scene((a, 0, 2.0), pixels=16, look_at=(a, 0, 0), sensor_mm=(1e-3, 1e-3), focal_mm=100.0)
     image = clear([ground, wall], scene, spp=256)
     mean = image.radiance[..., 0].mean(dtype=float)
     stderr = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / 256
-    truth("floor of reflectance 0.5, 0.5 m from a black wall 1 m high", source="(1 - a/sqrt(a^2 + h^2))/2 is lost",
-          expected=0.5 * (1 - 0.5 * (1 - a / np.hypot(a, h))), got=mean, stderr=stderr, tolerance=2.5e-5,
-          reason="ends of the wall, 20 m away: 7e-6, and rays that start 0.16 mm above the floor: 1.5e-5")
+    truth(
+        "floor of reflectance 0.5, 0.5 m from a black wall 1 m high",
+        source="(1 - a/sqrt(a^2 + h^2))/2 is lost",
+        expected=0.5 * (1 - 0.5 * (1 - a / np.hypot(a, h))),
+        got=mean,
+        stderr=stderr,
+        tolerance=2.5e-5,
+        reason="ends of the wall, 20 m away: 7e-6, and rays that start 0.16 mm above the floor: 1.5e-5",
+    )
     assert stderr < 1e-3
 
 
@@ -197,13 +240,18 @@ def test_an_integrating_sphere_sums_the_geometric_series(truth, reflectance):
     for bounces in (2, 3, None):
         expected = first * sum(reflectance**n for n in range(1, bounces or 1000))
         estimate = radiance(scene, wall, "multiple", spp=16 if bounces else 128, max_bounces=bounces)
-        truth(f"reflectance {reflectance}, {bounces or 'all'} bounces", source="geometric series",
-              **agreement(estimate, expected, **facets))
+        truth(
+            f"reflectance {reflectance}, {bounces or 'all'} bounces",
+            source="geometric series",
+            **agreement(estimate, expected, **facets),
+        )
     assert np.all(radiance(scene, wall, spp=2, max_bounces=0)[0] == 0.0)
 
 
-@pytest.mark.parametrize(("g", "sigma_s", "reflectance", "spp"), [
-    (0.0, 1.0, 0.3, 64), (0.0, 1.0, 0.7, 96), (0.8, 1.0, 0.3, 128), (-0.6, 1.0, 0.3, 256), (0.5, 2.0, 0.3, 256)])
+@pytest.mark.parametrize(
+    ("g", "sigma_s", "reflectance", "spp"),
+    [(0.0, 1.0, 0.3, 64), (0.0, 1.0, 0.7, 96), (0.8, 1.0, 0.3, 128), (-0.6, 1.0, 0.3, 256), (0.5, 2.0, 0.3, 256)],
+)
 def test_water_that_absorbs_nothing_loses_no_light(truth, g, sigma_s, reflectance, spp):
     """All that a lamp in mid-sphere sends out ends in its wall, whatever the water is like.
 
@@ -211,25 +259,43 @@ def test_water_that_absorbs_nothing_loses_no_light(truth, g, sigma_s, reflectanc
     """
     scene = at_the_wall([point((0, 0, 0))], water(sigma_s, sigma_s, g), gap=2e-4)
     estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], spp=spp)
-    truth(f"sphere of reflectance {reflectance} full of water, sigma_s = {sigma_s}, g = {g}",
-          source="energy is conserved: rI/(1 - r)/pi", subject="multiple scattering",
-          **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.02,
-                      tolerance=FACETS + 2e-4 * sigma_s * 2, reason="facets of the sphere, 0.2 %, gap to the wall"))
+    truth(
+        f"sphere of reflectance {reflectance} full of water, sigma_s = {sigma_s}, g = {g}",
+        source="energy is conserved: rI/(1 - r)/pi",
+        subject="multiple scattering",
+        **agreement(
+            estimate,
+            reflectance / np.pi / (1 - reflectance),
+            precision=0.02,
+            tolerance=FACETS + 2e-4 * sigma_s * 2,
+            reason="facets of the sphere, 0.2 %, gap to the wall",
+        ),
+    )
 
 
-@pytest.mark.parametrize("phase", [{"g": 0.0}, {"g": 0.9}, {"kind": "fournier_forand", "backscatter_fraction": 0.0183}],
-                         ids=["isotropic", "g 0.9", "Fournier-Forand"])
+@pytest.mark.parametrize(
+    "phase",
+    [{"g": 0.0}, {"g": 0.9}, {"kind": "fournier_forand", "backscatter_fraction": 0.0183}],
+    ids=["isotropic", "g 0.9", "Fournier-Forand"],
+)
 def test_the_field_loses_no_light_in_a_closed_sphere(truth, phase):
     """The same with the field of open water, all of which beyond the wall has to be taken away again."""
     reflectance = 0.3
     coefficients = {"sigma_s": [1.0] * 3, "sigma_a": [0.0] * 3, "phase": phase}
     scene = at_the_wall([point((0, 0, 0))], coefficients, gap=2e-4)
     estimate = radiance(scene, [part(sphere(**SPHERE), reflectance)], integrator="field", spp=256)
-    truth(f"sphere of reflectance {reflectance} full of water, sigma_s = 1, {phase}, with the field",
-          source="energy is conserved: rI/(1 - r)/pi", subject="multiple scattering",
-          **agreement(estimate, reflectance / np.pi / (1 - reflectance), precision=0.002,
-                      tolerance=FACETS + 4e-4 + 2e-3,
-                      reason="facets of the sphere, 0.2 %, gap to the wall, the field's 0.2 %"))
+    truth(
+        f"sphere of reflectance {reflectance} full of water, sigma_s = 1, {phase}, with the field",
+        source="energy is conserved: rI/(1 - r)/pi",
+        subject="multiple scattering",
+        **agreement(
+            estimate,
+            reflectance / np.pi / (1 - reflectance),
+            precision=0.002,
+            tolerance=FACETS + 4e-4 + 2e-3,
+            reason="facets of the sphere, 0.2 %, gap to the wall, the field's 0.2 %",
+        ),
+    )
 
 
 def test_an_aimed_lamp_off_the_middle_of_a_sphere_fills_it_evenly_after_the_first_bounce(truth):
@@ -239,8 +305,11 @@ def test_an_aimed_lamp_off_the_middle_of_a_sphere_fills_it_evenly_after_the_firs
     lamp = spot((0.2, 0.3, -0.1), axis=(0.1, 0.2, -1), cone_deg=cone)
     estimate = radiance(at_the_wall([lamp], None), [part(sphere(**SPHERE), reflectance)], spp=256)
     expected = reflectance / np.pi * flux / (4 * np.pi) * reflectance / (1 - reflectance)
-    truth("cone of 40 degrees, reflectance 0.6", source="flux 2 pi (1 - cos) I, geometric series",
-          **agreement(estimate, expected, tolerance=FACETS, reason="facets of the sphere, 0.2 %"))
+    truth(
+        "cone of 40 degrees, reflectance 0.6",
+        source="flux 2 pi (1 - cos) I, geometric series",
+        **agreement(estimate, expected, tolerance=FACETS, reason="facets of the sphere, 0.2 %"),
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------ no lamps

@@ -33,8 +33,10 @@ def hot_spot(folder) -> dict:
 
 def lamps(like: dict) -> list[dict]:
     """Two, beside the camera."""
-    return [{key: value for key, value in spot(place).items() if key not in ("kind", "cone_deg", "blend")} | like
-            for place in PLACES]
+    return [
+        {key: value for key, value in spot(place).items() if key not in ("kind", "cone_deg", "blend")} | like
+        for place in PLACES
+    ]
 
 
 def test_a_profile_shines_like_the_spot_that_it_describes(tmp_path):

@@ -25,7 +25,7 @@ def two_lobes() -> str:
     """A file of type C: bright up and half as bright to the right, 30 degrees off the axis; nearly dark elsewhere."""
     v, c = np.meshgrid(np.radians(VERTICAL), np.radians(HORIZONTAL))
     lobes = np.maximum(np.cos(c), 0.0) ** 8 + 0.5 * np.maximum(-np.sin(c), 0.0) ** 8 + 0.02
-    return ies_text("C", VERTICAL, HORIZONTAL, 1000.0 * lobes * np.exp(-((v - np.radians(30.0)) / 0.25) ** 2))
+    return ies_text("C", VERTICAL, HORIZONTAL, 1000.0 * lobes * np.exp(-(((v - np.radians(30.0)) / 0.25) ** 2)))
 
 
 LOBES = two_lobes()
@@ -34,8 +34,15 @@ LOBES = two_lobes()
 def lamp(folder, position=(0, 0, 0), axis=(0, 0, 1), up=(0, 1, 0), **keys) -> dict:
     """In axes of the notes: x right, y up, z along the ray."""
     (folder / "lobes.ies").write_text(LOBES)
-    return {"kind": "profile", "file": str(folder / "lobes.ies"), "intensity": [1.0] * 3,
-            "position": to_vehicle(position), "direction": to_vehicle(axis), "up": to_vehicle(up), **keys}
+    return {
+        "kind": "profile",
+        "file": str(folder / "lobes.ies"),
+        "intensity": [1.0] * 3,
+        "position": to_vehicle(position),
+        "direction": to_vehicle(axis),
+        "up": to_vehicle(up),
+        **keys,
+    }
 
 
 def towards(offset, axis=(0, 0, 1), up=(0, 1, 0)) -> np.ndarray:
@@ -57,8 +64,13 @@ PEAK = 1000.0 * 1.02  # at 30 degrees in the half plane C = 0
 
 
 @wp.kernel(enable_backward=False)
-def emit(records: wp.array(dtype=lights.Light), u: wp.array(dtype=wp.vec2), d: wp.array(dtype=wp.vec3),
-         area: wp.array(dtype=float), sent: wp.array(dtype=float)):
+def emit(
+    records: wp.array(dtype=lights.Light),
+    u: wp.array(dtype=wp.vec2),
+    d: wp.array(dtype=wp.vec3),
+    area: wp.array(dtype=float),
+    sent: wp.array(dtype=float),
+):
     i = wp.tid()
     light = records[0]
     d[i] = lights.light_emit(light, u[i][0], u[i][1]).d
@@ -92,10 +104,12 @@ def test_photons_per_solid_angle_follow_the_file(tmp_path):
         for m in range(n, 3):
             moments.append((n, m))
     for moment in moments:
+
         def value(x, moment=moment):
             if isinstance(moment, tuple):
                 return x[..., moment[0]] * x[..., moment[1]]
             return np.ones(x.shape[:-1]) if len(moment) == 1 else x @ moment
+
         weighted = power * value(d)
         off = weighted.mean() - (of_file * value(everywhere)).sum()
         tests.append(off / (weighted.std() / np.sqrt(len(weighted))))
@@ -179,8 +193,9 @@ def test_paths_and_the_reference_agree_on_light_from_wall_to_wall(tmp_path, radi
 def box(low, high, reflectance):
     """A closed room."""
     room = trimesh.creation.box(bounds=[low, high])
-    return Part("box", np.asarray(room.vertices), np.asarray(room.faces, np.int32),
-                Diffuse(reflectance=[reflectance] * 3))
+    return Part(
+        "box", np.asarray(room.vertices), np.asarray(room.faces, np.int32), Diffuse(reflectance=[reflectance] * 3)
+    )
 
 
 @pytest.mark.parametrize("port", [None, {"kind": "flat"}])
@@ -196,8 +211,11 @@ def test_paths_and_the_reference_agree_in_a_turbid_box(tmp_path, port):
 @pytest.mark.parametrize("layer", ["direct", "single", "multiple"])
 def test_paths_and_the_reference_agree_in_coastal_water(tmp_path, layer):
     """Fournier and Forand's phase function, in which the reference mostly falls short of light scattered often."""
-    water = {"sigma_s": [0.3] * 3, "sigma_a": [0.15] * 3, "phase": {"kind": "fournier_forand",
-                                                                 "backscatter_fraction": 0.0183}}
+    water = {
+        "sigma_s": [0.3] * 3,
+        "sigma_a": [0.15] * 3,
+        "phase": {"kind": "fournier_forand", "backscatter_fraction": 0.0183},
+    }
     scene = one_ray_scene([lamp(tmp_path, (-0.5, -0.6, 0.0), (0.2, 0.1, 1.0))], water, direction=(0.05, 0.1, 1))
     ground = [floor(2.0, 0.4)]
     one = radiance(scene, ground, layer, spp=256 if layer == "multiple" else 16)

@@ -25,8 +25,9 @@ FAR_LAMP = {"kind": "point", "position": [0, -2000, 0], "intensity": [np.pi * 20
 
 def scene_of(**view):
     """A camera at the origin that looks along +y of the vehicle and the world: x right, z up."""
-    return Scene(water="none", vehicle={"cameras": [view], "lights": [FAR_LAMP]},
-                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+    return Scene(
+        water="none", vehicle={"cameras": [view], "lights": [FAR_LAMP]}, trajectory={"poses": [{"position": [0, 0, 0]}]}
+    )
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.5, 2.0])
@@ -45,11 +46,23 @@ def test_depth_of_a_slanted_plane_is_where_its_equation_says(truth, slope):
     # the ray's rounding moves the hit along the plane: over the cosine of its slant
     rounding = 1e-6 * depth / (1.0 - slope * across) * np.hypot(1.0, slope)
     reason = "float32 rounding over the cosine of the slant"
-    truth(f"planar depth [m] of all pixels, slope {slope}", source="3/(1 - slope x/f)", expected=depth[seen],
-          got=made.depth[seen], tolerance=rounding[seen], reason=reason)
+    truth(
+        f"planar depth [m] of all pixels, slope {slope}",
+        source="3/(1 - slope x/f)",
+        expected=depth[seen],
+        got=made.depth[seen],
+        tolerance=rounding[seen],
+        reason=reason,
+    )
     length = np.sqrt(1.0 + across**2 + down**2)
-    truth(f"range [m] of all pixels, slope {slope}", source="3/(1 - slope x/f) sqrt(1 + (x/f)^2 + (y/f)^2)",
-          expected=(depth * length)[seen], got=made.range[seen], tolerance=(rounding * length)[seen], reason=reason)
+    truth(
+        f"range [m] of all pixels, slope {slope}",
+        source="3/(1 - slope x/f) sqrt(1 + (x/f)^2 + (y/f)^2)",
+        expected=(depth * length)[seen],
+        got=made.range[seen],
+        tolerance=(rounding * length)[seen],
+        reason=reason,
+    )
 
 
 def edge_spread(x):
@@ -82,6 +95,12 @@ def test_an_edge_out_of_focus_is_as_soft_as_the_circle_of_confusion_is_large(tru
     pixels = image.radiance[..., 0].astype(float)
     got, stderr = pixels.mean(axis=0), pixels.std(axis=0, ddof=1) / np.sqrt(len(pixels))
     assert ((got > 0.05) & (got < 0.95)).sum() == ((expected > 0.05) & (expected < 0.95)).sum()
-    truth(f"columns of pixels across the edge, {distance} m away, focus at {focus} m, f/1.4, 40 mm",
-          source="thin lens: disk of A |1 - s/F|, over the pixel", expected=expected, got=got, stderr=stderr,
-          tolerance=3e-5, reason="float32 rounding, slant of the light")
+    truth(
+        f"columns of pixels across the edge, {distance} m away, focus at {focus} m, f/1.4, 40 mm",
+        source="thin lens: disk of A |1 - s/F|, over the pixel",
+        expected=expected,
+        got=got,
+        stderr=stderr,
+        tolerance=3e-5,
+        reason="float32 rounding, slant of the light",
+    )

@@ -136,15 +136,17 @@ def test_alpha_of_vertices_multiplies_that_of_the_picture(tmp_path):
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-6, 1e-5, 1e-4])
-@pytest.mark.parametrize("more", [{}, {"path": [{"time_s": t, "position": [0, 2, t]} for t in (0, 1)]}],
-                         ids=["still", "moving"])
+@pytest.mark.parametrize(
+    "more", [{}, {"path": [{"time_s": t, "position": [0, 2, t]} for t in (0, 1)]}], ids=["still", "moving"]
+)
 @pytest.mark.parametrize("turn", [[10, 0, 20], [33, 5, -20]])
 def test_what_lies_close_behind_a_hole_is_seen(tmp_path, gap, more, turn):
     """A wall behind a net, in one file with it, at no distance or less than a step to the other side of a hole."""
     gltf = Gltf()
     pixels = np.concatenate([np.full((4, 4, 3), 188), CHECKER[..., None]], axis=2)
-    gltf.mesh(3.0 * BOARD, material=gltf.textured(picture(pixels), alphaMode="MASK"),
-              attributes={"TEXCOORD_0": gltf.uv()})
+    gltf.mesh(
+        3.0 * BOARD, material=gltf.textured(picture(pixels), alphaMode="MASK"), attributes={"TEXCOORD_0": gltf.uv()}
+    )
     gltf.mesh(3.0 * np.roll(BOARD, 1, axis=0) - [0, 0, gap])
     gltf.save(tmp_path / "both.glb")
     both = {"file": "both.glb", "up": "y", "position": [0, 2, 0], "rotation_euler_deg": turn, **more}
@@ -166,8 +168,11 @@ def test_holes_are_there_in_what_moves(tmp_path, seen):
 
 def test_copies_have_the_same_holes_as_instances_and_in_one_mesh(tmp_path, monkeypatch):
     net(tmp_path / "net.glb")
-    scatter = {"object": {"file": "net.glb", "up": "y", "scale": 0.3, "rotation_euler_deg": [0, 0, 20]}, "count": 40,
-               "scale_range": [0.4, 2.5]}
+    scatter = {
+        "object": {"file": "net.glb", "up": "y", "scale": 0.3, "rotation_euler_deg": [0, 0, 20]},
+        "count": 40,
+        "scale_range": [0.4, 2.5],
+    }
     data = (
         scene(tmp_path, []).model_dump(mode="json")
         | {"scatter": [scatter]}
@@ -298,8 +303,10 @@ def test_what_lies_under_holes_does_not_colour_the_net_from_afar(tmp_path):
     for under in (0, 188):
         pixels = np.where(alpha[..., None] > 0, 188, under) * np.ones(3, int)
         gltf = Gltf()
-        gltf.mesh(material=gltf.textured(picture(np.dstack([pixels, alpha]), side=1), alphaMode="MASK"),
-                  attributes={"TEXCOORD_0": gltf.uv()})
+        gltf.mesh(
+            material=gltf.textured(picture(np.dstack([pixels, alpha]), side=1), alphaMode="MASK"),
+            attributes={"TEXCOORD_0": gltf.uv()},
+        )
         gltf.save(tmp_path / "net.glb")
         made = scene(tmp_path, [{**NET, "position": [0, 3.5, 0]}], outputs="B")
         means.append(rendered(made, "B", spp_b=64).B.radiance[24:40, 24:40].mean())

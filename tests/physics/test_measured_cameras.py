@@ -29,8 +29,11 @@ def renderer_of(view, water=VAROS_WATER):
     """A slanted wall and a plate before it."""
     wall = rectangle((-30, 3 - 9, -30), (60, 18, 0), (0, 0, 60), 0.5, "wall")
     plate = rectangle((-0.2, 2, -0.3), (0.8, 0, 0), (0, 0, 0.7), 0.3, "plate")
-    scene = Scene(water={"coefficients": water} if water else "none",
-                  vehicle={"cameras": [view], "lights": VAROS_LAMPS}, trajectory={"poses": [{"position": [0, 0, 0]}]})
+    scene = Scene(
+        water={"coefficients": water} if water else "none",
+        vehicle={"cameras": [view], "lights": VAROS_LAMPS},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+    )
     return FrameRenderer(scene, "cpu", parts=[wall, plate])
 
 
@@ -39,15 +42,23 @@ def test_intrinsics_that_say_the_same_give_the_same_bytes(any_field, integrator)
     """K is made of the same products, so nothing differs, nor do the rays along which the field is tabulated."""
     how = {"outputs": "ABCDSF", "following": NEXT, "integrator": integrator, "spp": 2, "spp_b": 2, "denoise": "none"}
     frames = [renderer_of(view).render(np.eye(4), denoise_b="none", **how) for view in (BY_SENSOR, BY_PIXELS)]
-    for image in (lambda f: f.A.radiance, lambda f: f.A.stderr, lambda f: f.B.radiance, lambda f: f.C.normal,
-                  lambda f: f.D.depth, lambda f: f.S.instance, lambda f: f.F.flow):
+    for image in (
+        lambda f: f.A.radiance,
+        lambda f: f.A.stderr,
+        lambda f: f.B.radiance,
+        lambda f: f.C.normal,
+        lambda f: f.D.depth,
+        lambda f: f.S.instance,
+        lambda f: f.F.flow,
+    ):
         np.testing.assert_array_equal(*map(image, frames))
 
 
 def test_a_part_of_an_image_is_that_of_a_camera_whose_principal_point_is_aside():
     """C, D, S and F of each pixel: the pixel differs by whole columns and rows, and the rays by rounding."""
-    whole, part = (renderer_of(view, None).render(np.eye(4), outputs="CDSF", following=NEXT)
-                   for view in (BY_PIXELS, PART))
+    whole, part = (
+        renderer_of(view, None).render(np.eye(4), outputs="CDSF", following=NEXT) for view in (BY_PIXELS, PART)
+    )
     cut = (ROWS, COLUMNS)
     np.testing.assert_array_equal(part.S.instance, whole.S.instance[cut])
     assert len(np.unique(part.S.instance)) == 2
@@ -61,19 +72,35 @@ def test_a_part_of_an_image_is_that_of_a_camera_whose_principal_point_is_aside()
 def test_light_in_open_water_of_a_part_of_an_image_is_that_of_the_whole(truth, layers):
     """By the field tabulated along the rays: in between its nodes, which are finer in the part, it is interpolated."""
     how = {"outputs": "A", "integrator": "field", "spp": 16, "denoise": "none", "layers": layers}
-    whole, part = (FrameRenderer(renderer_of(view).scene, "cpu", parts=[]).render(np.eye(4), **how).A.radiance
-                   for view in (BY_PIXELS, PART))
+    whole, part = (
+        FrameRenderer(renderer_of(view).scene, "cpu", parts=[]).render(np.eye(4), **how).A.radiance
+        for view in (BY_PIXELS, PART)
+    )
     expected = whole[ROWS, COLUMNS].mean((0, 1))
-    truth(f"mean radiance of a part of an image, {layers[0]}", source="the same part of the whole", expected=expected,
-          got=part.mean((0, 1)), tolerance=2e-3 * expected, reason="stated bias of the field")
+    truth(
+        f"mean radiance of a part of an image, {layers[0]}",
+        source="the same part of the whole",
+        expected=expected,
+        got=part.mean((0, 1)),
+        tolerance=2e-3 * expected,
+        reason="stated bias of the field",
+    )
 
 
 @pytest.mark.parametrize(("lens", "integrator"), [("folding", "path"), ("folding", "field"), ("sphere", "reference")])
 def test_where_a_lens_ends_images_are_black_or_nothing(any_field, lens, integrator):
     """All outputs; a pixel that the edge crosses may have some light, and one whose centre sees a wall has a depth."""
     renderer = renderer_of(BY_SENSOR | ENDING[lens])
-    frame = renderer.render(np.eye(4), outputs="ABCDSF", following=NEXT, spp=4, spp_b=4, integrator=integrator,
-                            denoise="none", denoise_b="none")
+    frame = renderer.render(
+        np.eye(4),
+        outputs="ABCDSF",
+        following=NEXT,
+        spp=4,
+        spp_b=4,
+        integrator=integrator,
+        denoise="none",
+        denoise_b="none",
+    )
     view = renderer.scene.vehicle.cameras[0]
     model, (row, col) = camera_model(view), np.indices((33, 49))
     corner = model.rays(np.stack([col, row], -1).astype(float)).weight == 0.0

@@ -26,8 +26,14 @@ SECOND = 1_000_000_000
 
 def moving(part, velocity, turn_deg=(0, 0, 0)):
     """A part that moves and turns so much in its first second."""
-    stops = tuple(Stop(time_s=t, position=tuple(t * np.array(velocity, float)),
-                       rotation_euler_deg=tuple(t * np.array(turn_deg, float))) for t in (0.0, 1.0))
+    stops = tuple(
+        Stop(
+            time_s=t,
+            position=tuple(t * np.array(velocity, float)),
+            rotation_euler_deg=tuple(t * np.array(turn_deg, float)),
+        )
+        for t in (0.0, 1.0)
+    )
     return Moving(**vars(part), path=stops, R_w_o=np.eye(3))
 
 
@@ -51,8 +57,10 @@ def test_an_object_looks_as_if_it_stood_where_it_is(time_ns):
     scene = scene_of(water={"coefficients": TURBID})
     how = {"outputs": "ABCDS", "spp": 4, "spp_b": 4, "integrator": "path", "time_ns": time_ns}
     T = poses_along(one.path, np.array([time_ns]))[0]
-    got, still = (FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), **how)
-                  for parts in ([one, wall()], [placed(plate(), T), wall()]))
+    got, still = (
+        FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), **how)
+        for parts in ([one, wall()], [placed(plate(), T), wall()])
+    )
     same = got.S.instance == still.S.instance
     assert same.mean() > 0.998
     assert (got.S.instance == 1).sum() > 100  # numbered in the scene's order, whatever moves
@@ -112,16 +120,24 @@ def test_a_moving_edge_before_a_still_camera_is_a_ramp(truth):
     scene = scene_of({"exposure_s": exposure})
     T_0 = transform(position=(-0.5 * speed, 0, 0))  # the plate's edge is before the camera after half a second
     how = {"outputs": "B", "spp_b": 256}
-    by_plate = FrameRenderer(scene, "cpu", parts=[black((-speed, 0, 0))]).render(
-        T_0, motion=lambda ns: np.repeat(T_0[None], len(ns), axis=0), time_ns=SECOND // 2, **how).B
+    by_plate = (
+        FrameRenderer(scene, "cpu", parts=[black((-speed, 0, 0))])
+        .render(T_0, motion=lambda ns: np.repeat(T_0[None], len(ns), axis=0), time_ns=SECOND // 2, **how)
+        .B
+    )
     by_camera = FrameRenderer(scene, "cpu", parts=[black()]).render(np.eye(4), motion=steady((speed, 0, 0)), **how).B
     streak = FOCAL * speed * exposure / 2.0
     at = np.arange(SIZE[0] + 1.0) - SIZE[0] / 2
     inside = np.clip(at + streak / 2, 0.0, streak)
     free = inside**2 / (2 * streak) + np.maximum(at - streak / 2, 0.0)
-    truth("B across a moving edge", source="speed x exposure x f / Z", expected=np.diff(free),
-          got=by_plate.radiance[..., 1].mean(0), stderr=by_plate.radiance[..., 1].std(0, ddof=1) / np.sqrt(SIZE[1]),
-          reason="noise, and one part in 512 of an exposure")
+    truth(
+        "B across a moving edge",
+        source="speed x exposure x f / Z",
+        expected=np.diff(free),
+        got=by_plate.radiance[..., 1].mean(0),
+        stderr=by_plate.radiance[..., 1].std(0, ddof=1) / np.sqrt(SIZE[1]),
+        reason="noise, and one part in 512 of an exposure",
+    )
     # the same samples: one falls on the other side of the edge by rounding now and then
     assert np.abs(by_plate.radiance - by_camera.radiance).max() <= 2.01 / 256
 
@@ -138,23 +154,31 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
     one = moving(reflector, (1.0, 0, 0))
     how = {"outputs": "A", "spp": 16, "integrator": "path", "max_bounces": 2, "denoise": "none"}
     renderer = FrameRenderer(scene, "cpu", parts=[one, wall()])
-    blurred = [renderer.render(np.eye(4), motion=steady(), time_ns=SECOND // 2, seed=k, **how).A.radiance.mean()
-               for k in range(12)]
+    blurred = [
+        renderer.render(np.eye(4), motion=steady(), time_ns=SECOND // 2, seed=k, **how).A.radiance.mean()
+        for k in range(12)
+    ]
     still = FrameRenderer(scene_of(None, [lamp], clear), "cpu", parts=[one, wall()])
     times = 0.5 + 0.3 * ((np.arange(12) + 0.5) / 12 - 0.5)  # of a smooth course; the step's error is below 1e-4
-    instants = [still.render(np.eye(4), time_ns=round(SECOND * t), seed=k, **how).A.radiance.mean()
-                for k, t in enumerate(times)]
+    instants = [
+        still.render(np.eye(4), time_ns=round(SECOND * t), seed=k, **how).A.radiance.mean() for k, t in enumerate(times)
+    ]
     trend = np.polyval(np.polyfit(times, instants, 2), times)  # without which their spread is noise
     error = np.hypot(np.std(blurred, ddof=1), np.std(instants - trend, ddof=3)) / np.sqrt(12)
-    truth("light off a moving plate", source="mean over instants", expected=np.mean(instants), got=np.mean(blurred),
-          stderr=error, reason="noise of 12 images of each")
+    truth(
+        "light off a moving plate",
+        source="mean over instants",
+        expected=np.mean(instants),
+        got=np.mean(blurred),
+        stderr=error,
+        reason="noise of 12 images of each",
+    )
 
 
 def test_without_motion_objects_are_not_blurred_either():
     scene, parts = scene_of({"exposure_s": 0.25}), [moving(plate(), (1, 0, 0)), wall()]
     plain = FrameRenderer(scene_of(), "cpu", parts=parts)
-    how = {"outputs": "ABD", "spp": 2, "spp_b": 2, "integrator": "path", "layers": ("direct",),
-           "time_ns": SECOND // 3}
+    how = {"outputs": "ABD", "spp": 2, "spp_b": 2, "integrator": "path", "layers": ("direct",), "time_ns": SECOND // 3}
     still, sharp = FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), **how), plain.render(np.eye(4), **how)
     assert np.array_equal(still.A.radiance, sharp.A.radiance)
     assert np.array_equal(still.B.radiance, sharp.B.radiance)
@@ -180,11 +204,18 @@ def test_flow_follows_the_object_and_what_it_comes_to_hide(truth):
     """A plate at 1.2 m that moves by 0.1 m: f v / Z; ahead of it a band of the wall hides, behind it none does."""
     parts = [moving(plate(), (1.0, 0, 0)), wall()]
     frame = FrameRenderer(scene_of(), "cpu", parts=parts).render(
-        np.eye(4), outputs="FS", time_ns=SECOND // 10, following=NextFrame(np.eye(4), time_ns=SECOND // 5))
+        np.eye(4), outputs="FS", time_ns=SECOND // 10, following=NextFrame(np.eye(4), time_ns=SECOND // 5)
+    )
     on_plate, step = frame.S.instance == 1, FOCAL * 0.1 / 1.2
     expected = np.where(on_plate[..., None], [step, 0.0], 0.0)
-    truth("flow of a moving plate [px]", source="f v dt / Z", tolerance=2e-4, expected=expected, got=frame.F.flow,
-          reason="float32 rounding of D")
+    truth(
+        "flow of a moving plate [px]",
+        source="f v dt / Z",
+        tolerance=2e-4,
+        expected=expected,
+        got=frame.F.flow,
+        reason="float32 rounding of D",
+    )
     np.testing.assert_allclose(frame.F.motion[on_plate], np.broadcast_to([0.1, 0, 0], (on_plate.sum(), 3)), atol=1e-5)
     assert not frame.F.occluded[on_plate].any()
     # the wall's points that the plate is before in the next frame, and not in this one
@@ -200,14 +231,28 @@ def test_flow_between_rolling_shutters_follows_the_object(truth):
     """As of the camera that moves the other way: f v dt / Z, dt from a point's row to that where it comes to be."""
     readout, depth, velocity = 0.06, 3.0, np.array([0.4, 0.0, -0.7])
     board = rectangle((-30, depth, -30), (60, 0, 0), (0, 0, 60), 0.5, "board")
-    F = FrameRenderer(scene_of({"readout_s": readout}), "cpu", parts=[moving(board, velocity)]).render(
-        np.eye(4), outputs="F", motion=steady(), time_ns=SECOND // 2,
-        following=NextFrame(np.eye(4), motion=steady(), time_ns=SECOND // 2 + 100_000_000)).F
+    F = (
+        FrameRenderer(scene_of({"readout_s": readout}), "cpu", parts=[moving(board, velocity)])
+        .render(
+            np.eye(4),
+            outputs="F",
+            motion=steady(),
+            time_ns=SECOND // 2,
+            following=NextFrame(np.eye(4), motion=steady(), time_ns=SECOND // 2 + 100_000_000),
+        )
+        .F
+    )
     image_speed = FOCAL * np.array([velocity[0], -velocity[2]]) / depth
     dt = 0.1 / (1.0 - image_speed[1] * readout / SIZE[1])
     got = F.flow[8:-8]
-    truth("flow of an object between rolling shutters [px]", source="v dt f / Z, dt by row", tolerance=2e-4,
-          expected=np.broadcast_to(image_speed * dt, got.shape), got=got, reason="float32 rounding of D")
+    truth(
+        "flow of an object between rolling shutters [px]",
+        source="v dt f / Z, dt by row",
+        tolerance=2e-4,
+        expected=np.broadcast_to(image_speed * dt, got.shape),
+        got=got,
+        reason="float32 rounding of D",
+    )
     assert not F.occluded[8:-8].any()
 
 
@@ -219,8 +264,9 @@ def test_beams_meet_an_object_where_it_is_at_their_times():
     start, ahead = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.5, 0, 0]]), np.tile([0.0, 1.0, 0.0], (3, 1))
     T = poses_along(one.path, times)
     got = ranges([wall(), one], start, ahead, 30.0, {"plate": T})
-    alone = [ranges([wall(), placed(plate(), pose)], start[i:i + 1], ahead[i:i + 1], 30.0)[0]
-             for i, pose in enumerate(T)]
+    alone = [
+        ranges([wall(), placed(plate(), pose)], start[i : i + 1], ahead[i : i + 1], 30.0)[0] for i, pose in enumerate(T)
+    ]
     np.testing.assert_allclose(got, alone, atol=1e-6)
     assert (got < 1.99).all()
 
@@ -242,9 +288,13 @@ def test_a_gpu_sees_what_moves_as_a_cpu_does():
     assert same.mean() > 0.995
     np.testing.assert_allclose(on_gpu.D.range[same], on_cpu.D.range[same], atol=1e-5)
 
-    two = [gpu.render(np.eye(4), outputs="A", spp=1024, seed=k, **how | {"integrator": name}).A
-           for k, name in enumerate(("path", "field"))]
+    two = [
+        gpu.render(np.eye(4), outputs="A", spp=1024, seed=k, **how | {"integrator": name}).A
+        for k, name in enumerate(("path", "field"))
+    ]
     height, width = (side // 4 for side in SIZE[::-1])
-    off, variance = (image[:4 * height, :4 * width].astype(float).reshape(4, height, 4, width, 3).sum((1, 3))
-                     for image in (two[1].radiance - two[0].radiance, sum(image.stderr**2 for image in two)))
+    off, variance = (
+        image[: 4 * height, : 4 * width].astype(float).reshape(4, height, 4, width, 3).sum((1, 3))
+        for image in (two[1].radiance - two[0].radiance, sum(image.stderr**2 for image in two))
+    )
     assert_plausible(two_sided(off / np.sqrt(variance)))

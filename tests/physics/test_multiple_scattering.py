@@ -46,10 +46,16 @@ def test_light_of_a_point_source_in_an_isotropic_medium(truth, albedo, T, first,
         return [point((1, 0, 1 - gone), 1 / (4 * np.pi))]
 
     medium = water(albedo, 1.0, 0.0)
-    for order, expected, how in (("once", first, {"layer": "single"}), ("all orders", total, {}),
-                                 ("twice", second, {"layer": "multiple", "max_scatterings": 2})):
-        truth(f"scattered {order}, albedo {albedo}, ray 1 m from the source up to {T} m", source=FOURIER,
-              **agreement(line_of_sight(source, medium, T, spp=512, **how), expected))
+    for order, expected, how in (
+        ("once", first, {"layer": "single"}),
+        ("all orders", total, {}),
+        ("twice", second, {"layer": "multiple", "max_scatterings": 2}),
+    ):
+        truth(
+            f"scattered {order}, albedo {albedo}, ray 1 m from the source up to {T} m",
+            source=FOURIER,
+            **agreement(line_of_sight(source, medium, T, spp=512, **how), expected),
+        )
 
 
 @pytest.mark.parametrize(
@@ -74,12 +80,18 @@ def test_double_scattering_and_one_scattering_on_the_way_to_or_from_the_floor(
 
     in_water = line_of_sight(lamp, PAPER_WATER, D, layer="multiple", spp=1024, max_scatterings=2)
     rest = {"precision": 0.02, "tolerance": 1e-3, "reason": "0.1 %, stated with the truth, and float32 rounding"}
-    truth(f"scattered twice, {name}, ray up to {D} m", source=MONTE_CARLO,
-          **agreement(channel(in_water, name), L2, L2_error, **rest))
+    truth(
+        f"scattered twice, {name}, ray up to {D} m",
+        source=MONTE_CARLO,
+        **agreement(channel(in_water, name), L2, L2_error, **rest),
+    )
     scene = one_ray_scene(lamp(0.0), PAPER_WATER)
     with_floor = radiance(scene, [floor(D, 0.25)], "multiple", spp=512, max_scatterings=1, max_bounces=1)
-    truth(f"floor and one scattering, {name}, floor at {D} m", source=MONTE_CARLO,
-          **agreement(channel(with_floor, name), one_scatter, one_scatter_error, **rest))
+    truth(
+        f"floor and one scattering, {name}, floor at {D} m",
+        source=MONTE_CARLO,
+        **agreement(channel(with_floor, name), one_scatter, one_scatter_error, **rest),
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,15 +108,23 @@ def test_orders_of_scattering_in_open_water(truth, name, T, totals):
     """
     for order, (expected, error) in totals.items():
         if order is None:
-            truth(f"all orders, {name}, ray up to {T} m", source=MONTE_CARLO,
-                  **agreement(channel(line_of_sight(varos_lamps, PAPER_WATER, T, spp=512), name), expected, error))
+            truth(
+                f"all orders, {name}, ray up to {T} m",
+                source=MONTE_CARLO,
+                **agreement(channel(line_of_sight(varos_lamps, PAPER_WATER, T, spp=512), name), expected, error),
+            )
             continue
-        here, beyond = (order_by_pixel(order, varos_lamps(gone), 1024 if order == 2 else 512, seed)
-                        for gone, seed in ((0.0, 7), (T, 8)))
+        here, beyond = (
+            order_by_pixel(order, varos_lamps(gone), 1024 if order == 2 else 512, seed)
+            for gone, seed in ((0.0, 7), (T, 8))
+        )
         pixels = here - np.exp(-T * np.add(PAPER_WATER["sigma_s"], PAPER_WATER["sigma_a"])) * beyond
         estimate = pixels.mean(axis=0), pixels.std(axis=0, ddof=1) / np.sqrt(len(pixels))
-        truth(f"order {order}, {name}, ray up to {T} m", source=MONTE_CARLO,
-              **agreement(channel(estimate, name), expected, error, precision=0.2))
+        truth(
+            f"order {order}, {name}, ray up to {T} m",
+            source=MONTE_CARLO,
+            **agreement(channel(estimate, name), expected, error, precision=0.2),
+        )
 
 
 def order_by_pixel(order, lamps, spp, seed):
@@ -113,8 +133,12 @@ def order_by_pixel(order, lamps, spp, seed):
     More orders do not change the lower ones, so those cancel, and their noise with them.
     """
     renderer = FrameRenderer(one_ray_scene(lamps, PAPER_WATER), "cpu", parts=[])
-    up_to, below = (renderer.render(np.eye(4), outputs="A", spp=spp, seed=seed, integrator="path",
-                                    layers=("multiple",), max_scatterings=most).A for most in (order, order - 1))
+    up_to, below = (
+        renderer.render(
+            np.eye(4), outputs="A", spp=spp, seed=seed, integrator="path", layers=("multiple",), max_scatterings=most
+        ).A
+        for most in (order, order - 1)
+    )
     return (up_to.radiance - below.radiance).reshape(-1, 3).astype(float)
 
 
@@ -128,8 +152,11 @@ def test_the_whole_pixel_in_blue_with_a_floor(truth):
         ("all light", radiance(scene, end, spp=512), 7.2505e-3, 7e-6),
         ("scattered twice", radiance(scene, black, "multiple", spp=1024, max_scatterings=2), 8.779e-5, 1e-7),
     ):
-        truth(f"{what}, blue, floor of reflectance 0.25 at 5 m", source=MONTE_CARLO,
-              **agreement(channel(made, "B"), expected, error))
+        truth(
+            f"{what}, blue, floor of reflectance 0.25 at 5 m",
+            source=MONTE_CARLO,
+            **agreement(channel(made, "B"), expected, error),
+        )
 
 
 @pytest.mark.subject("surfaces and lights")
@@ -148,8 +175,11 @@ def test_two_floors_exchange_light_like_a_geometric_series(truth):
     form_factor = (2 * D) ** 2 / (np.pi * distance2**2)
     second = r * np.trapezoid(E1 * form_factor * 2 * np.pi * rho, rho)
     got = radiance(scene, plates, "multiple", max_bounces=2, spp=512)
-    truth("floor and plate 1 m from the lamp, two bounces", source="form factor of parallel plates, quadrature",
-          **agreement(got, r / np.pi * second))
+    truth(
+        "floor and plate 1 m from the lamp, two bounces",
+        source="form factor of parallel plates, quadrature",
+        **agreement(got, r / np.pi * second),
+    )
 
 
 def test_more_orders_never_change_the_lower_ones():

@@ -25,8 +25,11 @@ CAMERAS = {
     "dome": {"port": DOME, "n_water": 1.342},
     "dome and barrel": {"port": DOME, "distortion": BARREL},
     "rational": {"distortion": {"model": "rational", "k": [4.1, 2.7, 0.001, -0.002, 0.1, 4.5, 4.0, 0.9]}},
-    "sphere in a dome, aside": {"port": DOME, "distortion": {"model": "double_sphere", "xi": -0.2, "alpha": 0.59},
-                                "intrinsics": {"fx": 49.0, "fy": 48.0, "cx": 35.2, "cy": 15.1}},
+    "sphere in a dome, aside": {
+        "port": DOME,
+        "distortion": {"model": "double_sphere", "xi": -0.2, "alpha": 0.59},
+        "intrinsics": {"fx": 49.0, "fy": 48.0, "cx": 35.2, "cy": 15.1},
+    },
 }
 LAMP = {"kind": "point", "position": [0.3, 0, 0.2], "intensity": [40.0, 40.0, 40.0]}
 
@@ -34,8 +37,12 @@ LAMP = {"kind": "point", "position": [0.3, 0, 0.2], "intensity": [40.0, 40.0, 40
 def scene_of(camera, water="none", **more):
     size = {} if "intrinsics" in camera else {"sensor_mm": [4.416, 2.484], "focal_mm": 3.4}
     view = {"resolution": [64, 36]} | size | camera
-    return Scene(water=water, vehicle={"cameras": [view], "lights": [LAMP]},
-                 trajectory={"poses": [{"position": [0, 0, 0]}]}, **more)
+    return Scene(
+        water=water,
+        vehicle={"cameras": [view], "lights": [LAMP]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        **more,
+    )
 
 
 def plane_through(scene, y, slope=0.3):
@@ -59,8 +66,12 @@ def test_depth_and_objects_are_where_the_rays_of_the_host_meet_a_plane(truth, ca
     t_far, far, _ = plane_through(scene, 3.0)
 
     def within(margin):
-        return ((near[..., 0] > -0.4 - margin) & (near[..., 0] < 0.5 + margin) & (near[..., 2] > -0.3 - margin)
-                & (near[..., 2] < 0.4 + margin))
+        return (
+            (near[..., 0] > -0.4 - margin)
+            & (near[..., 0] < 0.5 + margin)
+            & (near[..., 2] > -0.3 - margin)
+            & (near[..., 2] < 0.4 + margin)
+        )
 
     sure = within(1e-5) == within(-1e-5)  # not on the edge of the square
     seen = np.isfinite(t_far) & sure & (np.abs(far) < 29.0).all(-1)
@@ -71,20 +82,35 @@ def test_depth_and_objects_are_where_the_rays_of_the_host_meet_a_plane(truth, ca
     t, point = np.where(on_square, t_near, t_far), np.where(on_square[..., None], near, far)
     rounding = 1e-6 * (1.0 + t[seen]) / slant[seen]
     how = {"tolerance": rounding, "reason": "float32 rounding over the cosine of the slant"}
-    truth(f"water path [m] of all pixels, {camera}", source="float64 ray to the plane", expected=t[seen],
-          got=frame.D.range[seen], **how)
-    truth(f"planar depth [m] of all pixels, {camera}", source="forward part of the point seen",
-          expected=point[seen][:, 1], got=frame.D.depth[seen], **how)
+    truth(
+        f"water path [m] of all pixels, {camera}",
+        source="float64 ray to the plane",
+        expected=t[seen],
+        got=frame.D.range[seen],
+        **how,
+    )
+    truth(
+        f"planar depth [m] of all pixels, {camera}",
+        source="forward part of the point seen",
+        expected=point[seen][:, 1],
+        got=frame.D.depth[seen],
+        **how,
+    )
 
 
 @pytest.mark.parametrize("camera", ["flat", "flat, colours apart", "dome"])
 def test_radiance_of_a_plate_in_water_that_absorbs_is_that_at_the_sensor(truth, camera):
     """T / n^2 of what the plate reflects after absorption, for each channel along its own ray; pixels are small."""
-    scene = scene_of(CAMERAS[camera] | {"resolution": [8, 6], "sensor_mm": [0.8, 0.6], "focal_mm": 20.0},
-                     {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": [0.4, 0.1, 0.05]}})
+    scene = scene_of(
+        CAMERAS[camera] | {"resolution": [8, 6], "sensor_mm": [0.8, 0.6], "focal_mm": 20.0},
+        {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": [0.4, 0.1, 0.05]}},
+    )
     plate = rectangle((-5, 2, -5), (10, 0, 0), (0, 0, 10), 0.6, "plate")
-    A = FrameRenderer(scene, "cpu", parts=[plate]).render(np.eye(4), outputs="A", spp=6, integrator="path",
-                                                          layers=("direct",), denoise="none").A
+    A = (
+        FrameRenderer(scene, "cpu", parts=[plate])
+        .render(np.eye(4), outputs="A", spp=6, integrator="path", layers=("direct",), denoise="none")
+        .A
+    )
     view = scene.vehicle.cameras[0]
     expected = np.empty((6, 8, 3))
     for channel, sigma in enumerate((0.4, 0.1, 0.05)):
@@ -94,9 +120,14 @@ def test_radiance_of_a_plate_in_water_that_absorbs_is_that_at_the_sensor(truth, 
         to_lamp = np.array([0.3, 0.0, 0.2]) - (o + t[..., None] * d)
         s = np.linalg.norm(to_lamp, axis=-1)
         expected[..., channel] = ray.weight * 0.6 / np.pi * 40.0 * 2.0 / s**3 * np.exp(-sigma * (s + t))
-    truth(f"radiance [W/sr/m^2] of a plate 2 m away, {camera}",
-          source="T / n^2 times reflectance / pi, inverse square, Beer", expected=expected, got=A.radiance,
-          tolerance=1e-3 * expected, reason="radiance within a pixel of 5 mrad, to second order")
+    truth(
+        f"radiance [W/sr/m^2] of a plate 2 m away, {camera}",
+        source="T / n^2 times reflectance / pi, inverse square, Beer",
+        expected=expected,
+        got=A.radiance,
+        tolerance=1e-3 * expected,
+        reason="radiance within a pixel of 5 mrad, to second order",
+    )
 
 
 ONCE, ALL = ("direct", "single"), ("direct", "single", "multiple")
@@ -106,8 +137,11 @@ ONCE, ALL = ("direct", "single"), ("direct", "single", "multiple")
 def mean_of_a_plate(n_water, integrator, layers=ALL, seeds=12):
     """Mean radiance in water that scatters, and its standard error."""
     water = {"coefficients": {"sigma_s": [0.3] * 3, "sigma_a": [0.1] * 3, "phase": {"g": 0.8}}}
-    renderer = FrameRenderer(scene_of({"port": FLAT, "n_water": n_water, "resolution": [16, 8]}, water), "cpu",
-                             parts=[rectangle((-5, 2, -5), (10, 0, 0), (0, 0, 10), 0.6, "plate")])
+    renderer = FrameRenderer(
+        scene_of({"port": FLAT, "n_water": n_water, "resolution": [16, 8]}, water),
+        "cpu",
+        parts=[rectangle((-5, 2, -5), (10, 0, 0), (0, 0, 10), 0.6, "plate")],
+    )
     how = {"outputs": "A", "spp": 12, "integrator": integrator, "layers": layers, "denoise": "none"}
     images = [renderer.render(np.eye(4), seed=seed, **how).A.radiance.mean((0, 1)) for seed in range(seeds)]
     return np.mean(images, 0), np.std(images, 0, ddof=1) / np.sqrt(seeds)
@@ -125,9 +159,16 @@ def test_each_channel_of_a_dispersive_camera_is_that_of_a_camera_with_its_index(
     alone = [mean_of_a_plate(n, "path", layers) for n in indices]
     expected, other = (np.array([pair[i][c] for c, pair in enumerate(alone)]) for i in range(2))
     # of twelve images each the standard error is itself uncertain: 5 of Student's t are 4 of Gauss
-    truth(f"mean radiance of R, G, B at indices 1.30, 1.36, 1.42, by {integrator}", source="a camera with each of them",
-          expected=expected, got=got, stderr=np.hypot(error, other), sigmas=5.0,
-          tolerance=2e-3 * expected * (integrator == "field"), reason="stated bias of the field")
+    truth(
+        f"mean radiance of R, G, B at indices 1.30, 1.36, 1.42, by {integrator}",
+        source="a camera with each of them",
+        expected=expected,
+        got=got,
+        stderr=np.hypot(error, other),
+        sigmas=5.0,
+        tolerance=2e-3 * expected * (integrator == "field"),
+        reason="stated bias of the field",
+    )
 
 
 @pytest.mark.parametrize("integrator", ["path", "reference"])
@@ -138,8 +179,8 @@ def test_past_the_rim_images_are_black_or_nothing(integrator):
     scene = scene_of({"port": rim, "distortion": BARREL, "n_water": [1.339, 1.342, 1.347]}, water)
     plate = rectangle((-5, 2, -5), (10, 0, 0), (0, 0, 10), 0.6, "plate")
     frame = FrameRenderer(scene, "cpu", parts=[plate]).render(
-        np.eye(4), outputs="ABCDS", spp=4, spp_b=4, integrator=integrator, layers=ONCE, denoise="none",
-        denoise_b="none")
+        np.eye(4), outputs="ABCDS", spp=4, spp_b=4, integrator=integrator, layers=ONCE, denoise="none", denoise_b="none"
+    )
     border = camera_model(scene.vehicle.cameras[0])
     row, col = np.indices((37, 65))
     corners = np.array([border.rays(np.stack([col, row], -1), channel).weight > 0.0 for channel in range(3)])
@@ -175,8 +216,10 @@ def test_white_surroundings_stay_white_in_b():
 def test_a_gpu_sees_through_lens_and_port_as_a_cpu_does(camera):
     """The same random numbers, so that rounding alone differs: that of a ray errs in 1 / D of a plane, at any slant."""
     scene = scene_of(CAMERAS[camera], {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": [0.4, 0.1, 0.05]}})
-    parts = [rectangle((-30, -6, -30), (60, 18, 0), (0, 0, 60), 0.5, "plane"),
-             rectangle((-0.4, 1.88, -0.3), (0.9, 0.27, 0), (0, 0, 0.7), 0.8, "square")]
+    parts = [
+        rectangle((-30, -6, -30), (60, 18, 0), (0, 0, 60), 0.5, "plane"),
+        rectangle((-0.4, 1.88, -0.3), (0.9, 0.27, 0), (0, 0, 0.7), 0.8, "square"),
+    ]
     how = {"outputs": "ADS", "spp": 6, "integrator": "path", "layers": ("direct",), "denoise": "none"}
     cpu, gpu = (FrameRenderer(scene, device, parts=parts).render(np.eye(4), **how) for device in ("cpu", "cuda:0"))
     same = cpu.S.instance == gpu.S.instance

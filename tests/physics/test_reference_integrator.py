@@ -62,8 +62,9 @@ def assert_agrees_with_heavy_tail(estimate, expected, expected_stderr=0.0, preci
 def sphere(reflectance):
     """A closed room of radius 1, seen from inside."""
     mesh = trimesh.creation.icosphere(subdivisions=5)
-    return Part("wall", np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32),
-                Diffuse(reflectance=[reflectance] * 3))
+    return Part(
+        "wall", np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), Diffuse(reflectance=[reflectance] * 3)
+    )
 
 
 FACETS = 2e-3
@@ -83,8 +84,11 @@ def test_water_that_only_absorbs_obeys_beer_lambert_in_each_channel(truth):
     """A lamp at the camera and a floor at 5 m: 10 m of water, which in red does nothing at all."""
     clear_red = {"sigma_s": [0.0] * 3, "sigma_a": [0.0, 0.057989, 0.125]}
     expected = np.array([1.0, 0.559959958773234, 0.28650479686019]) * 0.25 / (np.pi * 25.0)
-    truth("floor seen through 10 m, reference integrator", source="exp(-sigma_a t) rho/(pi d^2)",
-          **agreement(radiance(one_ray_scene([point((0, 0, 0))], clear_red), [floor(5.0, 0.25)]), expected))
+    truth(
+        "floor seen through 10 m, reference integrator",
+        source="exp(-sigma_a t) rho/(pi d^2)",
+        **agreement(radiance(one_ray_scene([point((0, 0, 0))], clear_red), [floor(5.0, 0.25)]), expected),
+    )
 
 
 def test_without_water_a_floor_has_the_radiance_of_the_inverse_square_law_and_no_noise():
@@ -109,8 +113,11 @@ def test_without_water_a_floor_has_the_radiance_of_the_inverse_square_law_and_no
 def test_the_reference_integrator_scatters_the_light_of_a_lamp_once(truth, position, sigma_s, sigma_t, g, T, expected):
     end = [] if np.isinf(T) else [floor(T, 0.0)]
     estimate = radiance(one_ray_scene([point(position)], water(sigma_s, sigma_t, g)), end, "single", spp=4096)
-    truth(f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m", source=DIGITS,
-          **agreement(estimate, expected))
+    truth(
+        f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m",
+        source=DIGITS,
+        **agreement(estimate, expected),
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,8 +132,11 @@ def test_the_reference_integrator_scatters_the_light_of_a_lamp_once(truth, posit
 def test_the_reference_integrator_scatters_light_of_the_papers_rig_once(truth, T, g, expected):
     """Three channels from one free flight; blue has albedo 1."""
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": g}})
-    truth(f"red, green, blue; ray up to {T} m, g = {g}", source=DIGITS,
-          **agreement(radiance(scene, [floor(T, 0.0)], "single", spp=4096), expected))
+    truth(
+        f"red, green, blue; ray up to {T} m, g = {g}",
+        source=DIGITS,
+        **agreement(radiance(scene, [floor(T, 0.0)], "single", spp=4096), expected),
+    )
 
 
 # ------------------------------------------------------------------------------------------------- light of more events
@@ -144,10 +154,15 @@ def test_the_reference_integrator_has_all_orders_in_an_isotropic_medium(truth, a
     scene = one_ray_scene([point((1, 0, 1), 1 / (4 * np.pi))], water(albedo, 1.0, 0.0))
     source = "Case and Zweifel (1967); light with a heavy tail may fall short by 8 standard errors"
     assert_agrees(radiance(scene, [], "single"), first)
-    for order, expected, how in (("scattered twice", second, {"layer": "multiple", "max_scatterings": 2, "spp": 16384}),
-                                 ("all orders", total, {"spp": 8192})):
-        truth(f"{order}, albedo {albedo}, ray without end, 1 m from the source", source=source,
-              **assert_agrees_with_heavy_tail(radiance(scene, [], seed=3, **how), expected))
+    for order, expected, how in (
+        ("scattered twice", second, {"layer": "multiple", "max_scatterings": 2, "spp": 16384}),
+        ("all orders", total, {"spp": 8192}),
+    ):
+        truth(
+            f"{order}, albedo {albedo}, ray without end, 1 m from the source",
+            source=source,
+            **assert_agrees_with_heavy_tail(radiance(scene, [], seed=3, **how), expected),
+        )
 
 
 def test_one_scattering_on_the_way_to_or_from_the_floor():
@@ -241,8 +256,15 @@ RICH = {
     "terrain": {"kind": "procedural", "material": "sand"},
     "vehicle": {
         "lights": [
-            {"kind": "spot", "position": [x, 0.5, 0.8], "direction": [-x, 1, -2], "cone_deg": 70, "blend": 0.6,
-             "intensity": [4, 3, 2]} for x in (-0.7, 0.7)
+            {
+                "kind": "spot",
+                "position": [x, 0.5, 0.8],
+                "direction": [-x, 1, -2],
+                "cone_deg": 70,
+                "blend": 0.6,
+                "intensity": [4, 3, 2],
+            }
+            for x in (-0.7, 0.7)
         ],
         "cameras": [{"id": "M0", "resolution": [32, 24], "rotation_euler_deg": [-35, 0, 0]}],
     },
@@ -257,8 +279,14 @@ def rich_parts(sand):
     ground = Part("terrain", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), sand)
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.25).apply_translation((-0.3, 0.1, 0.25))
     metal = Metal(kind="metal", roughness=0.4)
-    ball = Part("ball", np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), metal, smooth_angle=np.pi,
-                smooth_shading=True)
+    ball = Part(
+        "ball",
+        np.asarray(mesh.vertices),
+        np.asarray(mesh.faces, np.int32),
+        metal,
+        smooth_angle=np.pi,
+        smooth_shading=True,
+    )
     rng = np.random.default_rng(4)
     T = np.tile(np.eye(4), (30, 1, 1))
     T[:, :3, :3] = Rotation.random(30, random_state=4).as_matrix() * rng.uniform(2, 6, (30, 1, 1))
@@ -288,8 +316,10 @@ def two_integrators(device, spp, spp_reference, water=RICH["water"], **bounds):
     """Independent batches of the reference and of the path integrator, [batch, layer, 2, 2, 3] each."""
     renderer = rich_renderer(device, json.dumps(water))
     samples = {"reference": spp_reference, "path": spp}
-    return [np.array([quarters(renderer, name, n, 1000 * k + seed, **bounds) for seed in range(BATCHES)])
-            for k, (name, n) in enumerate(samples.items())]
+    return [
+        np.array([quarters(renderer, name, n, 1000 * k + seed, **bounds) for seed in range(BATCHES)])
+        for k, (name, n) in enumerate(samples.items())
+    ]
 
 
 def assert_same_layers(whole, unscattered, precision):
@@ -299,8 +329,9 @@ def assert_same_layers(whole, unscattered, precision):
     scattering, both as from `two_integrators`. ``precision`` is the relative error of the image's means that keeps the
     test from passing for noise.
     """
-    reference, path = (np.concatenate([one[:, :2], other[:, 2:]], axis=1)
-                       for one, other in zip(whole, unscattered, strict=True))
+    reference, path = (
+        np.concatenate([one[:, :2], other[:, 2:]], axis=1) for one, other in zip(whole, unscattered, strict=True)
+    )
     assert_plausible(stats.ttest_ind(reference, path, equal_var=False).pvalue)
     mean, error = difference(reference.mean(axis=(2, 3)), path.mean(axis=(2, 3)))[1:]
     assert np.all(error < precision * mean), f"too noisy to tell: {error / mean}"
@@ -327,12 +358,21 @@ def test_the_path_integrator_has_the_same_layers_among_textures_metal_and_copies
 WATERS = {
     "of the paper": (6, 20, {"coefficients": PAPER_WATER}),
     "Jerlov 1C, Fournier-Forand": (40, 64, {"jerlov": {"type": "1C"}}),
-    "clear, Petzold": (4, 96, {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05],
-                                                 "phase": {"kind": "petzold"}}}),
-    "turbid, backward": (8, 64, {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2],
-                                                   "phase": {"g": -0.4}}}),
-    "clear and Rayleigh": (8, 32, {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1],
-                                                    "phase": {"kind": "rayleigh"}}}),
+    "clear, Petzold": (
+        4,
+        96,
+        {"coefficients": {"sigma_s": [0.1, 0.15, 0.2], "sigma_a": [0.2, 0.1, 0.05], "phase": {"kind": "petzold"}}},
+    ),
+    "turbid, backward": (
+        8,
+        64,
+        {"coefficients": {"sigma_s": [1.0, 1.5, 1.8], "sigma_a": [1.0, 0.5, 0.2], "phase": {"g": -0.4}}},
+    ),
+    "clear and Rayleigh": (
+        8,
+        32,
+        {"coefficients": {"sigma_s": [0.1, 0.2, 0.3], "sigma_a": [0.1, 0.1, 0.1], "phase": {"kind": "rayleigh"}}},
+    ),
 }
 """With the samples of paths and of the reference that leave errors of a few percent, of one in the clearest."""
 

@@ -12,25 +12,53 @@ from varos_warp.scene.frames import camera_pose, intrinsics
 from varos_warp.scene.geometry.build import build_parts
 
 pytestmark = pytest.mark.subject("surfaces and lights")
-CAMERA = {"id": "M0", "resolution": [96, 54], "sensor_mm": [4.8, 2.7], "focal_mm": 4.0,
-          "rotation_euler_deg": [-25, 0, 0]}
+CAMERA = {
+    "id": "M0",
+    "resolution": [96, 54],
+    "sensor_mm": [4.8, 2.7],
+    "focal_mm": 4.0,
+    "rotation_euler_deg": [-25, 0, 0],
+}
 AT = np.eye(4)
 AT[2, 3] = 1.1
 
 
 @pytest.fixture(scope="module")
 def scene():
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 8, "resolution": 21, "relief_m": 0.2, "material": "sand",
-                    "around_objects": True},
-        "objects": [{"kind": "boulder", "form": "joints", "diameter": 0.9, "position": [0.2, 2, 0.1],
-                     "material": "rock"},
-                    {"kind": "pipe", "radius": 0.15, "length": 2, "position": [0, 2.6, 0.35],
-                     "rotation_euler_deg": [0, 90, 0], "material": "steel"},
-                    {"kind": "pipe_support", "radius": 0.15, "height": 0.5, "position": [-0.8, 2.6, 0.35],
-                     "rotation_euler_deg": [0, 0, 90], "material": "concrete"}],
-        "materials": {kind: {"kind": "layered", "relief": kind} for kind in ("sand", "rock", "steel", "concrete")},
-        "vehicle": {"cameras": [CAMERA]}, "trajectory": {"poses": [{"position": [0, 0, 1.1]}]}})
+    return scene_from_dict(
+        {
+            "terrain": {
+                "kind": "procedural",
+                "size_m": 8,
+                "resolution": 21,
+                "relief_m": 0.2,
+                "material": "sand",
+                "around_objects": True,
+            },
+            "objects": [
+                {"kind": "boulder", "form": "joints", "diameter": 0.9, "position": [0.2, 2, 0.1], "material": "rock"},
+                {
+                    "kind": "pipe",
+                    "radius": 0.15,
+                    "length": 2,
+                    "position": [0, 2.6, 0.35],
+                    "rotation_euler_deg": [0, 90, 0],
+                    "material": "steel",
+                },
+                {
+                    "kind": "pipe_support",
+                    "radius": 0.15,
+                    "height": 0.5,
+                    "position": [-0.8, 2.6, 0.35],
+                    "rotation_euler_deg": [0, 0, 90],
+                    "material": "concrete",
+                },
+            ],
+            "materials": {kind: {"kind": "layered", "relief": kind} for kind in ("sand", "rock", "steel", "concrete")},
+            "vehicle": {"cameras": [CAMERA]},
+            "trajectory": {"poses": [{"position": [0, 0, 1.1]}]},
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +97,14 @@ def test_d_and_c_are_those_of_the_triangles(scene, parts, truth):
         off.append(depth - seen.D.depth[row, col])
         normal = normals[face].T @ [1.0 - u - v, u, v]
         turned.append(np.linalg.norm(normal / np.linalg.norm(normal) - seen.C.normal[row, col]))
-    truth("planar depth of displaced triangles [m]", source="Moeller and Trumbore in float64", expected=0.0, got=off,
-          tolerance=1e-5, reason="rays in float32, 3 m away")
+    truth(
+        "planar depth of displaced triangles [m]",
+        source="Moeller and Trumbore in float64",
+        expected=0.0,
+        got=off,
+        tolerance=1e-5,
+        reason="rays in float32, 3 m away",
+    )
     assert np.median(turned) < 1e-4
 
 
@@ -80,7 +114,12 @@ def test_white_surfaces_with_relief_vanish_in_uniform_light(scene, parts, truth)
     image = FrameRenderer(scene, "cpu", parts=white).render(AT, outputs="B", spp_b=64, denoise_b="none").B
     error = image.radiance[..., 0].astype(float) - 1.0
     stderr = np.sqrt(np.square(image.stderr[..., 0].astype(float)).sum()) / error.size
-    truth("mean of B, reflectance 1 on rock, sand, steel and concrete with relief", source="furnace: radiance 1",
-          expected=1.0, got=1.0 + error.mean(), stderr=stderr)
+    truth(
+        "mean of B, reflectance 1 on rock, sand, steel and concrete with relief",
+        source="furnace: radiance 1",
+        expected=1.0,
+        got=1.0 + error.mean(),
+        stderr=stderr,
+    )
     assert abs(error.mean()) < 1e-3
     assert Z * stderr < 2e-3

@@ -19,8 +19,10 @@ WHITE, WALK = 0, -2
 def allan(samples, tau):
     """Allan deviation of samples [N] at tau [s], and its relative standard error from chi-square of its freedom."""
     deviation = allantools.adev(samples, rate=RATE, data_type="freq", taus=[tau])[1][0]
-    freedom = min(allantools.edf_greenhall(alpha, 2, round(tau * RATE), len(samples), overlapping=False)
-                  for alpha in (WHITE, WALK))
+    freedom = min(
+        allantools.edf_greenhall(alpha, 2, round(tau * RATE), len(samples), overlapping=False)
+        for alpha in (WHITE, WALK)
+    )
     return deviation, 1.0 / np.sqrt(2.0 * freedom)
 
 
@@ -35,8 +37,13 @@ def test_allan_deviations_of_a_profile_are_those_it_asks_for(truth, profile, tau
         m = round(tau * RATE)  # a walk in steps, not its integral: (2 m^2 + 1) / (2 m^2)
         expected = np.sqrt(N**2 / tau + K**2 * tau / 3.0 * (1.0 + 0.5 / m**2))
         got, error = allan((made.white + made.bias)[:, 1], tau)
-        truth(f"{name}, {profile}, tau {tau} s", source="sqrt(N^2/tau + K^2 tau/3)", expected=expected, got=got,
-              stderr=error * expected)
+        truth(
+            f"{name}, {profile}, tau {tau} s",
+            source="sqrt(N^2/tau + K^2 tau/3)",
+            expected=expected,
+            got=got,
+            stderr=error * expected,
+        )
 
 
 def test_slopes_are_minus_one_half_where_white_noise_rules_and_plus_one_half_where_the_walk_does():
@@ -52,8 +59,9 @@ def test_slopes_are_minus_one_half_where_white_noise_rules_and_plus_one_half_whe
 
 
 def test_turn_on_biases_scatter_as_asked_and_constant_ones_do_not():
-    model = load_profile("mpu6050").imu.model_copy(update={"gyroscope_bias": (0.1, -0.2, 0.3),
-                                                           "gyroscope_turn_on_bias": 0.0})
+    model = load_profile("mpu6050").imu.model_copy(
+        update={"gyroscope_bias": (0.1, -0.2, 0.3), "gyroscope_turn_on_bias": 0.0}
+    )
     starts = np.array([[made.bias[0] for made in imu_noise(model, 2, RATE, seed)] for seed in range(400)])
     assert (starts[:, 1] == [0.1, -0.2, 0.3]).all()
     assert starts[:, 0].std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 1200))
@@ -67,10 +75,20 @@ def test_a_depth_gauge_has_white_noise_a_bias_that_walks_and_steps(truth):
     assert bias[0] == 0.3
     np.testing.assert_allclose(reading / 0.002, np.rint(reading / 0.002), atol=1e-6)
     variance = 5e-4**2 * RATE + 0.002**2 / 12.0
-    truth("variance about bias [m^2]", source="density^2 rate + resolution^2/12", expected=variance,
-          got=(reading - 80.0 - bias).var(), stderr=variance * np.sqrt(2.0 / COUNT))
-    truth("variance of the steps of the bias", source="random walk^2/rate", expected=2e-4**2 / RATE,
-          got=np.diff(bias).var(), stderr=2e-4**2 / RATE * np.sqrt(2.0 / COUNT))
+    truth(
+        "variance about bias [m^2]",
+        source="density^2 rate + resolution^2/12",
+        expected=variance,
+        got=(reading - 80.0 - bias).var(),
+        stderr=variance * np.sqrt(2.0 / COUNT),
+    )
+    truth(
+        "variance of the steps of the bias",
+        source="random walk^2/rate",
+        expected=2e-4**2 / RATE,
+        got=np.diff(bias).var(),
+        stderr=2e-4**2 / RATE * np.sqrt(2.0 / COUNT),
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------- camera
@@ -92,10 +110,20 @@ def test_the_photon_transfer_curve_is_a_line_of_slope_one_over_gain(truth, expos
     for i, level in enumerate([0.0, 0.01, 0.1, 0.5, 0.9]):
         numbers = flat(model, level, frame=i)
         mean, variance = 95 + 4000 * level, 4000 * level / 2.5 + (6.0 / 2.5) ** 2 + 1 / 12
-        truth(f"mean [DN] at {level}", source="black + electrons/e", expected=mean, got=numbers.mean(),
-              stderr=np.sqrt(variance / numbers.size))
-        truth(f"variance [DN^2] at {level}", source="signal/e + (read/e)^2 + 1/12", expected=variance,
-              got=numbers.var(), stderr=variance * np.sqrt((2.0 + 1.0 / max(1e4 * level, 6.0**2)) / numbers.size))
+        truth(
+            f"mean [DN] at {level}",
+            source="black + electrons/e",
+            expected=mean,
+            got=numbers.mean(),
+            stderr=np.sqrt(variance / numbers.size),
+        )
+        truth(
+            f"variance [DN^2] at {level}",
+            source="signal/e + (read/e)^2 + 1/12",
+            expected=variance,
+            got=numbers.var(),
+            stderr=variance * np.sqrt((2.0 + 1.0 / max(1e4 * level, 6.0**2)) / numbers.size),
+        )
 
 
 def test_rows_share_the_noise_of_rows():
@@ -129,12 +157,17 @@ def test_vignetting_is_that_of_its_formula(truth):
     def share(**fall):
         return CameraModel(K, vignetting=Vignetting(**fall)).vignette(pixel_centres(*shape[::-1]))
 
-    numbers = expose(model, np.full((*shape, 3), 0.9), 1.0, frame_generator(0, 0, "x"),
-                     share())
+    numbers = expose(model, np.full((*shape, 3), 0.9), 1.0, frame_generator(0, 0, "x"), share())
     row, col = np.meshgrid(np.arange(100) + 0.5, np.arange(160) + 0.5, indexing="ij")
     angle = np.arctan(np.hypot((col - 80) / 300, (row - 50) / 280))
-    truth("cos^4 of the angle to the axis", source="0.9 cos^4", expected=0.9 * np.cos(angle) ** 4,
-          got=to_linear(model, numbers)[..., 0], tolerance=0.5 / 65535 * (1 + 1e-9), reason="half a step of 16 bit")
+    truth(
+        "cos^4 of the angle to the axis",
+        source="0.9 cos^4",
+        expected=0.9 * np.cos(angle) ** 4,
+        got=to_linear(model, numbers)[..., 0],
+        tolerance=0.5 / 65535 * (1 + 1e-9),
+        reason="half a step of 16 bit",
+    )
     polynomial = share(kind="polynomial", coefficients=(-0.3, 0.1))
     r2 = ((col - 80) ** 2 + (row - 50) ** 2) / (50**2 + 80**2)
     np.testing.assert_allclose(polynomial, 1 - 0.3 * r2 + 0.1 * r2**2, atol=1e-14)
@@ -145,5 +178,6 @@ def test_noise_of_a_frame_depends_on_seed_frame_and_camera_only():
 
     def made(*key):
         return expose(model, np.full((8, 8, 3), 0.3), 1.0, frame_generator(*key)).tobytes()
+
     assert made(1, 5, "M0") == made(1, 5, "M0")
     assert len({made(1, 5, "M0"), made(2, 5, "M0"), made(1, 6, "M0"), made(1, 5, "L0")}) == 4

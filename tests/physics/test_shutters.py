@@ -30,24 +30,32 @@ LAMPS = [spot((x, 0.2, 0.1), (-x, -0.1, 1)) for x in (-0.4, 0.4)]
 def scene_of(shutter=None, lights=None, water="none", **more):
     view = {"resolution": list(SIZE), "sensor_mm": [4.416, 4.416 * SIZE[1] / SIZE[0]], "focal_mm": 3.4}
     view |= {"shutter": shutter} if shutter else {}
-    return Scene(water=water, vehicle={"cameras": [view], "lights": lights or LAMPS},
-                 trajectory={"poses": [{"position": [0, 0, 0]}]}, **more)
+    return Scene(
+        water=water,
+        vehicle={"cameras": [view], "lights": lights or LAMPS},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        **more,
+    )
 
 
 def steady(velocity=(0, 0, 0), turn=(0, 0, 0)):
     """Motion of constant velocity [m/s] and turning [rad/s] in vehicle axes."""
+
     def poses(offset_ns):
         t = 1e-9 * np.asarray(offset_ns)[:, None]
         R = Rotation.from_rotvec(t * np.asarray(turn, float)).as_matrix()
         return np.array([transform(*pose) for pose in zip(R, t * np.asarray(velocity, float), strict=True)])
+
     return poses
 
 
 def room():
     """A wall with a plate before it, and a floor."""
-    return [rectangle((-9, 1.5, -9), (18, 0, 0), (0, 0, 18), 0.1, "wall"),
-            rectangle((-0.3, 0.9, -0.2), (0.4, 0, 0.1), (0, 0, 0.5), 0.9, "plate"),
-            rectangle((-9, -1, -0.5), (18, 0, 0), (0, 9, 0.3), 0.3, "floor")]
+    return [
+        rectangle((-9, 1.5, -9), (18, 0, 0), (0, 0, 18), 0.1, "wall"),
+        rectangle((-0.3, 0.9, -0.2), (0.4, 0, 0.1), (0, 0, 0.5), 0.9, "plate"),
+        rectangle((-9, -1, -0.5), (18, 0, 0), (0, 9, 0.3), 0.3, "floor"),
+    ]
 
 
 # ---------------------------------------------------------------------------------------------------------------- blur
@@ -56,24 +64,33 @@ def room():
 def test_a_streak_is_as_long_as_speed_times_exposure(truth):
     """A black plate's edge, 2 m away, that crosses the image: B is the share of the time that it is not there."""
     speed, exposure, depth = 1.2, 0.25, 2.0
-    renderer = FrameRenderer(scene_of({"exposure_s": exposure}), "cpu",
-                             parts=[rectangle((-9, depth, -9), (9, 0, 0), (0, 0, 18), 0.0, "black")])
+    renderer = FrameRenderer(
+        scene_of({"exposure_s": exposure}),
+        "cpu",
+        parts=[rectangle((-9, depth, -9), (9, 0, 0), (0, 0, 18), 0.0, "black")],
+    )
     B = renderer.render(np.eye(4), outputs="B", spp_b=256, motion=steady((speed, 0, 0))).B
     streak = FOCAL * speed * exposure / depth
     # the edge moves to the left over the streak; a pixel is the mean over itself
     at = np.arange(SIZE[0] + 1.0) - SIZE[0] / 2
     inside = np.clip(at + streak / 2, 0.0, streak)
     free = inside**2 / (2 * streak) + np.maximum(at - streak / 2, 0.0)  # integral of the share from the left
-    truth("B across a streak", source="speed x exposure x f / Z", expected=np.diff(free),
-          got=B.radiance[..., 1].mean(0), stderr=B.radiance[..., 1].std(0, ddof=1) / np.sqrt(SIZE[1]),
-          reason="spread of the rows, and one part in 512 of an exposure")
+    truth(
+        "B across a streak",
+        source="speed x exposure x f / Z",
+        expected=np.diff(free),
+        got=B.radiance[..., 1].mean(0),
+        stderr=B.radiance[..., 1].std(0, ddof=1) / np.sqrt(SIZE[1]),
+        reason="spread of the rows, and one part in 512 of an exposure",
+    )
 
 
 ALL = ("direct", "single", "multiple")
 
 
-@pytest.mark.parametrize(("integrator", "layers"), [("path", ALL[:2]), ("path", ALL), ("field", ALL),
-                                                    ("reference", ALL)])
+@pytest.mark.parametrize(
+    ("integrator", "layers"), [("path", ALL[:2]), ("path", ALL), ("field", ALL), ("reference", ALL)]
+)
 def test_a_blurred_image_is_the_mean_of_instants(any_field, integrator, layers):
     """64 of them, of a rig that moves and turns, in water; pixel by pixel, in blocks, and as a whole."""
     exposure, motion = 0.4, steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
@@ -83,8 +100,7 @@ def test_a_blurred_image_is_the_mean_of_instants(any_field, integrator, layers):
     spp = 256 if integrator == "reference" else 64
     A = renderer.render(np.eye(4), spp=spp, motion=motion, **how).A
     offset = np.rint(1e9 * exposure * ((np.arange(64) + 0.5) / 64 - 0.5)).astype(np.int64)
-    made = [renderer.render(T, spp=spp // 32, frame=k + 1, **how).A
-            for k, T in enumerate(motion(offset))]
+    made = [renderer.render(T, spp=spp // 32, frame=k + 1, **how).A for k, T in enumerate(motion(offset))]
     mean = np.mean([image.radiance for image in made], axis=0)
     variance = A.stderr**2 + np.mean([image.stderr**2 for image in made], axis=0) / len(made)
     limit = norm.isf(ALPHA / 2 / 72) * 1.1  # 72 values; what blocks share of their error, and the stderr's own error
@@ -126,8 +142,14 @@ def test_a_rolling_shutter_without_exposure_is_rows_of_instants(integrator):
     frame = renderer.render(np.eye(4), motion=motion, **how)
     for row, T in enumerate(poses_of_rows(rolling.vehicle.cameras[0], np.eye(4), motion)):
         instant = renderer.render(T, **how)
-        for image, name in (("A", "radiance"), ("B", "radiance"), ("C", "normal"), ("D", "depth"), ("D", "range"),
-                            ("S", "instance")):
+        for image, name in (
+            ("A", "radiance"),
+            ("B", "radiance"),
+            ("C", "normal"),
+            ("D", "depth"),
+            ("D", "range"),
+            ("S", "instance"),
+        ):
             of_row, of_instant = (getattr(getattr(made, image), name)[row] for made in (frame, instant))
             assert np.array_equal(of_row, of_instant), (image, row)
 
@@ -151,8 +173,10 @@ def number_instants(moments: Moments, shares: wp.array(dtype=float), number: wp.
     number[row, k] = instant_of_row(moments, row, shares[k])
 
 
-@pytest.mark.parametrize(("exposure", "readout", "rows"), [
-    (0.02, 0.02, 720), (0.04, 0.01, 720), (0.011, 0.02, 32), (1e-4, 0.03, 480), (1e-6, 0.02, 16384), (0.0, 0.02, 720)])
+@pytest.mark.parametrize(
+    ("exposure", "readout", "rows"),
+    [(0.02, 0.02, 720), (0.04, 0.01, 720), (0.011, 0.02, 32), (1e-4, 0.03, 480), (1e-6, 0.02, 16384), (0.0, 0.02, 720)],
+)
 def test_every_row_is_exposed_about_its_own_time(exposure, readout, rows):
     """The mean over its samples, whether an instant stands for more or less than a row takes; and none is too late."""
     view = {"resolution": [1, rows], "shutter": {"exposure_s": exposure, "readout_s": readout}}
@@ -184,16 +208,29 @@ def test_the_flow_between_rolling_shutters_is_that_of_a_point_seen_when_its_row_
     readout, frame_ns, depth = 0.06, 100_000_000, 3.0
     velocity = np.array([speed[0], 0.0, speed[1]])
     around = steady(velocity)
-    renderer = FrameRenderer(scene_of({"readout_s": readout}), "cpu",
-                             parts=[rectangle((-30, depth, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")])
-    F = renderer.render(np.eye(4), outputs="F", motion=around, following=NextFrame(
-        around(np.array([frame_ns]))[0], motion=lambda ns: around(ns + frame_ns))).F
+    renderer = FrameRenderer(
+        scene_of({"readout_s": readout}),
+        "cpu",
+        parts=[rectangle((-30, depth, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")],
+    )
+    F = renderer.render(
+        np.eye(4),
+        outputs="F",
+        motion=around,
+        following=NextFrame(around(np.array([frame_ns]))[0], motion=lambda ns: around(ns + frame_ns)),
+    ).F
     image_speed = FOCAL * np.array([-speed[0], speed[1]]) / depth
     dt = 1e-9 * frame_ns / (1.0 - image_speed[1] * readout / SIZE[1])
     inside = slice(8, -8)  # beyond the image, rows are those of its borders
     got = F.flow[inside]
-    truth(f"flow between rolling shutters [px], {speed} m/s", source="v dt f / Z, dt by row", tolerance=2e-4,
-          expected=np.broadcast_to(image_speed * dt, got.shape), got=got, reason="float32 rounding of D")
+    truth(
+        f"flow between rolling shutters [px], {speed} m/s",
+        source="v dt f / Z, dt by row",
+        tolerance=2e-4,
+        expected=np.broadcast_to(image_speed * dt, got.shape),
+        got=got,
+        reason="float32 rounding of D",
+    )
     assert not F.occluded[inside].any()
 
 
@@ -217,10 +254,15 @@ def test_a_camera_in_the_world_sees_no_flow_through_a_rolling_shutter():
 def test_flow_is_not_told_where_the_image_moves_as_fast_as_rows_are_read():
     """Up by 1.4 rows while one is read: where a point will be is not found, and not made up."""
     around = steady((0.0, 0.0, -60.0))
-    renderer = FrameRenderer(scene_of({"readout_s": 0.06}), "cpu",
-                             parts=[rectangle((-30, 3, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")])
-    F = renderer.render(np.eye(4), outputs="F", motion=around, following=NextFrame(
-        around(np.array([10_000_000]))[0], motion=lambda ns: around(ns + 10_000_000))).F
+    renderer = FrameRenderer(
+        scene_of({"readout_s": 0.06}), "cpu", parts=[rectangle((-30, 3, -30), (60, 0, 0), (0, 0, 60), 0.5, "wall")]
+    )
+    F = renderer.render(
+        np.eye(4),
+        outputs="F",
+        motion=around,
+        following=NextFrame(around(np.array([10_000_000]))[0], motion=lambda ns: around(ns + 10_000_000)),
+    ).F
     assert np.isnan(F.flow[8:-8]).all()
     assert not F.occluded[8:-8].any()
 
@@ -234,6 +276,7 @@ def strobed(**strobe):
 
 def test_a_strobe_lights_its_share_of_an_exposure():
     """A quarter of it; and two strobes that flash apart are as bright as each alone."""
+
     def A(lights, spp=64):
         scene = scene_of({"exposure_s": 0.02}, lights)
         renderer = FrameRenderer(scene, "cpu", parts=room())
@@ -278,8 +321,12 @@ def test_light_of_two_reflections_flashes_with_its_rows():
 
     def rows(shutter, lights):
         renderer = FrameRenderer(scene_of(shutter, lights), "cpu", parts=room())
-        found = [renderer.render(np.eye(4), outputs="A", spp=16, integrator="path", layers=("multiple",), seed=seed)
-                 .A.radiance[..., 1].mean(1) for seed in range(images)]
+        found = [
+            renderer.render(np.eye(4), outputs="A", spp=16, integrator="path", layers=("multiple",), seed=seed)
+            .A.radiance[..., 1]
+            .mean(1)
+            for seed in range(images)
+        ]
         return np.array(found)
 
     flash = rows({"exposure_s": exposure, "readout_s": readout}, strobed(on_s=on, delay_s=delay)[:1])
@@ -295,11 +342,13 @@ def test_light_of_two_reflections_flashes_with_its_rows():
 @pytest.mark.parametrize("readout", [0.0, 0.004])
 def test_a_short_flash_is_as_noisy_as_a_lamp_that_shines_all_the_time(readout):
     """Of a tenth of the power; with as many samples in the dark as there is dark, RMS differences were 130 %."""
+
     def A(lamp):
         scene = scene_of({"exposure_s": 0.02, "readout_s": readout}, [lamp])
         renderer = FrameRenderer(scene, "cpu", parts=room())
-        return renderer.render(np.eye(4), outputs="A", spp=4, integrator="path", layers=("direct",),
-                               motion=steady()).A.radiance
+        return renderer.render(
+            np.eye(4), outputs="A", spp=4, integrator="path", layers=("direct",), motion=steady()
+        ).A.radiance
 
     weak = LAMPS[0] | {"intensity": (np.array(LAMPS[0]["intensity"]) / 10).tolist()}
     flash, steadily = A(LAMPS[0] | {"strobe": {"on_s": 0.002, "delay_s": 0.001}}), A(weak)
@@ -310,6 +359,7 @@ def test_a_short_flash_is_as_noisy_as_a_lamp_that_shines_all_the_time(readout):
 
 def test_flashes_do_not_sharpen_an_image_in_ambient_light():
     """B is of the whole exposure, and so are its guides, whatever flashes in A."""
+
     def B(lights):
         renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, lights), "cpu", parts=room())
         return renderer.render(np.eye(4), outputs="B", spp_b=4, denoise_b="oidn", motion=steady((0.3, 0, 0))).B
@@ -351,10 +401,18 @@ def test_a_gpu_exposes_as_a_cpu_does(shutter):
     lights = [LAMPS[0] | {"radius_m": 0.05, "strobe": {"on_s": 0.1}}, LAMPS[1] | {"radius_m": 0.02}]
     scene = scene_of(shutter, lights, {"coefficients": TURBID})
     motion = steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
-    how = {"outputs": "ABDF", "spp": 6, "spp_b": 6, "integrator": "path", "layers": ALL[:2], "denoise": "none",
-           "denoise_b": "none", "motion": motion, "following": NextFrame(np.eye(4), motion=motion)}
-    cpu, gpu = (FrameRenderer(scene, device, parts=room()).render(np.eye(4), **how)
-                for device in ("cpu", "cuda:0"))
+    how = {
+        "outputs": "ABDF",
+        "spp": 6,
+        "spp_b": 6,
+        "integrator": "path",
+        "layers": ALL[:2],
+        "denoise": "none",
+        "denoise_b": "none",
+        "motion": motion,
+        "following": NextFrame(np.eye(4), motion=motion),
+    }
+    cpu, gpu = (FrameRenderer(scene, device, parts=room()).render(np.eye(4), **how) for device in ("cpu", "cuda:0"))
     for letter in "AB":
         of_cpu, of_gpu = (getattr(frame, letter).radiance for frame in (cpu, gpu))
         off = np.abs(of_gpu - of_cpu) > 1e-3 * of_cpu.mean()

@@ -42,15 +42,21 @@ def black_floor(T):
 def test_absorbing_water_obeys_beer_lambert(truth, sigma_a, expected):
     """A lamp at the camera and a floor at 5 m: 10 m of water."""
     scene = one_ray_scene([point((0, 0, 0))], water(0.0, sigma_a, 0.0))
-    truth(f"floor seen through 10 m, sigma_a = {sigma_a}", source="exp(-sigma_a t) rho/(pi d^2)",
-          **agreement(radiance(scene, [floor(5.0, 0.25)]), expected * 0.25 / (np.pi * 25.0)))
+    truth(
+        f"floor seen through 10 m, sigma_a = {sigma_a}",
+        source="exp(-sigma_a t) rho/(pi d^2)",
+        **agreement(radiance(scene, [floor(5.0, 0.25)]), expected * 0.25 / (np.pi * 25.0)),
+    )
 
 
 @pytest.mark.subject("surfaces and lights")
 def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law(truth):
     scene = one_ray_scene([point((3, 0, 0))], None)
-    truth("Lambert's floor 4 m away, lamp 3 m aside", source="rho/pi cos/d^2",
-          **agreement(radiance(scene, [floor(4.0, 0.5)]), 0.5 / np.pi * (4 / 5) / 25.0))
+    truth(
+        "Lambert's floor 4 m away, lamp 3 m aside",
+        source="rho/pi cos/d^2",
+        **agreement(radiance(scene, [floor(4.0, 0.5)]), 0.5 / np.pi * (4 / 5) / 25.0),
+    )
 
 
 @pytest.mark.parametrize(
@@ -69,8 +75,11 @@ def test_a_floor_without_water_has_the_radiance_of_the_inverse_square_law(truth)
 )
 def test_light_of_a_point_lamp_scattered_once(truth, position, sigma_s, sigma_t, g, T, expected):
     scene = one_ray_scene([point(position)], water(sigma_s, sigma_t, g))
-    truth(f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m", source=DIGITS,
-          **agreement(radiance(scene, black_floor(T), "single", spp=1024), expected))
+    truth(
+        f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m",
+        source=DIGITS,
+        **agreement(radiance(scene, black_floor(T), "single", spp=1024), expected),
+    )
 
 
 def test_the_quadrature_of_these_tests_has_the_known_digits(truth):
@@ -78,17 +87,24 @@ def test_the_quadrature_of_these_tests_has_the_known_digits(truth):
     for position, sigma_s, sigma_t, g, T, expected in POINT_LAMPS:
         if position == (1e-4, 0, 1):
             continue  # its peak is 1e-4 of a piece wide in the angle of a ray without end
-        truth(f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m",
-              source=DIGITS + ", against " + QUADRATURE, expected=expected,
-              got=single_scattering(position, sigma_s, sigma_t, g, T), tolerance=1e-9 * expected,
-              reason="the quadrature's own tolerance, 1e-10, summed")
+        truth(
+            f"lamp at {position}, sigma_s = {sigma_s}, sigma_t = {sigma_t}, g = {g}, ray up to {T} m",
+            source=DIGITS + ", against " + QUADRATURE,
+            expected=expected,
+            got=single_scattering(position, sigma_s, sigma_t, g, T),
+            tolerance=1e-9 * expected,
+            reason="the quadrature's own tolerance, 1e-10, summed",
+        )
 
 
 def test_point_lamp_in_water_that_scatters_but_does_not_extinguish(truth):
     """sigma_t -> 0 in the limit: 1/8 for a lamp at 1 m, here per sigma_s = 1e-7."""
     scene = one_ray_scene([point(SIDE)], water(1e-7, 1e-7, 0.0))
-    truth("lamp 1 m aside, sigma_s = sigma_t = 1e-7", source="sigma_s/8, exact as sigma_t -> 0",
-          **agreement(radiance(scene, (), "single", spp=256), 1e-7 / 8))
+    truth(
+        "lamp 1 m aside, sigma_s = sigma_t = 1e-7",
+        source="sigma_s/8, exact as sigma_t -> 0",
+        **agreement(radiance(scene, (), "single", spp=256), 1e-7 / 8),
+    )
 
 
 @pytest.mark.parametrize(
@@ -103,22 +119,36 @@ def test_point_lamp_in_water_that_scatters_but_does_not_extinguish(truth):
 )
 def test_the_papers_rig_at_the_centre_of_the_image(truth, T, g, expected):
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": g}})
-    truth(f"red, green, blue; ray up to {T} m, g = {g}", source=DIGITS,
-          **agreement(radiance(scene, [floor(T, 0.0)], "single"), expected))
+    truth(
+        f"red, green, blue; ray up to {T} m, g = {g}",
+        source=DIGITS,
+        **agreement(radiance(scene, [floor(T, 0.0)], "single"), expected),
+    )
 
 
-@pytest.mark.parametrize(("phase", "expected"), [
-    ({"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}, (2.916263e-5, 3.128069e-4, 8.043665e-4)),
-    ({"kind": "petzold"}, np.array([2.870030e-5, 3.072249e-4, 7.963130e-4]) / PETZOLD_INTEGRAL),
-], ids=["fournier_forand", "petzold"])
+@pytest.mark.parametrize(
+    ("phase", "expected"),
+    [
+        ({"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}, (2.916263e-5, 3.128069e-4, 8.043665e-4)),
+        ({"kind": "petzold"}, np.array([2.870030e-5, 3.072249e-4, 7.963130e-4]) / PETZOLD_INTEGRAL),
+    ],
+    ids=["fournier_forand", "petzold"],
+)
 def test_the_papers_rig_in_water_that_scatters_as_the_sea(truth, phase, expected):
     """Rays up to 5, 2 and 5 m in red, green and blue."""
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": phase})
     far, near = (radiance(scene, [floor(T, 0.0)], "single", spp=256) for T in (5, 2))
     estimate = [np.array([long[0], short[1], long[2]]) for long, short in zip(far, near, strict=True)]
-    truth(f"red up to 5, green up to 2, blue up to 5 m, {phase['kind']}", source="quadrature of the formula in float64",
-          **agreement(estimate, expected, tolerance=TABLE_BEHIND if phase["kind"] == "petzold" else 0.0,
-                      reason="float32 rounding, and Petzold's rows next to 180 degrees within the bins of a table"))
+    truth(
+        f"red up to 5, green up to 2, blue up to 5 m, {phase['kind']}",
+        source="quadrature of the formula in float64",
+        **agreement(
+            estimate,
+            expected,
+            tolerance=TABLE_BEHIND if phase["kind"] == "petzold" else 0.0,
+            reason="float32 rounding, and Petzold's rows next to 180 degrees within the bins of a table",
+        ),
+    )
 
 
 def test_the_papers_rig_off_the_centre(truth):
@@ -126,8 +156,11 @@ def test_the_papers_rig_off_the_centre(truth):
     direction = np.array([0.4, 0.2, 1.0])
     scene = one_ray_scene(VAROS_LAMPS, VAROS_WATER | {"phase": {"g": 0.8}}, direction)
     expected = (5.31486891454482e-5, 0.00060670008351821, 0.00146546090975532)
-    truth("red, green, blue; ray along (0.4, 0.2, 1) up to 8 m", source=DIGITS,
-          **agreement(radiance(scene, [floor(8 / np.linalg.norm(direction), 0.0)], "single"), expected))
+    truth(
+        "red, green, blue; ray along (0.4, 0.2, 1) up to 8 m",
+        source=DIGITS,
+        **agreement(radiance(scene, [floor(8 / np.linalg.norm(direction), 0.0)], "single"), expected),
+    )
 
 
 @pytest.mark.parametrize(
@@ -135,14 +168,20 @@ def test_the_papers_rig_off_the_centre(truth):
 )
 def test_the_papers_rig_in_turbid_water(truth, sigma_s, sigma_t, expected):
     scene = one_ray_scene(VAROS_LAMPS, water(sigma_s, sigma_t, 0.8))
-    truth(f"sigma_s = {sigma_s}, sigma_t = {sigma_t}, ray up to 2 m", source=DIGITS,
-          **agreement(radiance(scene, [floor(2, 0.0)], "single"), expected))
+    truth(
+        f"sigma_s = {sigma_s}, sigma_t = {sigma_t}, ray up to 2 m",
+        source=DIGITS,
+        **agreement(radiance(scene, [floor(2, 0.0)], "single"), expected),
+    )
 
 
 def test_a_lamp_beside_the_ray_that_shines_across_it(truth):
     scene = one_ray_scene([spot((0.01, 0, 1), axis=(-1, 0, 0.3))], water(*GREEN, 0.8))
-    truth("cone of 65 degrees, 1 cm from the ray", source=DIGITS,
-          **agreement(radiance(scene, [floor(5, 0.0)], "single", spp=256), 0.0209995178097378))
+    truth(
+        "cone of 65 degrees, 1 cm from the ray",
+        source=DIGITS,
+        **agreement(radiance(scene, [floor(5, 0.0)], "single", spp=256), 0.0209995178097378),
+    )
 
 
 @pytest.mark.parametrize("blend", [0.15, 1.0])
@@ -150,8 +189,11 @@ def test_the_soft_edge_of_a_cone_is_blenders(truth, blend):
     lamp = {"axis": (0, 0, 1), "cone_deg": 65.0, "blend": blend}
     scene = one_ray_scene([spot(VAROS_POINT, blend=blend)], water(*BLUE, 0.8))
     expected = single_scattering(VAROS_POINT, *BLUE, 0.8, 5.0, **lamp)
-    truth(f"blend {blend}, blue, ray up to 5 m", source=QUADRATURE + " of a smoothstep in the cosine",
-          **agreement(radiance(scene, [floor(5, 0.0)], "single", spp=256), expected))
+    truth(
+        f"blend {blend}, blue, ray up to 5 m",
+        source=QUADRATURE + " of a smoothstep in the cosine",
+        **agreement(radiance(scene, [floor(5, 0.0)], "single", spp=256), expected),
+    )
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,17 @@ def turned(scene: SceneData, walk: Subpath, lamp_share: float, key: wp.uint32, i
 
 
 @wp.kernel(enable_backward=False)
-def cross(scene: SceneData, thickness: float, cos_in: float, lamp_share: float, reach: float, key: wp.uint32,
-          left: wp.array(dtype=wp.vec3), cos_out: wp.array(dtype=float), head_on: wp.array(dtype=wp.vec3)):
+def cross(
+    scene: SceneData,
+    thickness: float,
+    cos_in: float,
+    lamp_share: float,
+    reach: float,
+    key: wp.uint32,
+    left: wp.array(dtype=wp.vec3),
+    cos_out: wp.array(dtype=float),
+    head_on: wp.array(dtype=wp.vec3),
+):
     """A walk through a slab 0 < z < thickness: its weight where it leaves (0: never), and its radiance along -z.
 
     ``cos_in`` of its direction to z at the start; 0 for diffuse light.
@@ -119,8 +128,15 @@ def fly_on(scene: SceneData, walk: Subpath, u: wp.vec4):
 
 
 @wp.kernel(enable_backward=False)
-def wander(scene: SceneData, isotropic: int, lamp_share: float, key: wp.uint32,
-           edges: wp.array(dtype=float), scattered: wp.array3d(dtype=wp.float64), sums: wp.array2d(dtype=wp.vec3)):
+def wander(
+    scene: SceneData,
+    isotropic: int,
+    lamp_share: float,
+    key: wp.uint32,
+    edges: wp.array(dtype=float),
+    scattered: wp.array3d(dtype=wp.float64),
+    sums: wp.array2d(dtype=wp.vec3),
+):
     """A walk in water without end, from the origin: weights scattered, by shell of distance and batch; per walk their
     sum, and their sums times z and r^2.
     """
@@ -151,8 +167,15 @@ def wander(scene: SceneData, isotropic: int, lamp_share: float, key: wp.uint32,
 
 
 @wp.kernel(enable_backward=False)
-def hop(scene: SceneData, flights: int, lamp_share: float, key: wp.uint32, p: wp.array(dtype=wp.vec3),
-        d: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.vec3)):
+def hop(
+    scene: SceneData,
+    flights: int,
+    lamp_share: float,
+    key: wp.uint32,
+    p: wp.array(dtype=wp.vec3),
+    d: wp.array(dtype=wp.vec3),
+    weight: wp.array(dtype=wp.vec3),
+):
     """A walk of so many free flights along +z first, with a turn after each: end, direction then, and weight."""
     i = wp.tid()
     walk = set_out(scene, wp.vec3(0.0), wp.vec3(0.0, 0.0, 1.0))
@@ -168,8 +191,15 @@ def hop(scene: SceneData, flights: int, lamp_share: float, key: wp.uint32, p: wp
 
 
 @wp.kernel(enable_backward=False)
-def fly(scene: SceneData, t_max: float, near_share: float, key: wp.uint32, scattered: wp.array(dtype=wp.vec3),
-        passed: wp.array(dtype=wp.vec3), first: wp.array(dtype=wp.vec3)):
+def fly(
+    scene: SceneData,
+    t_max: float,
+    near_share: float,
+    key: wp.uint32,
+    scattered: wp.array(dtype=wp.vec3),
+    passed: wp.array(dtype=wp.vec3),
+    first: wp.array(dtype=wp.vec3),
+):
     """A flight up to t_max: its weight if it ends in the water, or at t_max; and the weight of a first scattering."""
     i = wp.tid()
     u = uniforms(key, i, 0, 0)
@@ -197,8 +227,14 @@ def growth(most: float, weights: wp.array(dtype=float)):
 
 
 @wp.kernel(enable_backward=False)
-def survive(scene: SceneData, vertices: int, brightness: float, reach: float, u: wp.array(dtype=float),
-            after: wp.array(dtype=float)):
+def survive(
+    scene: SceneData,
+    vertices: int,
+    brightness: float,
+    reach: float,
+    u: wp.array(dtype=float),
+    after: wp.array(dtype=float),
+):
     """Throughput after roulette of a subpath of 1 whose expected light is ``brightness`` of that at the start.
 
     It is 1 m from the lamp.
@@ -295,8 +331,12 @@ def test_a_slab_reflects_and_transmits_what_is_published(truth):
     for name, weights, expected in (("reflects", back, 0.09739), ("transmits", through, 0.66096)):
         made = estimate(weights[:, 0]) | {"tolerance": 5e-6, "reason": "its five printed digits"}
         truth(f"{name}, albedo 0.9, g = 0.75, tau = 2, straight on", expected=expected, **made, **published)
-    truth("radiance straight back per irradiance [1/sr], the same slab", source=DOUBLING,
-          expected=slab_fluxes(0.9, 0.75, 2.0)["brdf"], **estimate(head_on[:, 0]))
+    truth(
+        "radiance straight back per irradiance [1/sr], the same slab",
+        source=DOUBLING,
+        expected=slab_fluxes(0.9, 0.75, 2.0)["brdf"],
+        **estimate(head_on[:, 0]),
+    )
 
 
 SLABS = {
@@ -319,8 +359,7 @@ def test_slabs_of_any_water_reflect_and_transmit_what_doubling_says(truth, name,
             exact = slab_fluxes(albedo[c], g, tau[c])
             what = f"albedo {albedo[c]}, g = {g}, tau = {tau[c]}, {'diffuse' if beam else 'straight on'}{drawn}"
             truth(f"reflects, {what}", source=DOUBLING, expected=exact["R" + beam], **estimate(back[:, c]))
-            truth(f"transmits, {what}", source=DOUBLING, expected=exact["T" + beam],
-                  **estimate(through[:, c]))
+            truth(f"transmits, {what}", source=DOUBLING, expected=exact["T" + beam], **estimate(through[:, c]))
 
 
 @pytest.mark.parametrize("reach", [FAR, 0.75])
@@ -330,8 +369,12 @@ def test_roulette_loses_no_light_in_a_slab_that_absorbs_nothing(truth, reach):
     back, through, *_ = crossed((1.0, 1.0, 1.0), (0.5, 2.0, 4.0), 0.5, reach=reach, **where)
     near = ", out of reach of the lamp beyond 0.75 m" if where else ""
     for c, tau in enumerate((0.5, 2.0, 4.0)):
-        truth(f"R + T, albedo 1, g = 0.5, tau = {tau}{near}", source="energy is conserved", expected=1.0,
-              **estimate((back + through)[:, c]))
+        truth(
+            f"R + T, albedo 1, g = 0.5, tau = {tau}{near}",
+            source="energy is conserved",
+            expected=1.0,
+            **estimate((back + through)[:, c]),
+        )
 
 
 # ---------------------------------------------------------------------------------------------------------- half space
@@ -347,11 +390,19 @@ def test_a_half_space_of_isotropic_scattering_has_chandrasekhars_albedo(truth, c
     back, *_ = crossed(albedo, DEEP, 0.0, cos_in=cos_in, lamp=ABOVE)
     for c in range(3):
         if cos_in == 0.0:
-            truth(f"albedo for diffuse light, c = {albedo[c]}", source=CHANDRASEKHAR,
-                  expected=half_space_diffuse_albedo(albedo[c]), **estimate(back[:, c]))
+            truth(
+                f"albedo for diffuse light, c = {albedo[c]}",
+                source=CHANDRASEKHAR,
+                expected=half_space_diffuse_albedo(albedo[c]),
+                **estimate(back[:, c]),
+            )
         else:
-            truth(f"albedo for a beam with cosine {cos_in}, c = {albedo[c]}", source=CHANDRASEKHAR,
-                  expected=half_space_albedo(albedo[c], cos_in), **estimate(back[:, c]))
+            truth(
+                f"albedo for a beam with cosine {cos_in}, c = {albedo[c]}",
+                source=CHANDRASEKHAR,
+                expected=half_space_albedo(albedo[c], cos_in),
+                **estimate(back[:, c]),
+            )
 
 
 def test_light_leaves_a_half_space_with_the_angles_of_the_h_function(truth):
@@ -361,9 +412,13 @@ def test_light_leaves_a_half_space_with_the_angles_of_the_h_function(truth):
     for c in range(3):
         exact = half_space_exitance(albedo[c], 1.0, edges)
         for k in range(5):
-            truth(f"share that leaves with cosines {edges[k]:.1f} to {edges[k + 1]:.1f}, beam straight on, "
-                  f"c = {albedo[c]}", source=CHANDRASEKHAR, expected=exact[k],
-                  **estimate(back[:, c] * (bins == k)))
+            truth(
+                f"share that leaves with cosines {edges[k]:.1f} to {edges[k + 1]:.1f}, beam straight on, "
+                f"c = {albedo[c]}",
+                source=CHANDRASEKHAR,
+                expected=exact[k],
+                **estimate(back[:, c] * (bins == k)),
+            )
 
 
 # ----------------------------------------------------------------------------------------------------- infinite medium
@@ -389,19 +444,39 @@ def test_fluence_around_a_point_source_is_that_of_case_and_zweifel(truth, lamp_s
         # the last shell of the darkest water is too noisy to tell
         for k in range(len(expected) - (c == 0)):
             where = f"{edges[k]} to {edges[k + 1]} mean free paths from the source"
-            truth(f"light scattered {where}, c = {albedo[c]}{drawn}", source=CASE_ZWEIFEL, expected=expected[k],
-                  **estimate(shells[:, k, c]))
+            truth(
+                f"light scattered {where}, c = {albedo[c]}{drawn}",
+                source=CASE_ZWEIFEL,
+                expected=expected[k],
+                **estimate(shells[:, k, c]),
+            )
 
 
 def test_the_oracle_of_the_infinite_medium_has_its_published_numbers(truth):
     """Diffusion lengths of the textbooks' tables; and the light absorbed is the light sent out."""
     for c, length in ((0.5, 1.04438203376), (0.9, 1.90320485605), (0.99, 5.79672945130)):
-        truth(f"diffusion length nu_0 [1/sigma_t], c = {c}", source="an independent evaluation; Fourier inversion",
-              expected=length, got=diffusion_length(c), tolerance=1e-10, reason="its printed digits")
-    for (c, r), published in {(0.5, 0.1): 8.0321037501, (0.5, 5): 1.291324139e-4, (0.9, 1): 0.14328386153,
-                              (0.99, 10): 0.0041850923551}.items():
-        truth(f"fluence at {r} from the source, c = {c}", source="an independent evaluation; Fourier inversion",
-              expected=published, got=fluence(c, r), tolerance=1e-9 * published, reason="its printed digits")
+        truth(
+            f"diffusion length nu_0 [1/sigma_t], c = {c}",
+            source="an independent evaluation; Fourier inversion",
+            expected=length,
+            got=diffusion_length(c),
+            tolerance=1e-10,
+            reason="its printed digits",
+        )
+    for (c, r), published in {
+        (0.5, 0.1): 8.0321037501,
+        (0.5, 5): 1.291324139e-4,
+        (0.9, 1): 0.14328386153,
+        (0.99, 10): 0.0041850923551,
+    }.items():
+        truth(
+            f"fluence at {r} from the source, c = {c}",
+            source="an independent evaluation; Fourier inversion",
+            expected=published,
+            got=fluence(c, r),
+            tolerance=1e-9 * published,
+            reason="its printed digits",
+        )
 
 
 @pytest.mark.parametrize(("g", "lamp_share"), [(0.0, 0.0), (0.8, 0.0), (0.8, 0.3), (-0.6, 0.3)])
@@ -410,9 +485,12 @@ def test_a_photon_collides_one_over_one_minus_albedo_times(truth, g, lamp_share)
     albedo = np.array([0.2, 0.5, 0.8])
     _, sums = wandered(albedo * (1.0, 0.5, 2.0), (1.0, 0.5, 2.0), g, isotropic=False, lamp_share=lamp_share)
     for c in range(3):
-        truth(f"mean number of collisions, albedo {albedo[c]}, g = {g}, {lamp_share:.0%} of directions around a lamp",
-              source="geometric series: 1/(1 - c)", expected=1 / (1 - albedo[c]),
-              **estimate(sums[:, 0, c] / albedo[c]))
+        truth(
+            f"mean number of collisions, albedo {albedo[c]}, g = {g}, {lamp_share:.0%} of directions around a lamp",
+            source="geometric series: 1/(1 - c)",
+            expected=1 / (1 - albedo[c]),
+            **estimate(sums[:, 0, c] / albedo[c]),
+        )
 
 
 def test_light_of_a_beam_is_absorbed_where_the_moments_say(truth):
@@ -424,8 +502,12 @@ def test_light_of_a_beam_is_absorbed_where_the_moments_say(truth):
         absorbed = sums[:, :, c] * (sigma_t - sigma_s)[c] / sigma_s[c]
         transport = sigma_t[c] - g * sigma_s[c]
         truth(f"mean depth [m], {name}", source=source, expected=1 / transport, **estimate(absorbed[:, 1]))
-        truth(f"mean square distance [m^2], {name}", source=source,
-              expected=2 / ((sigma_t - sigma_s)[c] * transport), **estimate(absorbed[:, 2]))
+        truth(
+            f"mean square distance [m^2], {name}",
+            source=source,
+            expected=2 / ((sigma_t - sigma_s)[c] * transport),
+            **estimate(absorbed[:, 2]),
+        )
 
 
 # --------------------------------------------------------------------------------------------- flights and turns alone
@@ -441,8 +523,12 @@ def test_a_walk_of_n_flights_gets_as_far_as_its_moments_say(truth, flights):
     for c in range(3):
         far = weight[:, c] * sigma[c] * p[:, 2], weight[:, c] * sigma[c] ** 2 * (p**2).sum(axis=1)
         for name, samples, expected in zip(("mean depth", "mean square distance"), far, (z, r2), strict=True):
-            truth(f"{name} after {flights} flights, g = {g}, channel of sigma = {sigma[c]}",
-                  source="moments of the random walk (exact)", expected=expected, **estimate(samples))
+            truth(
+                f"{name} after {flights} flights, g = {g}, channel of sigma = {sigma[c]}",
+                source="moments of the random walk (exact)",
+                expected=expected,
+                **estimate(samples),
+            )
 
 
 @pytest.mark.parametrize(("g", "lamp_share"), [(0.8, 0.0), (0.8, 0.5), (-0.5, 0.5), (0.0, 0.5)])
@@ -453,8 +539,12 @@ def test_the_mean_cosine_after_n_scatterings_is_g_to_the_n(truth, g, lamp_share)
         _, d, weight = launched(hop, n, [scene, turns, lamp_share, key_of(g, turns, lamp_share)], *[(wp.vec3, n)] * 3)
         how = f"g = {g}, {turns} scatterings, {lamp_share:.0%} of directions around a lamp"
         if g != 0.0:
-            truth(f"mean cosine, {how}", source="addition theorem: g^n", expected=g**turns,
-                  **estimate(weight[:, 0] * d[:, 2]))
+            truth(
+                f"mean cosine, {how}",
+                source="addition theorem: g^n",
+                expected=g**turns,
+                **estimate(weight[:, 0] * d[:, 2]),
+            )
         truth(f"mean weight, {how}", source="the phase function is normalised", expected=1.0, **estimate(weight[:, 0]))
         assert weight.min() > 0.0
 
@@ -466,7 +556,7 @@ def test_weights_grow_no_faster_than_the_vertices_however_many(most):
     With half of all directions towards the lamps the rest would weigh 2^n after n: 10^6 after 20.
     """
     n = np.arange(1, 2001)
-    weights, = launched(growth, 1, [most], (float, len(n)))
+    (weights,) = launched(growth, 1, [most], (float, len(n)))
     rounding = 1 + 2e-7 * n  # a division and a product of float32 each
     assert np.all(weights <= (n + 1) * rounding)
     assert np.all(np.diff(weights) > 0)
@@ -498,13 +588,16 @@ def test_roulette_ends_what_is_out_of_the_reach_of_the_lights(reach, expected):
     assert after.mean() == pytest.approx(1.0, abs=2 / n / 0.3)
 
 
-@pytest.mark.parametrize(("sigma_t", "distance", "expected"), [
-    ((1.0, 2.0, 3.0), 1.5, 3.0),  # three mean free paths of the clearest channel
-    ((1.0, 2.0, 3.0), 5.0, 5.0),  # as far as what the camera sees
-    ((1.0, 2.0, 3.0), 0.5, 1.5),  # but at most three times as far
-    ((0.0, 2.0, 3.0), 0.5, 1.5),
-    ((0.5, 2.0, 3.0), None, 6.0),  # water alone
-])
+@pytest.mark.parametrize(
+    ("sigma_t", "distance", "expected"),
+    [
+        ((1.0, 2.0, 3.0), 1.5, 3.0),  # three mean free paths of the clearest channel
+        ((1.0, 2.0, 3.0), 5.0, 5.0),  # as far as what the camera sees
+        ((1.0, 2.0, 3.0), 0.5, 1.5),  # but at most three times as far
+        ((0.0, 2.0, 3.0), 0.5, 1.5),
+        ((0.5, 2.0, 3.0), None, 6.0),  # water alone
+    ],
+)
 def test_the_reach_of_the_lights(sigma_t, distance, expected):
     p, face = np.array([[0.0, 0.0, distance or 1.0]]), -1 if distance is None else 0
     assert run(reaches, [scene_of((0.0,) * 3, sigma_t, 0.0), face, p], [float])[0] == pytest.approx(expected, rel=1e-6)
@@ -542,7 +635,10 @@ def test_a_beam_is_attenuated_and_scattered_as_beer_and_lambert_say(truth, t_max
         what = f"{t_max} m, sigma_s = {sigma_s[c]}, sigma_t = {sigma_t[c]}"
         share = sigma_s[c] / sigma_t[c] * (1 - T)
         truth(f"transmittance, {what}", source="exp(-sigma_t t)", expected=T, **estimate(passed[:, c]))
-        truth(f"share scattered, {what}", source="c (1 - exp(-sigma_t t))", expected=share,
-              **estimate(scattered[:, c]))
-        truth(f"share scattered, {what}, {near_share:.0%} of first scatterings near a lamp",
-              source="c (1 - exp(-sigma_t t))", expected=share, **estimate(first[:, c]))
+        truth(f"share scattered, {what}", source="c (1 - exp(-sigma_t t))", expected=share, **estimate(scattered[:, c]))
+        truth(
+            f"share scattered, {what}, {near_share:.0%} of first scatterings near a lamp",
+            source="c (1 - exp(-sigma_t t))",
+            expected=share,
+            **estimate(first[:, c]),
+        )

@@ -22,8 +22,10 @@ STILL = {"poses": [{"position": [0, 0, 0]}]}
 
 def stops(*positions, turn_deg=(0, 0, 0)):
     """Exact poses one second apart."""
-    return [{"time_s": t, "position": list(at), "rotation_euler_deg": [t * angle for angle in turn_deg]}
-            for t, at in enumerate(positions)]
+    return [
+        {"time_s": t, "position": list(at), "rotation_euler_deg": [t * angle for angle in turn_deg]}
+        for t, at in enumerate(positions)
+    ]
 
 
 def scene_with(*others, lights=(), view=None, **more):
@@ -49,13 +51,18 @@ def test_lights_of_a_vehicle_at_rest_are_those_of_ones_own_at_that_place(any_fie
     """To the byte; the camera in the world has no table of the field along its rays in either scene."""
     water, view = {"coefficients": TURBID}, {"mount": "world"}
     position = LAMPS[1]["position"]
-    carried = {"lights": [LAMPS[1] | {"position": [position[0] - 0.25, *position[1:]]}],
-               "trajectory": {"poses": [{"position": [0.25, 0, 0]}]}}
+    carried = {
+        "lights": [LAMPS[1] | {"position": [position[0] - 0.25, *position[1:]]}],
+        "trajectory": {"poses": [{"position": [0.25, 0, 0]}]},
+    }
     how = {"outputs": "A", "spp": 4, "integrator": integrator}
-    scenes = (scene_with(lights=LAMPS, view=view, water=water),
-              scene_with(carried, lights=LAMPS[:1], view=view, water=water))
-    alone, beside = (FrameRenderer(scene, "cpu", parts=[wall()]).render(np.eye(4), **how).A.radiance
-                     for scene in scenes)
+    scenes = (
+        scene_with(lights=LAMPS, view=view, water=water),
+        scene_with(carried, lights=LAMPS[:1], view=view, water=water),
+    )
+    alone, beside = (
+        FrameRenderer(scene, "cpu", parts=[wall()]).render(np.eye(4), **how).A.radiance for scene in scenes
+    )
     assert alone.mean() > 0.0
     assert np.array_equal(alone, beside)
 
@@ -65,8 +72,9 @@ def test_lights_move_with_their_vehicle_while_a_shutter_is_open():
     water, view = {"coefficients": TURBID}, {"mount": "world", "shutter": {"exposure_s": 0.2, "readout_s": 0.1}}
     course = {"poses": stops((0, 0, 0), (0.8, 0.1, 0.2), (1.0, 0, 0), turn_deg=(0, 10, 30))}
     how = {"outputs": "A", "spp": 4, "integrator": "path", "time_ns": SECOND // 2}
-    scene = scene_with(lights=LAMPS, view=view, water=water).model_copy(update={
-        "trajectory": scene_with({"trajectory": course}).companions["vehicles.1"].trajectory})
+    scene = scene_with(lights=LAMPS, view=view, water=water).model_copy(
+        update={"trajectory": scene_with({"trajectory": course}).companions["vehicles.1"].trajectory}
+    )
     simulation = simulate(scene)
     T_w_v = simulation.trajectory.at([SECOND // 2]).T_w_v(0)
     mine = FrameRenderer(scene, "cpu", parts=[wall()]).render(T_w_v, motion=simulation.motion(SECOND // 2), **how)
@@ -85,8 +93,10 @@ def test_a_body_looks_as_an_object_on_that_path_does():
     view = {"shutter": {"exposure_s": 0.1}}
     how = {"outputs": "BCDS", "spp_b": 4, "motion": at_rest(), "time_ns": 700_000_000}
     other = scene_with({"body": body, "trajectory": {"poses": path}}, view=view)
-    got, expected = (FrameRenderer(scene, "cpu").render(np.eye(4), **how)
-                     for scene in (other, scene_with(view=view, objects=[body | {"path": path}])))
+    got, expected = (
+        FrameRenderer(scene, "cpu").render(np.eye(4), **how)
+        for scene in (other, scene_with(view=view, objects=[body | {"path": path}]))
+    )
     assert other.number_of("vehicles.1") == 1
     assert (got.S.instance == 1).sum() > 100
     same = got.S.instance == expected.S.instance
@@ -101,10 +111,21 @@ def test_each_sees_the_other_where_geometry_has_it():
     radius, length, apart, speed = 0.2, 0.5, 3.0, 0.3
     rod = {"kind": "pipe", "radius": radius, "length": length, "wall": 1, "rotation_euler_deg": [90, 0, 0]}
     back = {"rotation_euler_deg": [0, 0, 180]}
-    scene = scene_from_dict({"vehicles": [
-        {"id": "a", "body": rod, "cameras": [VIEW], "trajectory": {"poses": stops((0, 0, 0), (speed, 0, 0))}},
-        {"id": "b", "body": rod, "cameras": [VIEW], "trajectory": {"poses": [
-            {"time_s": t, "position": [0, apart, t * speed]} | back for t in range(2)]}}]})
+    scene = scene_from_dict(
+        {
+            "vehicles": [
+                {"id": "a", "body": rod, "cameras": [VIEW], "trajectory": {"poses": stops((0, 0, 0), (speed, 0, 0))}},
+                {
+                    "id": "b",
+                    "body": rod,
+                    "cameras": [VIEW],
+                    "trajectory": {
+                        "poses": [{"time_s": t, "position": [0, apart, t * speed]} | back for t in range(2)]
+                    },
+                },
+            ]
+        }
+    )
     seen = {each: scene.observed_by(each) for each in "ab"}
     for each, other, (x, z) in (("a", "b", (-speed, speed)), ("b", "a", (-speed, -speed))):
         T_w_v = simulate(seen[each]).frames.T_w_v(-1)
@@ -133,10 +154,18 @@ BOARD = {"kind": "calibration_board", "rows": 9, "columns": 9, "square_m": 0.8}
 
 def test_a_dvl_finds_a_body_below_and_how_it_moves():
     """A board that sinks at 0.4 m/s and then stays: depth over the cosine of the beams' angle, speed times it."""
-    sinks = {"body": BOARD | {"rotation_euler_deg": [-90, 0, 0]},
-             "trajectory": {"poses": stops((0, 0, -2), (0, 0, -2.4))}}
-    scene = scene_from_dict({"vehicles": [
-        {"id": "0", "dvl": {"rate_hz": 4}, "trajectory": STILL | {"duration_s": 1.6}}, {"id": "1"} | sinks]})
+    sinks = {
+        "body": BOARD | {"rotation_euler_deg": [-90, 0, 0]},
+        "trajectory": {"poses": stops((0, 0, -2), (0, 0, -2.4))},
+    }
+    scene = scene_from_dict(
+        {
+            "vehicles": [
+                {"id": "0", "dvl": {"rate_hz": 4}, "trajectory": STILL | {"duration_s": 1.6}},
+                {"id": "1"} | sinks,
+            ]
+        }
+    )
     dvl, cosine = simulate(scene, build_parts(scene)).dvl, np.cos(np.radians(30))
     time_s = 1e-9 * dvl.time_ns
     depth, rate = 2.0 + 0.4 * np.minimum(time_s, 1.0), np.where(time_s <= 1.0, 0.4, 0.0)
@@ -150,8 +179,13 @@ def test_a_dvl_over_a_board_that_turns_feels_it_pass_by():
     """About an axis at a distance a, all of the board below moves at a x rate but for what circles about the sensor."""
     turns, away = np.radians(20.0), 1.5
     path = [{"time_s": t, "position": [away, 0, -2], "rotation_euler_deg": [-90, 0, 20 * t]} for t in range(2)]
-    scene = scene_from_dict({"objects": [BOARD | {"path": path}], "trajectory": STILL | {"duration_s": 1.0},
-                             "vehicle": {"dvl": {"rate_hz": 4}}})
+    scene = scene_from_dict(
+        {
+            "objects": [BOARD | {"path": path}],
+            "trajectory": STILL | {"duration_s": 1.0},
+            "vehicle": {"dvl": {"rate_hz": 4}},
+        }
+    )
     dvl = simulate(scene, build_parts(scene)).dvl
     expected = -away * turns * beam_directions(scene.vehicle.dvl)[:, 1]
     np.testing.assert_allclose(dvl.beam_velocity, np.tile(expected, (len(dvl.time_ns), 1)), atol=1e-6)

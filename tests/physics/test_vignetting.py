@@ -43,9 +43,14 @@ def test_a_and_its_errors_are_multiplied_by_the_share(truth, any_field, integrat
     """Pixel by pixel with the same samples: radiance and layers; variances are means over tiles of what it leaves."""
     how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": "none"}
     plain, fallen = (renderer_of(**camera).render(np.eye(4), **how).A for camera in ({}, {"vignetting": fall}))
-    truth(f"radiance of all pixels with vignetting by {fall['kind']}, {integrator}", source="closed form times without",
-          expected=plain.radiance * share()[..., None], got=fallen.radiance, tolerance=1e-6 * plain.radiance,
-          reason="float32 rounding of the layers")
+    truth(
+        f"radiance of all pixels with vignetting by {fall['kind']}, {integrator}",
+        source="closed form times without",
+        expected=plain.radiance * share()[..., None],
+        got=fallen.radiance,
+        tolerance=1e-6 * plain.radiance,
+        reason="float32 rounding of the layers",
+    )
     for layer, L in plain.layers.items():
         np.testing.assert_allclose(fallen.layers[layer], L * share()[..., None], rtol=1e-6, atol=1e-9)
     if spp > 1:
@@ -57,17 +62,25 @@ def test_a_and_its_errors_are_multiplied_by_the_share(truth, any_field, integrat
 def test_samples_that_are_shared_out_have_the_mean_of_the_share_too(truth, any_field):
     """With the field, what pixels take follows from their noise; by standard errors."""
     how = {"outputs": "A", "integrator": "field", "spp": 16, "denoise": "none"}
-    plain, fallen = (renderer_of(**camera).render(np.eye(4), seed=seed, **how).A
-                     for seed, camera in ((1, {}), (2, {"vignetting": COS4})))
+    plain, fallen = (
+        renderer_of(**camera).render(np.eye(4), seed=seed, **how).A
+        for seed, camera in ((1, {}), (2, {"vignetting": COS4}))
+    )
     off = (fallen.radiance - plain.radiance * cos4()[..., None]).mean((0, 1), dtype=np.float64)
     variance = np.square(fallen.stderr) + np.square(plain.stderr * cos4()[..., None])
-    truth("mean of an image whose samples are shared out, less that without times the share", source="closed form",
-          expected=np.zeros(3), got=off, stderr=np.sqrt(variance.mean((0, 1)) / radius().size))
+    truth(
+        "mean of an image whose samples are shared out, less that without times the share",
+        source="closed form",
+        expected=np.zeros(3),
+        got=off,
+        stderr=np.sqrt(variance.mean((0, 1)) / radius().size),
+    )
 
 
 def test_only_a_has_it():
-    plain, fallen = (renderer_of(**camera).render(np.eye(4), outputs="BCDS", spp_b=4)
-                     for camera in ({}, {"vignetting": COS4}))
+    plain, fallen = (
+        renderer_of(**camera).render(np.eye(4), outputs="BCDS", spp_b=4) for camera in ({}, {"vignetting": COS4})
+    )
     assert np.array_equal(plain.B.radiance, fallen.B.radiance)
     assert np.array_equal(plain.D.depth, fallen.D.depth)
     assert np.array_equal(plain.C.normal, fallen.C.normal)

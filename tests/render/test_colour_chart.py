@@ -31,11 +31,17 @@ def scene_of(folder, chart=None, by_wavelength=True, **more):
         (folder / "pure.csv").write_text("wavelength_nm,a,b\n" + rows)
     lamp = {"kind": "point"} | ({"spectrum": "led_b4", "power_W": 30.0} if by_wavelength else {"intensity": [1, 1, 1]})
     camera = {"id": "M0", "resolution": [240, 180], "sensor_mm": [4.0, 3.0], "focal_mm": 6.8}
-    return scene_from_dict({
-        "water": {"spectral": {"file": "pure.csv"}} if by_wavelength else "none", "materials": MATERIALS,
-        "objects": [CHART | (chart or {})],
-        "vehicle": {"lights": [lamp], "cameras": [camera | ({"response": "nikon_5100"} if by_wavelength else {})]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}} | more, folder)
+    return scene_from_dict(
+        {
+            "water": {"spectral": {"file": "pure.csv"}} if by_wavelength else "none",
+            "materials": MATERIALS,
+            "objects": [CHART | (chart or {})],
+            "vehicle": {"lights": [lamp], "cameras": [camera | ({"response": "nikon_5100"} if by_wavelength else {})]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        }
+        | more,
+        folder,
+    )
 
 
 def patches_of(scene, letter="A"):
@@ -45,7 +51,7 @@ def patches_of(scene, letter="A"):
     column, row = np.meshgrid(np.arange(6), np.arange(4))
     middle = np.stack([(column.ravel() - 2.5) * 0.046, np.full(24, CHART_M), (1.5 - row.ravel()) * 0.046], axis=-1)
     u, v = np.floor(renderer.project(middle, T_W_V)).astype(int).T
-    return np.array([image[y - 3:y + 4, x - 3:x + 4].mean(axis=(0, 1)) for x, y in zip(u, v, strict=True)])
+    return np.array([image[y - 3 : y + 4, x - 3 : x + 4].mean(axis=(0, 1)) for x, y in zip(u, v, strict=True)])
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +76,12 @@ def test_patches_are_integrals_by_the_nanometre_within_the_stated_error(seen):
     scene, found = seen
     camera = scene.vehicle.cameras[0]
     bands = scene_bands(scene, camera)
-    light = (camera_response("nikon_5100", scene.resolve, "response") * lamp_spectrum("led_b4", scene.resolve, "").at()
-             * np.exp(-2.0 * CHART_M * water_spectra(scene).c) * STEPS)
+    light = (
+        camera_response("nikon_5100", scene.resolve, "response")
+        * lamp_spectrum("led_b4", scene.resolve, "").at()
+        * np.exp(-2.0 * CHART_M * water_spectra(scene).c)
+        * STEPS
+    )
     reflectance = np.array([patch.at(GRID) for patch in chart_reflectances().values()])
     exact = reflectance @ light.T / light.sum(axis=1)
     assert (np.abs(found / exact - 1.0) < (1.0 + bands.worst) / (1.0 - bands.worst) - 1.0).all()  # and that of white
@@ -79,14 +89,15 @@ def test_patches_are_integrals_by_the_nanometre_within_the_stated_error(seen):
 
 def test_greys_are_as_grey_as_they_were_measured(seen):
     """Each step of the last row is darker, and of one colour within the bend of its spectrum from 420 nm up."""
-    found = seen[1][PATCHES.index("white"):]
+    found = seen[1][PATCHES.index("white") :]
     np.testing.assert_allclose(found[:, 1], [0.887, 0.582, 0.358, 0.203, 0.093, 0.034], rtol=0.02)
     assert (np.ptp(found, axis=1) < 0.05 * found.mean(axis=1)).all()
 
 
 def test_without_wavelengths_they_have_their_colours_under_d65(tmp_path):
-    found = (patches_of(scene_of(tmp_path, by_wavelength=False))
-             / patches_of(scene_of(tmp_path, PAINTED, by_wavelength=False)))
+    found = patches_of(scene_of(tmp_path, by_wavelength=False)) / patches_of(
+        scene_of(tmp_path, PAINTED, by_wavelength=False)
+    )
     np.testing.assert_allclose(found, np.clip(chart_colours(), 0.0, 1.0), rtol=3e-3, atol=1e-5)
 
 

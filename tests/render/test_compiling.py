@@ -38,9 +38,16 @@ def rolling():
     return FrameRenderer(scene, "cpu", parts=ground_and_ball()), {"motion": at_rest}
 
 
-@pytest.mark.parametrize(("made", "integrator", "letters"), [
-    (still, "path", "ABCDS"), (still, "field", "ABCDSF"), (still, "reference", "A"), (moving, "path", "ABCDSP"),
-    (rolling, "field", "CF")])
+@pytest.mark.parametrize(
+    ("made", "integrator", "letters"),
+    [
+        (still, "path", "ABCDS"),
+        (still, "field", "ABCDSF"),
+        (still, "reference", "A"),
+        (moving, "path", "ABCDSP"),
+        (rolling, "field", "CF"),
+    ],
+)
 def test_what_is_compiled_meanwhile_is_what_images_need(any_field, made, integrator, letters):
     renderer, how = made()
     announced = needed(renderer, letters, integrator)
@@ -64,12 +71,19 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
     assert all(both > needed(renderer, "A", integrator) for integrator in ("field", "path"))
 
 
-@pytest.mark.parametrize(("file", "changes"), [
-    (DATA / "starter.yaml", []),
-    (DATA / "starter.yaml", ["growth=[]", "objects=[]", "scatter=[]", "materials={}",
-                              "terrain={kind: procedural, resolution: 65}"]),
-    (DATA / "templates" / "stereo_survey.yaml", []), (EXAMPLES / "every_block" / "scene.yaml", []),
-], ids=["starter", "grey", "stereo_survey", "every_block"])
+@pytest.mark.parametrize(
+    ("file", "changes"),
+    [
+        (DATA / "starter.yaml", []),
+        (
+            DATA / "starter.yaml",
+            ["growth=[]", "objects=[]", "scatter=[]", "materials={}", "terrain={kind: procedural, resolution: 65}"],
+        ),
+        (DATA / "templates" / "stereo_survey.yaml", []),
+        (EXAMPLES / "every_block" / "scene.yaml", []),
+    ],
+    ids=["starter", "grey", "stereo_survey", "every_block"],
+)
 def test_what_a_scene_holds_is_foretold_by_its_file(file, changes):
     """Else kernels are compiled that nothing needs, and those that are needed only after the scene is loaded."""
     scene = load_scene(file, changes)

@@ -26,8 +26,9 @@ from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, euler_to_matrix, intrinsics, transform
 from varos_warp.scene.geometry.parts import Part
 
-WATER = {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
-                          "phase": {"g": 0.8}}}
+WATER = {
+    "coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0], "phase": {"g": 0.8}}
+}
 LAMPS = [{"kind": "spot", "position": [x, -0.1, 0.0], "direction": [0, 1, -0.2], "blend": 0.0} for x in (-0.15, 0.15)]
 GROUND_Z = -1.5
 POSE = transform(euler_to_matrix((-20, 4, 30)), [0.5, -0.3, 0.2])
@@ -38,8 +39,12 @@ def camera(name="M0", **view):
 
 
 def make_scene(cameras=None, lights=LAMPS, **blocks):
-    return Scene(water=WATER, vehicle={"lights": lights, "cameras": cameras or [camera()]},
-                 trajectory={"poses": [{"position": [0, 0, 0]}]}, **blocks)
+    return Scene(
+        water=WATER,
+        vehicle={"lights": lights, "cameras": cameras or [camera()]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        **blocks,
+    )
 
 
 def ground_and_ball(ball=True):
@@ -48,8 +53,10 @@ def ground_and_ball(ball=True):
     if ball:
         sphere = trimesh.creation.icosphere(subdivisions=3, radius=0.4).apply_translation((-0.6, 2.2, -1.1))
         shapes.append(("ball", sphere, (0.6, 0.2, 0.1)))
-    return [Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), Diffuse(reflectance=reflectance))
-            for name, mesh, reflectance in shapes]
+    return [
+        Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), Diffuse(reflectance=reflectance))
+        for name, mesh, reflectance in shapes
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +114,10 @@ def test_another_seed_frame_or_camera_has_other_noise_and_the_same_geometry():
 
 def test_the_noise_of_frames_is_uncorrelated(renderer):
     """Two frames of a vehicle at rest: their noise, pixel by pixel, has nothing in common."""
-    images = [renderer.render(POSE, outputs="A", spp=16, frame=i, layers=("direct", "single")).A.radiance.astype(float)
-              for i in range(8)]
+    images = [
+        renderer.render(POSE, outputs="A", spp=16, frame=i, layers=("direct", "single")).A.radiance.astype(float)
+        for i in range(8)
+    ]
     noise = np.array(images) - np.mean(images, axis=0)
     spread = noise.std(axis=0)
     noise = (noise / np.maximum(spread, 1e-12))[:, spread > 1e-6 * images[0].max()]
@@ -137,8 +146,10 @@ def test_some_layers_are_those_of_the_whole(renderer, monkeypatch, chosen, integ
     With the field only if samples are even: else the noise of what is rendered decides where they go.
     """
     monkeypatch.setattr(radiance, "share_out", evenly)
-    whole, some = (renderer.render(POSE, outputs="A", spp=spp, layers=layers, integrator=integrator).A
-                   for layers in (LAYERS, chosen))
+    whole, some = (
+        renderer.render(POSE, outputs="A", spp=spp, layers=layers, integrator=integrator).A
+        for layers in (LAYERS, chosen)
+    )
     assert set(some.layers) == set(chosen)
     for name in chosen:
         np.testing.assert_allclose(some.layers[name], whole.layers[name], rtol=1e-6, atol=1e-12)
@@ -147,9 +158,15 @@ def test_some_layers_are_those_of_the_whole(renderer, monkeypatch, chosen, integ
         assert np.mean(some.stderr) < np.mean(whole.stderr)
 
 
-@pytest.mark.parametrize(("bounds", "empty"), [({"max_scatterings": 0, "max_bounces": 1}, {"single", "multiple"}),
-                                               ({"max_scatterings": 1, "max_bounces": 0}, {"direct", "multiple"}),
-                                               ({"max_scatterings": 0}, {"single"}), ({"max_bounces": 0}, {"direct"})])
+@pytest.mark.parametrize(
+    ("bounds", "empty"),
+    [
+        ({"max_scatterings": 0, "max_bounces": 1}, {"single", "multiple"}),
+        ({"max_scatterings": 1, "max_bounces": 0}, {"direct", "multiple"}),
+        ({"max_scatterings": 0}, {"single"}),
+        ({"max_bounces": 0}, {"direct"}),
+    ],
+)
 def test_bounds_leave_out_what_they_say(renderer, bounds, empty):
     image = renderer.render(POSE, outputs="A", spp=8, **bounds).A
     assert {name for name in LAYERS if image.layers[name].max() == 0.0} == empty
@@ -158,8 +175,9 @@ def test_bounds_leave_out_what_they_say(renderer, bounds, empty):
 # ------------------------------------------------------------------------------------------------------------ errors
 
 
-@pytest.mark.parametrize(("output", "layers"), [("A", ("direct",)), ("A", ("single",)), ("A", ("direct", "single")),
-                                                ("B", None)])
+@pytest.mark.parametrize(
+    ("output", "layers"), [("A", ("direct",)), ("A", ("single",)), ("A", ("direct", "single")), ("B", None)]
+)
 def test_the_standard_error_is_that_of_repeated_renders(renderer, output, layers):
     """What 32 images say of themselves against how they differ, averaged alike over the pixels around."""
     how = {"spp": 16, "spp_b": 16, "integrator": "path"} | ({"layers": layers} if layers else {})
@@ -213,8 +231,11 @@ def world_points(frame, view, pose):
     return by_depth, by_range, unit @ T_w_c[:3, :3].T
 
 
-STEREO = [camera("L0", position=[-0.1, 0.05, 0]), camera("R0", position=[0.1, 0, 0.02], f_stop=1.7),
-          camera("S0", mount="world", position=[3.0, -2.0, 1.0], rotation_euler_deg=[-30, 0, 50], focal_mm=2.0)]
+STEREO = [
+    camera("L0", position=[-0.1, 0.05, 0]),
+    camera("R0", position=[0.1, 0, 0.02], f_stop=1.7),
+    camera("S0", mount="world", position=[3.0, -2.0, 1.0], rotation_euler_deg=[-30, 0, 50], focal_mm=2.0),
+]
 
 
 @pytest.mark.parametrize("name", ["L0", "R0", "S0"])
@@ -246,8 +267,7 @@ def test_normals_are_unit_and_face_the_camera(renderer):
 
 def test_a_camera_in_the_world_stays_and_sees_the_lamps_move():
     renderer = FrameRenderer(make_scene(STEREO), "cpu", parts=ground_and_ball())
-    here, there = (renderer.render(pose, "S0", spp=8, spp_b=4, seed=1, integrator="path")
-                   for pose in (POSE, np.eye(4)))
+    here, there = (renderer.render(pose, "S0", spp=8, spp_b=4, seed=1, integrator="path") for pose in (POSE, np.eye(4)))
     for output in "BCD":
         for name, array in arrays(here).items():
             if name.startswith(output):
@@ -258,13 +278,15 @@ def test_a_camera_in_the_world_stays_and_sees_the_lamps_move():
 def test_the_images_show_the_same_things_in_the_same_places():
     """The ball is red in A and B, round in C and nearer in D: in the same pixels."""
     frame = FrameRenderer(make_scene([camera(resolution=[96, 60])]), "cpu", parts=ground_and_ball()).render(
-        POSE, spp=16, spp_b=16, layers=("direct",))
+        POSE, spp=16, spp_b=16, layers=("direct",)
+    )
     ball = np.abs(frame.C.normal - [0, 0, 1]).max(axis=-1) > 1e-3
     ball &= np.isfinite(frame.D.depth)
     inner = ball & np.roll(ball, 1, 0) & np.roll(ball, -1, 0) & np.roll(ball, 1, 1) & np.roll(ball, -1, 1)
     assert inner.sum() > 30
-    outer = np.isfinite(frame.D.depth) & ~(ball | np.roll(ball, 1, 0) | np.roll(ball, -1, 0) | np.roll(ball, 1, 1)
-                                           | np.roll(ball, -1, 1))
+    outer = np.isfinite(frame.D.depth) & ~(
+        ball | np.roll(ball, 1, 0) | np.roll(ball, -1, 0) | np.roll(ball, 1, 1) | np.roll(ball, -1, 1)
+    )
     redness = frame.B.radiance[..., 0] / np.maximum(frame.B.radiance[..., 1], 1e-6)
     # next to each other they tinge each other
     assert np.mean(np.abs(redness[inner] / (0.6 / 0.2) - 1) < 0.2) > 0.9
@@ -360,8 +382,9 @@ def test_a_gpu_gives_the_same_bytes_twice(gpu):
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "copied": ["denoised"]},
-                                 {"integrator": "path"}])
+@pytest.mark.parametrize(
+    "how", [{}, {"denoise": "oidn", "denoise_b": "oidn", "copied": ["denoised"]}, {"integrator": "path"}]
+)
 def test_frames_under_way_side_by_side_on_a_gpu_have_the_bytes_of_each_by_itself(gpu, how, monkeypatch):
     """They have films and lamps of their own, wherever one goes on while the other waits."""
     poses = [POSE, POSE @ np.array([[1.0, 0, 0, 0.3], [0, 1, 0, -0.2], [0, 0, 1, 0], [0, 0, 0, 1]])]
@@ -420,8 +443,10 @@ def test_a_gpu_takes_any_number_of_samples_for_one_pixel():
     The error is that of the spread of eight images: `stderr` of a single pixel is one difference of two halves.
     """
     renderer = FrameRenderer(make_scene([camera(resolution=[1, 1])]), "cuda:0", parts=ground_and_ball())
-    few, many = (np.array([renderer.render(POSE, outputs="A", seed=seed, spp=spp).A.radiance[0, 0]
-                           for seed in range(8)], float) for spp in (1000, 200_000))
+    few, many = (
+        np.array([renderer.render(POSE, outputs="A", seed=seed, spp=spp).A.radiance[0, 0] for seed in range(8)], float)
+        for spp in (1000, 200_000)
+    )
     error = np.sqrt((few.var(axis=0, ddof=1) + many.var(axis=0, ddof=1)) / 8)
     assert np.all(np.abs(few.mean(axis=0) - many.mean(axis=0)) < 6 * error)
     assert np.all(many.std(axis=0, ddof=1) < 0.5 * few.std(axis=0, ddof=1))

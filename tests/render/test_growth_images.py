@@ -9,20 +9,34 @@ from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose
 
 CAMERA = {"id": "M0", "resolution": [96, 64], "sensor_mm": [4.8, 3.2], "focal_mm": 4.8}
-BLOCKS = [{"on": ["objects.0", "scatter.0"], "kind": "barnacle", "per_m2": 80, "size_m": [0.08, 0.2], "cluster": 3},
-          {"on": ["terrain"], "kind": "starfish", "per_m2": 2, "size_m": [0.3, 0.5]}]
+BLOCKS = [
+    {"on": ["objects.0", "scatter.0"], "kind": "barnacle", "per_m2": 80, "size_m": [0.08, 0.2], "cluster": 3},
+    {"on": ["terrain"], "kind": "starfish", "per_m2": 2, "size_m": [0.3, 0.5]},
+]
 AT = np.eye(4)
 AT[2, 3] = 1.2
 
 
 def scene(segments="host", growth=BLOCKS, **more):
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 21, "relief_m": 0.2, "feature_m": 6},
-        "objects": [{"kind": "boulder", "diameter": 1.2, "position": [0, 2.5, 0.7], "chord_error_m": 0.01}],
-        "scatter": [{"object": {"kind": "boulder", "diameter": 0.4, "chord_error_m": 0.01}, "count": 12, "shapes": 3,
-                     "area": [-2, 1, 2, 5]}],
-        "growth": growth, "vehicle": {"cameras": [CAMERA]}, "trajectory": {"poses": [{"position": [0, 0, 1.2]}]},
-        "render": {"outputs": ["C", "D", "S"], "segments": segments}, **more})
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 21, "relief_m": 0.2, "feature_m": 6},
+            "objects": [{"kind": "boulder", "diameter": 1.2, "position": [0, 2.5, 0.7], "chord_error_m": 0.01}],
+            "scatter": [
+                {
+                    "object": {"kind": "boulder", "diameter": 0.4, "chord_error_m": 0.01},
+                    "count": 12,
+                    "shapes": 3,
+                    "area": [-2, 1, 2, 5],
+                }
+            ],
+            "growth": growth,
+            "vehicle": {"cameras": [CAMERA]},
+            "trajectory": {"poses": [{"position": [0, 0, 1.2]}]},
+            "render": {"outputs": ["C", "D", "S"], "segments": segments},
+            **more,
+        }
+    )
 
 
 def images(of, **options):
@@ -58,14 +72,22 @@ def test_s_has_the_numbers_of_hosts(host):
 def test_fine_s_names_each_copy(host, fine):
     renderer, seen = fine
     names = {row["id"]: row["key"] for row in renderer.segments}
-    parts = {name: (T[:3, 3], size, group.hosts[k]) for group in renderer.parts if group.name.startswith("growth")
-             for name, T, size, k in zip(group.names, group.T_w_o, group.scale, group.host, strict=True)}
+    parts = {
+        name: (T[:3, 3], size, group.hosts[k])
+        for group in renderer.parts
+        if group.name.startswith("growth")
+        for name, T, size, k in zip(group.names, group.T_w_o, group.scale, group.host, strict=True)
+    }
     assert sorted(parts) == sorted(name for name in names.values() if name.startswith("growth"))
     T_w_c = camera_pose(renderer.scene.vehicle.cameras[0], AT)
     rows, cols = np.nonzero(np.vectorize(lambda n: n in names and names[n].startswith("growth"))(seen.S.instance))
     assert len(rows) > 300
-    on_host = np.array([next(row["id"] for row in renderer.segments if row["key"] == parts[names[n]][2])
-                        for n in seen.S.instance[rows, cols]])
+    on_host = np.array(
+        [
+            next(row["id"] for row in renderer.segments if row["key"] == parts[names[n]][2])
+            for n in seen.S.instance[rows, cols]
+        ]
+    )
     np.testing.assert_array_equal(host[1].S.instance[rows, cols], on_host)
     for row, col in zip(rows[::7], cols[::7], strict=True):
         z = seen.D.depth[row, col]
@@ -101,8 +123,15 @@ def test_copies_have_their_colours_joined_or_not(host, monkeypatch):
 
 
 def test_a_body_of_ones_own_keeps_its_number():
-    vehicles = [{"id": name, "cameras": [CAMERA], "trajectory": {"poses": [{"position": [x, 0, 1.2]}]},
-                 "body": {"kind": "boulder", "diameter": 0.3}} for name, x in (("0", 0), ("1", 0.8))]
+    vehicles = [
+        {
+            "id": name,
+            "cameras": [CAMERA],
+            "trajectory": {"poses": [{"position": [x, 0, 1.2]}]},
+            "body": {"kind": "boulder", "diameter": 0.3},
+        }
+        for name, x in (("0", 0), ("1", 0.8))
+    ]
     content = scene().model_dump(exclude={"vehicle", "trajectory", "observer"}) | {"vehicles": vehicles}
     renderer, seen = images(scene_from_dict(content))
     keys = [row["key"] for row in renderer.segments]

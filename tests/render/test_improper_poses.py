@@ -14,25 +14,36 @@ MIRRORED = PROPER @ np.diag([-1.0, 1.0, 1.0, 1.0])
 DOUBLED = PROPER @ np.diag([2.0, 2.0, 2.0, 1.0])
 SHEARED = PROPER @ np.array([[1, 0.1, 0, 0], [0, np.sqrt(0.99), 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 IMPROPER = {
-    "mirrored": (MIRRORED, "mirrors"), "doubled": (DOUBLED, "scale"), "sheared": (SHEARED, "right angles"),
+    "mirrored": (MIRRORED, "mirrors"),
+    "doubled": (DOUBLED, "scale"),
+    "sheared": (SHEARED, "right angles"),
     "not a number": (np.full((4, 4), np.nan), "not finite"),
     "infinite": (transform(None, [np.inf, 0, 0]), "not finite"),
-    "3 x 4": (PROPER[:3], r"\(3, 4\)"), "rotation alone": (PROPER[:3, :3], r"\(3, 3\)"),
+    "3 x 4": (PROPER[:3], r"\(3, 4\)"),
+    "rotation alone": (PROPER[:3, :3], r"\(3, 3\)"),
     "quaternion": ([1.0, 0.0, 0.0, 0.0], "quaternion"),
     "position and quaternion": ([0, 0, 0, 1, 0, 0, 0], "quaternion"),
-    "two": (np.stack([PROPER, PROPER]), r"\(2, 4, 4\)"), "rows": (PROPER.T, "transpose"),
-    "text": ("eye", "numbers"), "nothing": (None, "numbers"), "ragged": ([[1, 0], [0]], "numbers"),
-    "complex": (PROPER.astype(complex), "numbers"), "truth values": (np.eye(4, dtype=bool), "numbers"),
+    "two": (np.stack([PROPER, PROPER]), r"\(2, 4, 4\)"),
+    "rows": (PROPER.T, "transpose"),
+    "text": ("eye", "numbers"),
+    "nothing": (None, "numbers"),
+    "ragged": ([[1, 0], [0]], "numbers"),
+    "complex": (PROPER.astype(complex), "numbers"),
+    "truth values": (np.eye(4, dtype=bool), "numbers"),
     "library object": (Rotation.identity(), "numbers"),
 }
 
 
 @pytest.fixture(scope="module")
 def renderer():
-    scene = scene_from_dict({
-        "water": "none", "terrain": {"kind": "procedural", "size_m": 4, "resolution": 9},
-        "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9], "shutter": {"readout_s": 0.02}}], "lights": []},
-        "trajectory": {"poses": [{"position": [0, 0, 2]}]}})
+    scene = scene_from_dict(
+        {
+            "water": "none",
+            "terrain": {"kind": "procedural", "size_m": 4, "resolution": 9},
+            "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9], "shutter": {"readout_s": 0.02}}], "lights": []},
+            "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+        }
+    )
     return vw.FrameRenderer(scene, "cpu")
 
 
@@ -70,13 +81,25 @@ def test_a_pose_of_a_motion_is_told_by_its_number(renderer, name):
         return np.stack([PROPER] * (len(offset_ns) - 1) + [pose])
 
     refused("motion[8]", words, renderer.render, PROPER, outputs="D", motion=motion)
-    refused("following.motion[8]", words, renderer.render, PROPER, outputs="F",
-            following=vw.NextFrame(PROPER, motion=motion))
+    refused(
+        "following.motion[8]",
+        words,
+        renderer.render,
+        PROPER,
+        outputs="F",
+        following=vw.NextFrame(PROPER, motion=motion),
+    )
 
 
-@pytest.mark.parametrize(("poses", "words"), [
-    (None, "numbers"), (PROPER, r"\(4, 4\), not \(9, 4, 4\)"), (np.stack([PROPER[:3]] * 9), r"\(9, 3, 4\)"),
-    (PROPER[None], r"\(1, 4, 4\), not \(9, 4, 4\)")])
+@pytest.mark.parametrize(
+    ("poses", "words"),
+    [
+        (None, "numbers"),
+        (PROPER, r"\(4, 4\), not \(9, 4, 4\)"),
+        (np.stack([PROPER[:3]] * 9), r"\(9, 3, 4\)"),
+        (PROPER[None], r"\(1, 4, 4\), not \(9, 4, 4\)"),
+    ],
+)
 def test_what_a_motion_gives_instead_of_poses(renderer, poses, words):
     refused("motion", words, renderer.render, PROPER, outputs="D", motion=lambda _: poses)
 

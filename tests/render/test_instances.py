@@ -92,9 +92,12 @@ def test_radiance_is_that_of_separate_meshes(pair, letter):
     """Shadows, interreflection and scattered light: means over the image and over its quarters."""
     one, other = (getattr(frame, letter) for frame in pair)
     difference = (one.radiance - other.radiance).astype(float)
-    variance = (one.stderr.astype(float) ** 2 + other.stderr.astype(float) ** 2)
-    scores = [difference[rows, columns].sum((0, 1)) / np.sqrt(variance[rows, columns].sum((0, 1)))
-              for rows in (slice(0, 24), slice(24, 48)) for columns in (slice(0, 32), slice(32, 64))]
+    variance = one.stderr.astype(float) ** 2 + other.stderr.astype(float) ** 2
+    scores = [
+        difference[rows, columns].sum((0, 1)) / np.sqrt(variance[rows, columns].sum((0, 1)))
+        for rows in (slice(0, 24), slice(24, 48))
+        for columns in (slice(0, 32), slice(32, 64))
+    ]
     assert_plausible(two_sided(np.array(scores)))
     assert np.all(variance.sum((0, 1)) ** 0.5 < 0.01 * other.radiance.sum((0, 1)))
 
@@ -145,8 +148,10 @@ def test_a_gpu_agrees_on_copies_textures_and_metal(letter):
     copies = replace(nuts(), material=Rust(kind="rust", amount=0.4, roughness=0.4))
     parts = [replace(ground(), material=scene.materials["floor"]), copies]
     how = {"outputs": letter, "spp": 256, "spp_b": 256}
-    frames = [FrameRenderer(scene, device, parts=parts).render(POSE, seed=seed, **how)
-              for seed, device in enumerate(("cpu", "cuda:0"))]
+    frames = [
+        FrameRenderer(scene, device, parts=parts).render(POSE, seed=seed, **how)
+        for seed, device in enumerate(("cpu", "cuda:0"))
+    ]
     images = [getattr(frame, letter) for frame in frames]
     difference = (images[1].radiance - images[0].radiance).astype(float).reshape(4, 12, 4, 16, 3).sum((1, 3))
     variance = sum(image.stderr.astype(float) ** 2 for image in images).reshape(4, 12, 4, 16, 3).sum((1, 3))

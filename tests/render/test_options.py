@@ -13,10 +13,21 @@ from varos_warp.scene.description import Scene
 SCENE = Scene(trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"spp": 12, "spp_b": 5, "integrator": "path"})
 
 
-@pytest.mark.parametrize(("key", "value"), [
-    ("layers", ()), ("layers", ("direct", "glow")), ("layers", "direct"), ("integrator", "bidirectional"),
-    ("denoise", "blur"), ("denoise_b", "blur"), ("spp", 0), ("spp_b", -3), ("max_scatterings", -1),
-    ("max_bounces", -1)])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("layers", ()),
+        ("layers", ("direct", "glow")),
+        ("layers", "direct"),
+        ("integrator", "bidirectional"),
+        ("denoise", "blur"),
+        ("denoise_b", "blur"),
+        ("spp", 0),
+        ("spp_b", -3),
+        ("max_scatterings", -1),
+        ("max_bounces", -1),
+    ],
+)
 def test_unknown_names_and_numbers_too_low_are_bad_input_that_names_the_option(key, value):
     with pytest.raises(InputError, match=f"^{key} = "):
         RenderOptions(**{key: value})
@@ -46,6 +57,9 @@ def test_bounds_and_layers_of_the_scene_hold_unless_others_are_given():
 def test_functions_of_the_renderer_have_at_most_ten_arguments():
     paths = (Path(varos_warp.__file__).parent / "render").rglob("*.py")
     nodes = [node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
-    counts = [(len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]), node.name)
-              for node in nodes if isinstance(node, ast.FunctionDef)]
+    counts = [
+        (len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]), node.name)
+        for node in nodes
+        if isinstance(node, ast.FunctionDef)
+    ]
     assert max(counts) <= (10, "z"), max(counts)

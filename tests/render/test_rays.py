@@ -12,18 +12,35 @@ from varos_warp.scene.frames import camera_pose, transform
 T_W_V = transform(Rotation.from_rotvec([0.1, -0.2, 0.7]).as_matrix(), [3.0, -2.0, 1.0])
 CAMERAS = [
     {"id": "P0", "resolution": [40, 24], "rotation_euler_deg": [-60, 0, 0]},
-    {"id": "F0", "resolution": [40, 24], "rotation_euler_deg": [-60, 0, 0], "n_water": [1.338, 1.342, 1.347],
-     "port": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008, "normal": [0.1, 0.0, 1.0]},
-     "distortion": {"model": "brown_conrady", "k": [-0.2, 0.05, 0.001, -0.002, 0.0]}},
+    {
+        "id": "F0",
+        "resolution": [40, 24],
+        "rotation_euler_deg": [-60, 0, 0],
+        "n_water": [1.338, 1.342, 1.347],
+        "port": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008, "normal": [0.1, 0.0, 1.0]},
+        "distortion": {"model": "brown_conrady", "k": [-0.2, 0.05, 0.001, -0.002, 0.0]},
+    },
 ]
 
 
 @pytest.fixture(scope="module")
 def renderer():
-    return FrameRenderer(scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 60, "resolution": 3, "relief_m": 0.0,
-                    "position": [0, 0, -2]},
-        "vehicle": {"cameras": CAMERAS}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}}), "cpu")
+    return FrameRenderer(
+        scene_from_dict(
+            {
+                "terrain": {
+                    "kind": "procedural",
+                    "size_m": 60,
+                    "resolution": 3,
+                    "relief_m": 0.0,
+                    "position": [0, 0, -2],
+                },
+                "vehicle": {"cameras": CAMERAS},
+                "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            }
+        ),
+        "cpu",
+    )
 
 
 @pytest.mark.parametrize("camera", ["P0", "F0"])

@@ -12,21 +12,39 @@ from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.sim.companions import motions
 
 STRAIGHT = {"id": "M0", "resolution": [96, 54]}
-BENT = {"id": "M1", "resolution": [64, 36], "port": {"kind": "flat", "distance_m": 0.01},
-        "distortion": {"model": "brown_conrady", "k": [-0.1, 0.02, 0, 0, 0]}}
+BENT = {
+    "id": "M1",
+    "resolution": [64, 36],
+    "port": {"kind": "flat", "distance_m": 0.01},
+    "distortion": {"model": "brown_conrady", "k": [-0.1, 0.02, 0, 0, 0]},
+}
 
 
 def scene(folder=".", **changes):
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "position": [0, 5, -1.6]},
-        "objects": [{"kind": "boulder", "position": [0.3, 4, 0]}, {"kind": "pipe", "radius": 0.2, "length": 2,
-                                                                  "position": [0, 3, 0]}],
-        "scatter": [{"object": {"kind": "boulder", "diameter": 0.3}, "count": 40, "area": [-3, 1, 3, 7],
-                     "scale_range": [0.5, 2]}],
-        "growth": [{"on": ["objects.1", "scatter.0", "terrain"], "kind": "anemone", "per_m2": 10,
-                    "size_m": [0.1, 0.2]}],
-        "vehicle": {"cameras": [STRAIGHT, BENT]}, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-        **changes}, folder)
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "position": [0, 5, -1.6]},
+            "objects": [
+                {"kind": "boulder", "position": [0.3, 4, 0]},
+                {"kind": "pipe", "radius": 0.2, "length": 2, "position": [0, 3, 0]},
+            ],
+            "scatter": [
+                {
+                    "object": {"kind": "boulder", "diameter": 0.3},
+                    "count": 40,
+                    "area": [-3, 1, 3, 7],
+                    "scale_range": [0.5, 2],
+                }
+            ],
+            "growth": [
+                {"on": ["objects.1", "scatter.0", "terrain"], "kind": "anemone", "per_m2": 10, "size_m": [0.1, 0.2]}
+            ],
+            "vehicle": {"cameras": [STRAIGHT, BENT]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            **changes,
+        },
+        folder,
+    )
 
 
 def both(scene):
@@ -87,8 +105,17 @@ def test_holes_of_masks_are_no_part_of_a_silhouette(tmp_path):
     wall.mesh(BOARD)
     wall.save(tmp_path / "wall.glb")
     camera = {"resolution": [64, 64], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}
-    shown = scene(tmp_path, terrain=None, scatter=[], growth=[], vehicle={"cameras": [camera]}, objects=[
-        {"file": "net.glb", "up": "y", "position": [0, 2, 0]}, {"file": "wall.glb", "up": "y", "position": [0, 1, 0]}])
+    shown = scene(
+        tmp_path,
+        terrain=None,
+        scatter=[],
+        growth=[],
+        vehicle={"cameras": [camera]},
+        objects=[
+            {"file": "net.glb", "up": "y", "position": [0, 2, 0]},
+            {"file": "wall.glb", "up": "y", "position": [0, 1, 0]},
+        ],
+    )
     renderer, silhouettes, numbers = both(shown)
     view = shown.vehicle.cameras[0]
     assert (renderer.render(np.eye(4), view, "S").S.instance == numbers["objects.1"]).all()
@@ -101,12 +128,19 @@ def test_holes_of_masks_are_no_part_of_a_silhouette(tmp_path):
 
 def test_the_body_of_another_vehicle_is_where_it_is_at_the_frame_and_the_own_is_nowhere():
     def vehicle(name, y, speed):
-        return {"id": name, "body": {"kind": "boulder", "diameter": 0.8}, "cameras": [STRAIGHT], "trajectory": {
-            "poses": [{"time_s": 0, "position": [0, y, 0]}, {"time_s": 2, "position": [speed, y, 0]}]}}
+        return {
+            "id": name,
+            "body": {"kind": "boulder", "diameter": 0.8},
+            "cameras": [STRAIGHT],
+            "trajectory": {"poses": [{"time_s": 0, "position": [0, y, 0]}, {"time_s": 2, "position": [speed, y, 0]}]},
+        }
 
-    shown = scene_from_dict({
-        "objects": [{"kind": "pipe", "radius": 0.3, "length": 2, "position": [0, 3, 0]}],
-        "vehicles": [vehicle("0", 0, 0.0), vehicle("1", 6, 2.0)]})
+    shown = scene_from_dict(
+        {
+            "objects": [{"kind": "pipe", "radius": 0.3, "length": 2, "position": [0, 3, 0]}],
+            "vehicles": [vehicle("0", 0, 0.0), vehicle("1", 6, 2.0)],
+        }
+    )
     renderer, silhouettes, numbers = both(shown)
     view, columns = shown.vehicle.cameras[0], []
     for time_ns in (500_000_000, 1_500_000_000):
@@ -117,4 +151,3 @@ def test_the_body_of_another_vehicle_is_where_it_is_at_the_frame_and_the_own_is_
         assert np.isin(np.flatnonzero(S == numbers["vehicles.1"]), whole).all()
         columns.append((whole % 96).mean())
     assert columns[1] > columns[0] + 5
-

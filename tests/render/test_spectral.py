@@ -30,10 +30,17 @@ def scene_of(water, lamp, folder, reflectance=(0.5, 0.5, 0.5), response="nikon_5
     trimesh.creation.box([4.0, 0.4, 4.0]).export(folder / "wall.ply")
     wall = {"file": "wall.ply", "position": [0, WALL_M + 0.2, 0], "material": "paint"}
     camera = {"id": "M0", "resolution": [24, 16], "focal_mm": 4.0} | ({"response": response} if response else {})
-    return scene_from_dict({
-        "water": water, "objects": [wall], "materials": {"paint": {"kind": "diffuse", "reflectance": reflectance}},
-        "vehicle": {"lights": [LAMP | lamp], "cameras": [camera | (view or {})]}, "render": render,
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, folder)
+    return scene_from_dict(
+        {
+            "water": water,
+            "objects": [wall],
+            "materials": {"paint": {"kind": "diffuse", "reflectance": reflectance}},
+            "vehicle": {"lights": [LAMP | lamp], "cameras": [camera | (view or {})]},
+            "render": render,
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        },
+        folder,
+    )
 
 
 @pytest.fixture
@@ -51,13 +58,20 @@ def rendered(scene, outputs="AB"):
 
 def test_even_spectra_give_the_image_of_three_channels(even):
     """Of each pass, with its own phase function; power over the cone's solid angle is the intensity."""
-    scene = scene_of({"spectral": {"file": "water.csv", "phase": {"kind": "rayleigh"}}},
-                     {"spectrum": "lamp.csv", "power_W": 50.0}, even)
+    scene = scene_of(
+        {"spectral": {"file": "water.csv", "phase": {"kind": "rayleigh"}}},
+        {"spectrum": "lamp.csv", "power_W": 50.0},
+        even,
+    )
     intensity = float(spectral_intensity(scene.lights[0], scene).sum() * 300.0 / 301.0)
     a = water_spectra(scene).a
     assert np.ptp(a) < 1e-12
-    plain = scene_of({"coefficients": {"sigma_a": [0.9] * 3, "sigma_s": [0.3] * 3, "phase": {"kind": "rayleigh"}}},
-                     {"intensity": [intensity] * 3}, even, response=None)
+    plain = scene_of(
+        {"coefficients": {"sigma_a": [0.9] * 3, "sigma_s": [0.3] * 3, "phase": {"kind": "rayleigh"}}},
+        {"intensity": [intensity] * 3},
+        even,
+        response=None,
+    )
     ours, theirs = rendered(scene), rendered(plain)
     np.testing.assert_allclose(ours.A.radiance, theirs.A.radiance, rtol=2e-4)
     np.testing.assert_allclose(ours.B.radiance, theirs.B.radiance, rtol=1e-5)
@@ -124,16 +138,28 @@ def test_a_port_refracts_each_band_by_its_own_index(even):
     glass = {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008, "n_glass": 1.49, "normal": [0.7, 0, 1]}
     port = {"port": glass, "look_at": [1.2, WALL_M, 0], "resolution": [96, 16]}
     water, index = {"phase": {"kind": "rayleigh"}}, {"temperature_C": 10.0, "salinity": 35.0}
-    scene = scene_of({"spectral": {"file": "water.csv"} | water}, {"spectrum": "lamp.csv", "power_W": 50.0}, even,
-                     bands=3, view=port | {"n_water": index})
-    one, = passes(scene, scene.vehicle.cameras[0])
+    scene = scene_of(
+        {"spectral": {"file": "water.csv"} | water},
+        {"spectrum": "lamp.csv", "power_W": 50.0},
+        even,
+        bands=3,
+        view=port | {"n_water": index},
+    )
+    (one,) = passes(scene, scene.vehicle.cameras[0])
     nm = scene_bands(scene, scene.vehicle.cameras[0]).wavelength_nm
     light = [float(spectral_intensity(scene.lights[0], scene)[0])] * 3
     how = {"coefficients": {"sigma_a": [0.9] * 3, "sigma_s": [0.3] * 3} | water}
 
     def plain(indices):
-        return rendered(scene_of(how, {"intensity": light}, even, response=None,
-                                 view=port | {"n_water": [float(n) for n in indices]}), "A").A.radiance @ one.weights.T
+        return (
+            rendered(
+                scene_of(
+                    how, {"intensity": light}, even, response=None, view=port | {"n_water": [float(n) for n in indices]}
+                ),
+                "A",
+            ).A.radiance
+            @ one.weights.T
+        )
 
     ours = rendered(scene, "A").A.radiance
     np.testing.assert_allclose(ours, plain(seawater_index(10.0, 35.0, nm)), rtol=2e-3, atol=1e-4 * ours.max())
@@ -153,8 +179,11 @@ def test_errors_of_bands_add_up_and_one_without_weight_counts_for_nothing():
     added = np.zeros((1, 1, 3))
     for w, own, ones in zip(weights, deviations, as_images(np.ones((2, 3))), strict=True):
         one, squared = as_images([own, np.square(own)])
-        for kernel, image, matrix, total in ((add_weighted, one, np.abs(w), errors), (add_weighted, ones, w, light),
-                                             (add_weighted_variance, squared, np.abs(w), variances)):
+        for kernel, image, matrix, total in (
+            (add_weighted, one, np.abs(w), errors),
+            (add_weighted, ones, w, light),
+            (add_weighted_variance, squared, np.abs(w), variances),
+        ):
             wp.launch(kernel, dim=(1, 1), inputs=[image, wp.mat33d(*w_of(matrix))], outputs=[total], device="cpu")
         added = added + added_errors(np.reshape(own, (1, 1, 3)), w)
     for found in (errors.numpy(), np.sqrt(variances.numpy()), added):
@@ -185,8 +214,9 @@ def test_an_image_is_the_weighted_sum_of_its_passes(even, monkeypatch, integrato
     assert not weights[1][:, 2].any()
 
     def summed(name, of=lambda values: values, weigh=lambda w: w):
-        return sum(of(taken.images[name].numpy().astype(float)) @ weigh(w).T
-                   for taken, w in zip(of_pass, weights, strict=True))
+        return sum(
+            of(taken.images[name].numpy().astype(float)) @ weigh(w).T for taken, w in zip(of_pass, weights, strict=True)
+        )
 
     for name in ("direct", "single", "multiple"):
         np.testing.assert_allclose(made.layers[name], summed(name), rtol=1e-6, atol=1e-12)
@@ -202,14 +232,27 @@ def test_an_image_is_the_weighted_sum_of_its_passes(even, monkeypatch, integrato
 
 def test_what_moves_is_where_it_is_in_every_pass(tmp_path, monkeypatch):
     """A chart, whose patches have spectra of their own, as in a scene where it is from the start; nothing is relit."""
+
     def scene(stops):
-        return scene_from_dict({
-            "water": {"spectral": {"jerlov": "1C"}}, "render": {"bands": 6}, "seed": 1,
-            "objects": [{"kind": "color_chart", "path": [
-                {"time_s": t, "position": [0, y, 0]} for t, y in zip((0.0, 1.0), stops, strict=True)]}],
-            "vehicle": {"lights": [LAMP | {"spectrum": "led_b4", "power_W": 50.0}], "cameras": [
-                {"id": "M0", "resolution": [24, 16], "focal_mm": 4.0, "response": "nikon_5100"}]},
-            "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
+        return scene_from_dict(
+            {
+                "water": {"spectral": {"jerlov": "1C"}},
+                "render": {"bands": 6},
+                "seed": 1,
+                "objects": [
+                    {
+                        "kind": "color_chart",
+                        "path": [{"time_s": t, "position": [0, y, 0]} for t, y in zip((0.0, 1.0), stops, strict=True)],
+                    }
+                ],
+                "vehicle": {
+                    "lights": [LAMP | {"spectrum": "led_b4", "power_W": 50.0}],
+                    "cameras": [{"id": "M0", "resolution": [24, 16], "focal_mm": 4.0, "response": "nikon_5100"}],
+                },
+                "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            },
+            tmp_path,
+        )
 
     def image(stops, time_ns):
         renderer = FrameRenderer(scene(stops), "cpu")
@@ -242,8 +285,9 @@ def test_the_field_may_serve_some_passes_only(even, monkeypatch, by_field):
     scene = scene_of({"spectral": {"jerlov": "1C"}}, {"spectrum": "lamp.csv", "power_W": 50.0}, even, bands=6)
     renderer = FrameRenderer(scene, "cpu")
     of_passes = [one for _, one in renderer.radiance.passes(scene.vehicle.cameras[0])]
-    monkeypatch.setattr(RadianceRenderer, "_integrator",
-                        lambda self, options: "field" if self is of_passes[by_field] else "path")
+    monkeypatch.setattr(
+        RadianceRenderer, "_integrator", lambda self, options: "field" if self is of_passes[by_field] else "path"
+    )
     made = renderer.render(T_W_V, "M0", "A", spp=4, denoise="oidn").A
     assert made.albedo is None
     assert made.spp == pytest.approx(4.0, rel=0.02)

@@ -1,6 +1,5 @@
 """Light scattered once in water by wavelength, against an integral over wavelengths and along the ray, by scipy."""
 
-
 from itertools import pairwise
 
 import numpy as np
@@ -24,17 +23,36 @@ AROUND = {"kind": "point", "position": [-0.2, -0.1, 0.4]}
 FACING = {"kind": "point", "position": [0.5, 3.0, 0.3]}
 RAYS = ((0.0, 1.0, 0.0), (0.3, 1.0, -0.2), (-0.5, 1.0, 0.3))
 """What single pixels look along."""
-CASES = {"coast": ({"jerlov": "1C"}, BESIDE), "clear sea": ({"jerlov": "IA"}, FACING),
-         "measured sea": ({"jerlov": "IB"}, BESIDE), "few particles": ({"iop": {"chlorophyll_mg_m3": 0.05}}, AROUND)}
+CASES = {
+    "coast": ({"jerlov": "1C"}, BESIDE),
+    "clear sea": ({"jerlov": "IA"}, FACING),
+    "measured sea": ({"jerlov": "IB"}, BESIDE),
+    "few particles": ({"iop": {"chlorophyll_mg_m3": 0.05}}, AROUND),
+}
 
 
 def scene_of(water, lamp, folder, **render):
     """Every pixel of each camera sees one ray, to 1e-7 rad."""
-    cameras = [{"id": f"M{i}", "look_at": ray, "resolution": [16, 16], "sensor_mm": [1e-3, 1e-3], "focal_mm": 1e4,
-                "response": "nikon_5100"} for i, ray in enumerate(RAYS)]
-    return scene_from_dict({"water": {"spectral": water | {"phase": {"g": G}}}, "vehicle": {
-        "lights": [lamp | {"spectrum": "led_b4", "lumen": 5000.0}], "cameras": cameras}, "render": render,
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, folder)
+    cameras = [
+        {
+            "id": f"M{i}",
+            "look_at": ray,
+            "resolution": [16, 16],
+            "sensor_mm": [1e-3, 1e-3],
+            "focal_mm": 1e4,
+            "response": "nikon_5100",
+        }
+        for i, ray in enumerate(RAYS)
+    ]
+    return scene_from_dict(
+        {
+            "water": {"spectral": water | {"phase": {"g": G}}},
+            "vehicle": {"lights": [lamp | {"spectrum": "led_b4", "lumen": 5000.0}], "cameras": cameras},
+            "render": render,
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        },
+        folder,
+    )
 
 
 def scattered_once(water, lamp, ray) -> np.ndarray:
@@ -79,8 +97,11 @@ def test_single_scattering_is_an_integral_by_the_nanometre(case, tmp_path):
         assert (np.abs(off) < stated + Z * stderr).all(), (off, stderr, stated)
 
 
-@pytest.mark.parametrize("water", [{"jerlov": kind} for kind in ("I", "IA", "IB", "II", "III", "1C", "3C", "9C")] + [
-    {"iop": {"chlorophyll_mg_m3": chlorophyll}} for chlorophyll in (0.0, 0.05, 0.2, 2.0)])
+@pytest.mark.parametrize(
+    "water",
+    [{"jerlov": kind} for kind in ("I", "IA", "IB", "II", "III", "1C", "3C", "9C")]
+    + [{"iop": {"chlorophyll_mg_m3": chlorophyll}} for chlorophyll in (0.0, 0.05, 0.2, 2.0)],
+)
 def test_phase_functions_of_passes_send_back_what_the_bands_do(water, tmp_path):
     """By white light in each channel, over paths of 0.5 to 20 m: by a half of the water's own scattering and B of the
     particles', to what docs/spectra.md states.
@@ -89,7 +110,7 @@ def test_phase_functions_of_passes_send_back_what_the_bands_do(water, tmp_path):
     camera = scene.vehicle.cameras[0]
     bands, B = scene_bands(scene, camera, PATHS_M), water_spectra(scene).backscatter_fraction
     b = bands.b_water + bands.b_particles
-    share = np.repeat(shares_of_water(bands), 3)[:len(b)]
+    share = np.repeat(shares_of_water(bands), 3)[: len(b)]
     for d in (0.5, 1.0, 3.0, 10.0, 20.0):
         seen = shares(bands) * np.exp(-d * (bands.a + b))
         sent, due = seen @ (b * (0.5 * share + B * (1.0 - share))), seen @ (0.5 * bands.b_water + B * bands.b_particles)

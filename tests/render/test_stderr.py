@@ -28,19 +28,23 @@ the pixels around have shown of their noise, and so does what it claims. 3 to 5 
 
 def boxed(extents, centre, reflectance, name):
     mesh = trimesh.creation.box(extents).apply_translation(centre)
-    return Part(name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32),
-                Diffuse(reflectance=[reflectance] * 3))
+    return Part(
+        name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), Diffuse(reflectance=[reflectance] * 3)
+    )
 
 
-FLOOR_AND_BOX = [boxed((20, 20, 1), (0, 6, -1.5), 0.4, "floor"),
-                 boxed((0.6, 0.6, 0.6), (0.2, 2.2, -0.8), 0.6, "box")]
+FLOOR_AND_BOX = [boxed((20, 20, 1), (0, 6, -1.5), 0.4, "floor"), boxed((0.6, 0.6, 0.6), (0.2, 2.2, -0.8), 0.6, "box")]
 
 
 def renderer_of(parts) -> FrameRenderer:
     """The paper's water and lamps."""
     view = {"resolution": SHAPE[::-1], "sensor_mm": [6.0, 3.6], "focal_mm": 4.0, "rotation_euler_deg": [-15, 0, 0]}
-    scene = Scene(water={"coefficients": PAPER_WATER}, vehicle={"lights": VAROS_LAMPS, "cameras": [view]},
-                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none"})
+    scene = Scene(
+        water={"coefficients": PAPER_WATER},
+        vehicle={"lights": VAROS_LAMPS, "cameras": [view]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        render={"denoise": "none"},
+    )
     return FrameRenderer(scene, "cpu", parts=parts)
 
 
@@ -72,12 +76,16 @@ def rendered(integrator):
     odd = np.array([sums[1] for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
     evens = (count + 1 - np.indices(SHAPE).sum(0)[..., None] % 2 * (count.max() > count.min())) // 2
     halves = (((total - odd) / evens).sum(axis=1), (odd / (count - evens)).sum(axis=1))
-    return SimpleNamespace(radiance=np.array([image.radiance for image in images], float), count=count,
-                           kinds=total / count, halves=halves,
-                           stderr=np.array([image.stderr for image in images], float),
-                           block_error=np.array([image.block_error for image in images], float),
-                           base=np.array([image.radiance - image.correction for image in images], float),
-                           base_variance=np.array([image.base_variance for image in images], float))
+    return SimpleNamespace(
+        radiance=np.array([image.radiance for image in images], float),
+        count=count,
+        kinds=total / count,
+        halves=halves,
+        stderr=np.array([image.stderr for image in images], float),
+        block_error=np.array([image.block_error for image in images], float),
+        base=np.array([image.radiance - image.correction for image in images], float),
+        base_variance=np.array([image.base_variance for image in images], float),
+    )
 
 
 def per_pixel(count):
@@ -133,8 +141,9 @@ def test_errors_of_one_sample_with_the_field_are_what_images_differ_by():
     """Many pixels have a single subpath then, whose noise neighbours tell. Without the field it is not told."""
     renderer = renderer_of(FLOOR_AND_BOX)
     images = [renderer.render(np.eye(4), outputs="A", integrator="field", spp=1, seed=500 + k).A for k in range(96)]
-    radiance, stderr, base_variance = (np.array([getattr(image, name) for image in images], float)
-                                       for name in ("radiance", "stderr", "base_variance"))
+    radiance, stderr, base_variance = (
+        np.array([getattr(image, name) for image in images], float) for name in ("radiance", "stderr", "base_variance")
+    )
     assert_honest(over_the_image, radiance, stderr, bias=SHARED_BIAS)
     base = radiance - [image.correction for image in images]
     assert_honest(over_the_image, base, np.sqrt(base_variance), bias=SHARED_BIAS)
@@ -173,8 +182,10 @@ def test_open_water_without_surfaces_has_no_noise_with_the_field():
 def test_paths_have_the_mean_of_the_field_in_open_water():
     """Image means: four standard errors of both beside the stated bias."""
     renderer = renderer_of([])
-    path, field = (renderer.render(np.eye(4), outputs="A", integrator=name, spp=spp, seed=k).A
-                   for k, (name, spp) in enumerate((("path", 128), ("field", 8))))
+    path, field = (
+        renderer.render(np.eye(4), outputs="A", integrator=name, spp=spp, seed=k).A
+        for k, (name, spp) in enumerate((("path", 128), ("field", 8)))
+    )
     means = [image.radiance.astype(float).mean((0, 1)) for image in (path, field)]
     variance = [np.square(image.stderr, dtype=float).mean((0, 1)) / np.prod(SHAPE) for image in (path, field)]
     error = np.sqrt(sum(variance))

@@ -14,23 +14,32 @@ from varos_warp.scene.file.load import scene_from_dict
 
 PLAIN = {"id": "M0", "resolution": [24, 16], "rotation_euler_deg": [-30, 0, 0], "f_stop": 1.4, "focus_m": 2.0}
 BENT = {
-    "flat, colours apart": {"n_water": {"temperature_C": 10, "salinity": 35},
-                            "port": {"kind": "flat", "distance_m": 0.02, "normal": [0.1, 0.0, 1.0]}},
-    "dome and barrel": {"port": {"kind": "dome", "radius_m": 0.05},
-                        "distortion": {"model": "brown_conrady", "k": [-0.2, 0.05, 0.001, -0.002, 0.0]}},
+    "flat, colours apart": {
+        "n_water": {"temperature_C": 10, "salinity": 35},
+        "port": {"kind": "flat", "distance_m": 0.02, "normal": [0.1, 0.0, 1.0]},
+    },
+    "dome and barrel": {
+        "port": {"kind": "dome", "radius_m": 0.05},
+        "distortion": {"model": "brown_conrady", "k": [-0.2, 0.05, 0.001, -0.002, 0.0]},
+    },
 }
 
 
 def scene_of(*cameras, outputs="A", **render):
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 9, "relief_m": 0.3, "position": [0, 0, -2]},
-        "water": {"coefficients": {"sigma_s": [0.2, 0.2, 0.2], "sigma_a": [0.2, 0.1, 0.1]}},
-        "vehicle": {"cameras": list(cameras), "lights": [{"position": [0.15, -0.1, 0], "direction": [0, 1, -0.5]}]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": {"outputs": list(outputs)} | render})
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 9, "relief_m": 0.3, "position": [0, 0, -2]},
+            "water": {"coefficients": {"sigma_s": [0.2, 0.2, 0.2], "sigma_a": [0.2, 0.1, 0.1]}},
+            "vehicle": {"cameras": list(cameras), "lights": [{"position": [0.15, -0.1, 0], "direction": [0, 1, -0.5]}]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": {"outputs": list(outputs)} | render,
+        }
+    )
 
 
-@pytest.mark.parametrize(("bent", "layers"), [
-    ("flat, colours apart", ("direct", "single")), ("dome and barrel", ("direct",))])
+@pytest.mark.parametrize(
+    ("bent", "layers"), [("flat, colours apart", ("direct", "single")), ("dome and barrel", ("direct",))]
+)
 def test_the_twin_is_a_of_the_camera_without_port_and_distortion(bent, layers):
     """Every byte, with the same samples and random numbers, whatever else is rendered; and A does not change."""
     how = {"spp": 2, "integrator": "path", "denoise": "oidn", "frame": 3, "layers": layers}
@@ -48,7 +57,8 @@ def test_a_camera_without_port_and_distortion_is_rendered_once():
     """Beside one that has a port, its P is its A."""
     cameras = PLAIN, PLAIN | BENT["dome and barrel"] | {"id": "M1"}
     frame = FrameRenderer(scene_of(*cameras, outputs="AP"), "cpu").render(
-        np.eye(4), "M0", "AP", spp=1, integrator="path", layers=("direct",))
+        np.eye(4), "M0", "AP", spp=1, integrator="path", layers=("direct",)
+    )
     assert frame.P is frame.A
 
 

@@ -11,15 +11,28 @@ from varos_warp.scene.geometry.terrain import write_ply
 from varos_warp.scene.info import camera_info, scene_info
 from varos_warp.sim.vehicle.body import sphere
 
-TABLE_1 = {"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345], "absorption_color": [0.0, 0.394, 1.0],
-                          "anisotropy": 0.8}}
+TABLE_1 = {
+    "principled": {
+        "density": 0.125,
+        "color": [0.014, 0.146, 0.345],
+        "absorption_color": [0.0, 0.394, 1.0],
+        "anisotropy": 0.8,
+    }
+}
 LAMP = {"position": [0.15, -0.1, 0.0]}
 
 
 def scene(tmp_path=".", waypoints=((0, 0, 1),), vehicle=None, **blocks):
-    return scene_from_dict({
-        "trajectory": {"waypoints": [{"position": list(p)} for p in waypoints]}, "surface_depth_m": 80.0,
-        "vehicle": {"lights": [LAMP], **(vehicle or {})}, "water": TABLE_1, **blocks}, tmp_path)
+    return scene_from_dict(
+        {
+            "trajectory": {"waypoints": [{"position": list(p)} for p in waypoints]},
+            "surface_depth_m": 80.0,
+            "vehicle": {"lights": [LAMP], **(vehicle or {})},
+            "water": TABLE_1,
+            **blocks,
+        },
+        tmp_path,
+    )
 
 
 def warnings(**blocks):
@@ -36,13 +49,19 @@ def test_a_sound_scene_gives_no_warning():
     assert check_scene(demo, build_parts(demo)) == []
 
 
-@pytest.mark.parametrize(("values", "verdict"), [
-    ((0.905, 0.961, 0.982), True),       # Jerlov I's transmission, taken for an attenuation by a published simulator
-    ((0.795, 0.88, 0.93), True),
-    ((0.228, 0.062, 0.018), False),      # Jerlov I's absorption
-    ((0.39, 0.348, 0.943), False),       # Jerlov 9C: murky, but not in order
-    ((2.7, 3.1, 4.4), False), ((0.3, 0.3, 0.3), False), ((0.12500, 0.058, 0.0431), False), ((0.1, 0.2, 0.3), False),
-])
+@pytest.mark.parametrize(
+    ("values", "verdict"),
+    [
+        ((0.905, 0.961, 0.982), True),  # Jerlov I's transmission, taken for an attenuation by a published simulator
+        ((0.795, 0.88, 0.93), True),
+        ((0.228, 0.062, 0.018), False),  # Jerlov I's absorption
+        ((0.39, 0.348, 0.943), False),  # Jerlov 9C: murky, but not in order
+        ((2.7, 3.1, 4.4), False),
+        ((0.3, 0.3, 0.3), False),
+        ((0.12500, 0.058, 0.0431), False),
+        ((0.1, 0.2, 0.3), False),
+    ],
+)
 def test_transmissions_given_as_coefficients_are_noticed(values, verdict):
     assert looks_like_transmission(values) == verdict
 
@@ -62,15 +81,27 @@ def test_water_too_murky_to_see_through_is_noticed():
     assert "nothing will be seen" in warnings(water={"coefficients": {"sigma_s": [9, 9, 9], "sigma_a": [1, 1, 1]}})[0]
 
 
-@pytest.mark.parametrize(("keys", "told"), [
-    ({"speed": 0.7}, ["trajectory.speed: without effect beside poses"]),
-    ({"dwell_s": 1.0, "max_acceleration": 0.1}, ["trajectory.max_acceleration: without effect", "dwell_s"]),
-    ({"speed": 0.5}, []), ({}, []),
-])
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ({"speed": 0.7}, ["trajectory.speed: without effect beside poses"]),
+        ({"dwell_s": 1.0, "max_acceleration": 0.1}, ["trajectory.max_acceleration: without effect", "dwell_s"]),
+        ({"speed": 0.5}, []),
+        ({}, []),
+    ],
+)
 def test_keys_of_waypoints_beside_exact_poses_are_told(keys, told):
     poses = [{"time_s": 0.0, "position": [0, 0, 1]}, {"time_s": 1.0, "position": [1, 0, 1]}]
-    s = scene_from_dict({"trajectory": {"poses": poses, **keys}, "terrain": FLAT, "water": TABLE_1,
-                         "surface_depth_m": 80.0, "vehicle": {"lights": [LAMP]}}, ".")
+    s = scene_from_dict(
+        {
+            "trajectory": {"poses": poses, **keys},
+            "terrain": FLAT,
+            "water": TABLE_1,
+            "surface_depth_m": 80.0,
+            "vehicle": {"lights": [LAMP]},
+        },
+        ".",
+    )
     found = [words for words in check_scene(s, build_parts(s)) if "without effect" in words]
     assert len(found) == bool(told)
     assert all(part in words for words in found for part in told)
@@ -124,27 +155,37 @@ def test_a_small_object_in_sight_and_one_that_moves_into_it_are_surfaces_enough(
     assert warnings(objects=[moving]) == []
 
 
-@pytest.mark.parametrize(("vehicle", "key"), [
-    ({"cameras": [{"id": "L0", "position": [-60, 0, -100]}]}, "vehicle.cameras.0 (L0)"),
-    ({"lights": [{"position": [150, -100, 0]}]}, "vehicle.lights.0"),
-    ({"imu": {"position": [0, 0, 20]}}, "vehicle.imu"), ({"dvl": {"position": [0, 80, -20]}}, "vehicle.dvl"),
-])
+@pytest.mark.parametrize(
+    ("vehicle", "key"),
+    [
+        ({"cameras": [{"id": "L0", "position": [-60, 0, -100]}]}, "vehicle.cameras.0 (L0)"),
+        ({"lights": [{"position": [150, -100, 0]}]}, "vehicle.lights.0"),
+        ({"imu": {"position": [0, 0, 20]}}, "vehicle.imu"),
+        ({"dvl": {"position": [0, 80, -20]}}, "vehicle.dvl"),
+    ],
+)
 def test_mounting_positions_in_millimetres_are_noticed(vehicle, key):
     texts = [text for text in warnings(terrain=FLAT, vehicle=vehicle) if "positions are in metres" in text]
     position = next(iter(vehicle.values()))
     position = (position[0] if isinstance(position, list) else position)["position"]
     first = next(x for x in position if x)
     assert len(texts) == 1
-    assert texts[0].startswith(f"{key}: {np.linalg.norm(position):.3g} m from the vehicle's origin; "
-                               f"positions are in metres ({abs(first) / 1000:g} for {abs(first):g} mm)")
+    assert texts[0].startswith(
+        f"{key}: {np.linalg.norm(position):.3g} m from the vehicle's origin; "
+        f"positions are in metres ({abs(first) / 1000:g} for {abs(first):g} mm)"
+    )
 
 
 def straight(start, end, *, seconds=10.0, waypoint=1, reference_z=0.0):
     """Time, position, reference and waypoint of a vehicle that goes straight, at 5 cm steps or less."""
     count = int(np.ceil(np.linalg.norm(np.subtract(end, start)) / 0.05)) + 1
     position = np.linspace(start, end, count)
-    return (np.linspace(0, seconds * 1e9, count).astype(np.int64), position, position + [0, 0, reference_z],
-            np.full(count, waypoint))
+    return (
+        np.linspace(0, seconds * 1e9, count).astype(np.int64),
+        position,
+        position + [0, 0, reference_z],
+        np.full(count, waypoint),
+    )
 
 
 BOULDER = {"kind": "boulder", "diameter": 1.0, "position": [0, 5, 0]}
@@ -185,7 +226,7 @@ def test_a_reference_that_touches_is_noticed_where_the_vehicle_happens_to_miss()
 
 def test_a_way_that_dives_under_the_terrain_is_noticed():
     time_ns, position, _, waypoint = straight((0, -8, 0.4), (0, 8, 0.4))
-    position[:, 2] -= 0.8 * np.exp(-position[:, 1]**2)
+    position[:, 2] -= 0.8 * np.exp(-(position[:, 1] ** 2))
     (text,) = path_warnings((time_ns, position, position, waypoint), terrain=FLAT)
     assert "through terrain" in text
 
@@ -199,11 +240,16 @@ def test_a_waypoint_under_the_terrain_is_not_told_again_as_a_place_on_the_way():
 
 def test_a_camera_keeps_the_attitude_of_the_waypoint_before():
     """Half a metre ahead of the vehicle, which looks away from the rock at both waypoints."""
-    s = scene_from_dict({
-        "trajectory": {"waypoints": [{"position": [0, 0, 0], "rotation_euler_deg": [0, 0, 180]},
-                                     {"position": [0, 0.1, 0]}]},
-        "vehicle": {"lights": [LAMP], "cameras": [{"position": [0, 0.5, 0]}]}, "surface_depth_m": 80.0,
-        "objects": [{"kind": "boulder", "diameter": 0.5, "position": [0, 0.7, 0]}]})
+    s = scene_from_dict(
+        {
+            "trajectory": {
+                "waypoints": [{"position": [0, 0, 0], "rotation_euler_deg": [0, 0, 180]}, {"position": [0, 0.1, 0]}]
+            },
+            "vehicle": {"lights": [LAMP], "cameras": [{"position": [0, 0.5, 0]}]},
+            "surface_depth_m": 80.0,
+            "objects": [{"kind": "boulder", "diameter": 0.5, "position": [0, 0.7, 0]}],
+        }
+    )
     (text,) = check_scene(s, build_parts(s))
     assert "sees no surface" in text
 
@@ -220,11 +266,13 @@ ROCK = {"kind": "boulder", "diameter": 0.6, "chord_error_m": 0.02, "position": [
 
 def test_a_lamp_inside_an_object_or_the_ground_is_noticed_at_the_stops_where_it_is():
     lamps = [LAMP, {"position": [0, 3, -0.4]}, {"kind": "point", "position": [0, 1, -1.5]}]
-    texts = warnings(terrain=FLAT, objects=[ROCK], vehicle={"lights": lamps},
-                     waypoints=[(0, 0, 1), (0.1, 0, 1), (3, 0, 2)])
+    texts = warnings(
+        terrain=FLAT, objects=[ROCK], vehicle={"lights": lamps}, waypoints=[(0, 0, 1), (0.1, 0, 1), (3, 0, 2)]
+    )
     assert [text for text in texts if "lights" in text] == [
         "vehicle.lights.2: is under the terrain at waypoints 0, 1, and none of its light leaves it",
-        "vehicle.lights.1: is inside objects.0 at waypoints 0, 1, and none of its light leaves it"]
+        "vehicle.lights.1: is inside objects.0 at waypoints 0, 1, and none of its light leaves it",
+    ]
 
 
 def test_lamps_of_a_vehicle_that_is_itself_inside_are_not_told_one_by_one():
@@ -235,25 +283,36 @@ def test_lamps_of_a_vehicle_that_is_itself_inside_are_not_told_one_by_one():
 
 @pytest.mark.parametrize("sensor", ["altimeter", "dvl"])
 def test_a_sensor_of_beams_inside_an_object_is_noticed(sensor):
-    texts = warnings(vehicle={sensor: {"position": [0, 1, 0]}}, waypoints=[(0, 0, 2), (5, 0, 2)], objects=[
-        {"kind": "boulder", "diameter": 1.0, "position": [0, 1, 2]}])
+    texts = warnings(
+        vehicle={sensor: {"position": [0, 1, 0]}},
+        waypoints=[(0, 0, 2), (5, 0, 2)],
+        objects=[{"kind": "boulder", "diameter": 1.0, "position": [0, 1, 2]}],
+    )
     assert [text for text in texts if "inside" in text] == [
-        f"vehicle.{sensor}: is inside objects.0 at waypoint 0, and its beams meet the far side of that"]
+        f"vehicle.{sensor}: is inside objects.0 at waypoint 0, and its beams meet the far side of that"
+    ]
 
 
 def test_sensors_without_beams_and_those_of_a_vehicle_that_is_itself_inside_are_not_told_of():
     boulder = {"kind": "boulder", "diameter": 1.0, "position": [0, 1, 2]}
-    assert not any("inside" in text for text in warnings(
-        vehicle={"magnetometer": {"position": [0, 1, 0]}}, waypoints=[(0, 0, 2)], objects=[boulder]))
-    assert not any("altimeter" in text for text in warnings(
-        vehicle={"altimeter": {"position": [0, 0, 0]}}, waypoints=[(0, 1, 2)], objects=[boulder]))
+    assert not any(
+        "inside" in text
+        for text in warnings(
+            vehicle={"magnetometer": {"position": [0, 1, 0]}}, waypoints=[(0, 0, 2)], objects=[boulder]
+        )
+    )
+    assert not any(
+        "altimeter" in text
+        for text in warnings(vehicle={"altimeter": {"position": [0, 0, 0]}}, waypoints=[(0, 1, 2)], objects=[boulder])
+    )
 
 
 def test_a_lamp_inside_one_copy_of_a_scatter_is_noticed_far_from_the_vehicle():
     scatter = [{"object": ROCK | {"position": [0, 0, 0], "diameter": 1.0}, "count": 1, "circle": [4.0, 4.0, 0.01]}]
     texts = warnings(terrain=FLAT, scatter=scatter, vehicle={"lights": [{"position": [4.0, 4.0, -0.95]}]})
     assert [text for text in texts if "inside" in text] == [
-        "vehicle.lights.0: is inside scatter.0 at waypoint 0, and none of its light leaves it"]
+        "vehicle.lights.0: is inside scatter.0 at waypoint 0, and none of its light leaves it"
+    ]
 
 
 def test_a_camera_standing_in_the_world_is_checked_where_it_stands():
@@ -275,11 +334,16 @@ def test_missing_and_backward_lights_are_noticed():
     assert "backwards" in warnings(vehicle={"lights": [{"direction": [0, -1, 0]}]})[0]
 
 
-@pytest.mark.parametrize(("camera", "says"), [
-    ({"resolution": [1280, 960]}, "not square"),
-    ({"focal_mm": 0.5}, "field of view"), ({"focal_mm": 90}, "field of view"),
-    ({"f_stop": 0.1}, "f/0.1"), ({"f_stop": 2, "focus_m": 0.003}, "focus_m"),
-])
+@pytest.mark.parametrize(
+    ("camera", "says"),
+    [
+        ({"resolution": [1280, 960]}, "not square"),
+        ({"focal_mm": 0.5}, "field of view"),
+        ({"focal_mm": 90}, "field of view"),
+        ({"f_stop": 0.1}, "f/0.1"),
+        ({"f_stop": 2, "focus_m": 0.003}, "focus_m"),
+    ],
+)
 def test_odd_cameras_are_noticed(camera, says):
     (text,) = warnings(vehicle={"cameras": [camera]})
     assert says in text
@@ -288,12 +352,18 @@ def test_odd_cameras_are_noticed(camera, says):
 MEASURED = {"fx": 985.5, "fy": 901.5, "cx": 651.0, "cy": 340.25}
 
 
-@pytest.mark.parametrize(("camera", "says"), [
-    ({"intrinsics": MEASURED}, []),  # pixels that are not square are measured
-    ({"intrinsics": MEASURED | {"fx": 100.0}}, ["field of view of 162 degrees; check intrinsics and resolution"]),
-    ({"intrinsics": MEASURED | {"cx": 320.0, "cy": 250.0}, "resolution": [1280, 720]},
-     ["principal point is 25 % of the width and 15 % of the height off the middle"]),
-    ({"focal_mm": 1.5, "distortion": {"model": "double_sphere", "xi": -0.2, "alpha": 0.59}}, [])])
+@pytest.mark.parametrize(
+    ("camera", "says"),
+    [
+        ({"intrinsics": MEASURED}, []),  # pixels that are not square are measured
+        ({"intrinsics": MEASURED | {"fx": 100.0}}, ["field of view of 162 degrees; check intrinsics and resolution"]),
+        (
+            {"intrinsics": MEASURED | {"cx": 320.0, "cy": 250.0}, "resolution": [1280, 720]},
+            ["principal point is 25 % of the width and 15 % of the height off the middle"],
+        ),
+        ({"focal_mm": 1.5, "distortion": {"model": "double_sphere", "xi": -0.2, "alpha": 0.59}}, []),
+    ],
+)
 def test_odd_measured_cameras_are_noticed(camera, says):
     found = warnings(vehicle={"cameras": [camera]})
     assert len(found) == len(says)
@@ -318,16 +388,44 @@ def test_millimetres_taken_for_metres_are_noticed(tmp_path):
     assert "scale: 1000" in warnings(tmp_path=tmp_path, objects=[{"file": "km.ply", "position": [0, 2, 1]}])[0]
 
 
-@pytest.mark.parametrize(("blocks", "key", "degrees"), [
-    ({"vehicle": {"cameras": [{"rotation_euler_deg": [-0.785, 0, 0]}]}}, "vehicle.cameras.0.rotation_euler_deg",
-     "[-45, 0, 0]"),
-    ({"vehicle": {"lights": [LAMP | {"cone_deg": 1.57}]}}, "vehicle.lights.0.cone_deg", "90"),
-    ({"trajectory": {"waypoints": [{"position": [0, 0, 1], "rotation_euler_deg": [0, 0, turn]}
-                                   for turn in (0, -1.5708, 3.14)]}},
-     "trajectory.waypoints.1.rotation_euler_deg and 1 more", "[0, 0, -90]"),
-    ({"trajectory": {"pattern": {"kind": "lawn_mower", "centre": [0, 0, 2], "length_m": 4, "width_m": 2, "spacing_m": 1,
-                                 "pitch_deg": -1.047}}}, "trajectory.pattern.pitch_deg", "-60"),
-])
+@pytest.mark.parametrize(
+    ("blocks", "key", "degrees"),
+    [
+        (
+            {"vehicle": {"cameras": [{"rotation_euler_deg": [-0.785, 0, 0]}]}},
+            "vehicle.cameras.0.rotation_euler_deg",
+            "[-45, 0, 0]",
+        ),
+        ({"vehicle": {"lights": [LAMP | {"cone_deg": 1.57}]}}, "vehicle.lights.0.cone_deg", "90"),
+        (
+            {
+                "trajectory": {
+                    "waypoints": [
+                        {"position": [0, 0, 1], "rotation_euler_deg": [0, 0, turn]} for turn in (0, -1.5708, 3.14)
+                    ]
+                }
+            },
+            "trajectory.waypoints.1.rotation_euler_deg and 1 more",
+            "[0, 0, -90]",
+        ),
+        (
+            {
+                "trajectory": {
+                    "pattern": {
+                        "kind": "lawn_mower",
+                        "centre": [0, 0, 2],
+                        "length_m": 4,
+                        "width_m": 2,
+                        "spacing_m": 1,
+                        "pitch_deg": -1.047,
+                    }
+                }
+            },
+            "trajectory.pattern.pitch_deg",
+            "-60",
+        ),
+    ],
+)
 def test_radians_given_in_degrees_are_noticed(blocks, key, degrees):
     (text,) = (text for text in warnings(terrain=FLAT, **blocks) if "radians" in text)
     assert text.startswith(f"{key}: ")
@@ -371,8 +469,9 @@ def test_info_gives_a_measured_camera_as_it_was_measured():
     info = camera_info(scene(vehicle={"cameras": [{"intrinsics": MEASURED}]}).vehicle.cameras[0])
     assert [info[key] for key in ("fx", "fy", "cx_opencv", "cy_opencv")] == [985.5, 901.5, 651.0, 340.25]
     assert [info["cx_colmap"], info["cy_colmap"]] == [651.5, 340.75]
-    expected = np.degrees([np.arctan(651.5 / 985.5) + np.arctan(628.5 / 985.5),
-                           np.arctan(340.75 / 901.5) + np.arctan(379.25 / 901.5)])
+    expected = np.degrees(
+        [np.arctan(651.5 / 985.5) + np.arctan(628.5 / 985.5), np.arctan(340.75 / 901.5) + np.arctan(379.25 / 901.5)]
+    )
     np.testing.assert_allclose([info["horizontal_fov_deg"], info["vertical_fov_deg"]], expected, rtol=1e-12)
     assert info["defaults"] == ["resolution"]
     assert (info["calibration"], info["lens_end"]) == (None, None)
@@ -407,9 +506,18 @@ def test_the_vehicle_displaces_its_mass_and_its_buoyancy(buoyancy):
 
 
 def test_info_tells_where_cameras_are_how_far_apart_a_pair_is_and_what_was_not_given():
-    pair = [{"id": "L0", "position": [-0.06, 0, 0], "focal_mm": 3.4},
-            {"id": "R0", "position": [0.06, 0, 0], "rotation_euler_deg": [-90, 0, 0], "resolution": [64, 36],
-             "sensor_mm": [4.4, 2.4], "focal_mm": 3.4}, {"id": "M1"}]
+    pair = [
+        {"id": "L0", "position": [-0.06, 0, 0], "focal_mm": 3.4},
+        {
+            "id": "R0",
+            "position": [0.06, 0, 0],
+            "rotation_euler_deg": [-90, 0, 0],
+            "resolution": [64, 36],
+            "sensor_mm": [4.4, 2.4],
+            "focal_mm": 3.4,
+        },
+        {"id": "M1"},
+    ]
     info = json.loads(json.dumps(scene_info(scene(vehicle={"cameras": pair}), [])))
     left, right, _ = info["cameras"]
     assert (left["position"], left["looks_along"]) == ([-0.06, 0.0, 0.0], [0.0, 1.0, 0.0])
@@ -458,15 +566,22 @@ ALONE = {"id": "a", "lights": [LAMP], "trajectory": {"waypoints": [{"position": 
 
 
 def fleet(other, **blocks):
-    s = scene_from_dict({"water": TABLE_1, "surface_depth_m": 80.0, **blocks,
-                         "vehicles": [ALONE, {"id": "b", **other}]})
+    s = scene_from_dict(
+        {"water": TABLE_1, "surface_depth_m": 80.0, **blocks, "vehicles": [ALONE, {"id": "b", **other}]}
+    )
     return check_scene(s, build_parts(s))
 
 
 @pytest.mark.parametrize("others", [[], ["b", "c"]])
 def test_info_tells_of_a_body_where_it_is_on_its_vehicle_and_who_sees_it(others):
-    body = {"kind": "pipe", "radius": 0.2, "length": 0.6, "wall": 1, "position": [0, 0.1, 0],
-            "rotation_euler_deg": [90, 0, 0]}
+    body = {
+        "kind": "pipe",
+        "radius": 0.2,
+        "length": 0.6,
+        "wall": 1,
+        "position": [0, 0.1, 0],
+        "rotation_euler_deg": [90, 0, 0],
+    }
     s = scene_from_dict({"vehicles": [ALONE | {"body": body}, *(ALONE | {"id": name} for name in others)]})
     body = json.loads(json.dumps(scene_info(s, build_parts(s))["body"]))
     assert body["seen_by"] == others
@@ -491,10 +606,18 @@ def test_a_body_that_begins_in_the_ground_or_in_another_and_lamps_in_their_own_b
 
 @pytest.mark.parametrize(("kind", "told"), [("z", True), ("range", False)])
 def test_a_view_behind_the_lens_and_planar_depth_do_not_go_together(kind, told):
-    fisheye = {"resolution": [96, 72], "intrinsics": {"fx": 25, "fy": 25, "cx": 47.5, "cy": 35.5},
-               "distortion": {"model": "kannala_brandt", "k": [0, 0, 0, 0]}}
-    scene = scene_from_dict({"vehicle": {"cameras": [fisheye]}, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-                             "render": {"depth_kind": kind}})
+    fisheye = {
+        "resolution": [96, 72],
+        "intrinsics": {"fx": 25, "fy": 25, "cx": 47.5, "cy": 35.5},
+        "distortion": {"model": "kannala_brandt", "k": [0, 0, 0, 0]},
+    }
+    scene = scene_from_dict(
+        {
+            "vehicle": {"cameras": [fisheye]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": {"depth_kind": kind},
+        }
+    )
     found = [words for words in check_scene(scene, []) if "render.depth_kind: range" in words]
     assert bool(found) == told
 
@@ -502,9 +625,15 @@ def test_a_view_behind_the_lens_and_planar_depth_do_not_go_together(kind, told):
 def test_coordinates_of_a_map_are_taken_to_the_origin_by_keys_that_the_warning_names(tmp_path):
     np.save(tmp_path / "a.npy", np.arange(9.0).reshape(3, 3) - 20.0)
     (tmp_path / "course.csv").write_text("t,x,y,z\n0,400000,6100000,0\n1,400001,6100000,0\n")
-    s = scene_from_dict({"terrain": {"file": "a.npy", "pixel_m": 1.0, "first_row": "south"}, "surface_depth_m": 80.0,
-                         "trajectory": {"file": "course.csv", "attitude": "unrotated"},
-                         "vehicle": {"lights": [LAMP], "cameras": [{}]}}, tmp_path)
+    s = scene_from_dict(
+        {
+            "terrain": {"file": "a.npy", "pixel_m": 1.0, "first_row": "south"},
+            "surface_depth_m": 80.0,
+            "trajectory": {"file": "course.csv", "attitude": "unrotated"},
+            "vehicle": {"lights": [LAMP], "cameras": [{}]},
+        },
+        tmp_path,
+    )
     told = [text for text in check_scene(s, build_parts(s)) if "sees no surface" in text or "single precision" in text]
     how = " (terrain.origin and trajectory.origin: the place in a file's coordinates that becomes 0, 0, 0)"
     assert [text.endswith(how) for text in told] == [True, True]
@@ -514,8 +643,13 @@ def test_coordinates_of_a_map_are_taken_to_the_origin_by_keys_that_the_warning_n
 def test_a_gyroscope_whose_noise_looks_like_degrees_is_told_of(density, told):
     """0.005 degrees/s/sqrt(Hz) is what data sheets of the MPU-6050 say: 8.7e-5 rad/s/sqrt(Hz)."""
     noise = {"gyroscope_noise_density": density}
-    found = [text for text in warnings(terrain=FLAT, vehicle={"cameras": [{"rotation_euler_deg": [-60, 0, 0]}],
-                                                              "imu": {"noise": noise}}) if "gyroscope" in text]
+    found = [
+        text
+        for text in warnings(
+            terrain=FLAT, vehicle={"cameras": [{"rotation_euler_deg": [-60, 0, 0]}], "imu": {"noise": noise}}
+        )
+        if "gyroscope" in text
+    ]
     assert [text.startswith("vehicle.imu.noise.gyroscope_noise_density: ") for text in found] == [True] * told
     if told:
         assert f"if it is in degrees, give {np.radians(density):.3g}" in found[0]
@@ -550,8 +684,9 @@ LAMP_TABLES = {
 @pytest.mark.parametrize(("text", "says"), LAMP_TABLES.items())
 def test_a_table_of_a_lamp_whose_angles_look_like_radians_is_noticed(tmp_path, text, says):
     (tmp_path / "lamp.csv").write_text(text)
-    texts = warnings(tmp_path=tmp_path, terrain=FLAT, vehicle={"lights": [LAMP | {"kind": "profile",
-                                                                                  "file": "lamp.csv"}]})
+    texts = warnings(
+        tmp_path=tmp_path, terrain=FLAT, vehicle={"lights": [LAMP | {"kind": "profile", "file": "lamp.csv"}]}
+    )
     found = [text for text in texts if "radians" in text]
     assert len(found) == (says is not None)
     assert not says or (says in found[0] and found[0].startswith("vehicle.lights.0.file"))

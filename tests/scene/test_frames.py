@@ -28,9 +28,13 @@ def test_gimbal_lock_is_silent_and_still_the_same_attitude(recwarn, pitch_deg):
 
 
 def test_a_stop_that_names_no_attitude_keeps_that_of_the_one_before_it():
-    stops = [Waypoint(position=(0, 0, 0)), Waypoint(position=(1, 0, 0), rotation_euler_deg=(0, 0, 40)),
-             Waypoint(position=(2, 0, 0)), Waypoint(position=(3, 0, 0), look_at=(3, 0, -1)),
-             Waypoint(position=(4, 0, 0))]
+    stops = [
+        Waypoint(position=(0, 0, 0)),
+        Waypoint(position=(1, 0, 0), rotation_euler_deg=(0, 0, 40)),
+        Waypoint(position=(2, 0, 0)),
+        Waypoint(position=(3, 0, 0), look_at=(3, 0, -1)),
+        Waypoint(position=(4, 0, 0)),
+    ]
     turned = attitudes(stops)
     assert turned[0].magnitude() == 0.0
     assert np.degrees(turned[2].magnitude()) == pytest.approx(40.0)

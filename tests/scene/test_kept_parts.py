@@ -18,7 +18,8 @@ BLOCKS = {
     "terrain": {"file": "floor.ply", "preprocess": {"target_vertices": 100_000}, "material": "ground"},
     "materials": {"ground": {"kind": "slope_blend"}, "steel": {"kind": "metal", "base": [0.5] * 3, "roughness": 0.4}},
     "objects": [{**BOULDER, "position": [0, 0, 1], "material": "steel"}],
-    "scatter": [{"object": BOULDER, "count": 5, "seed": seed} for seed in (1, 2)]}
+    "scatter": [{"object": BOULDER, "count": 5, "seed": seed} for seed in (1, 2)],
+}
 
 
 def never(*_, **__):
@@ -54,8 +55,12 @@ def test_a_scene_is_made_of_what_is_kept(scene, monkeypatch):
     with pytest.warns(UserWarning, match="decimation adds none"):
         first = made(scene)
     forget()
-    for module, name in ((placed.terrain, "preprocess"), (scatter, "_places"), (textures, "tile_pyramid"),
-                         (lobe, "_table")):
+    for module, name in (
+        (placed.terrain, "preprocess"),
+        (scatter, "_places"),
+        (textures, "tile_pyramid"),
+        (lobe, "_table"),
+    ):
         monkeypatch.setattr(module, name, never)
     with pytest.warns(UserWarning, match="decimation adds none"):
         again = made(scene)
@@ -64,8 +69,9 @@ def test_a_scene_is_made_of_what_is_kept(scene, monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:.*decimation adds none")
-@pytest.mark.parametrize("change", [
-    {"seed": 5}, {"scatter": [{"object": BOULDER, "count": 5, "seed": 1, "sink_m": 0.01}]}])
+@pytest.mark.parametrize(
+    "change", [{"seed": 5}, {"scatter": [{"object": BOULDER, "count": 5, "seed": 1, "sink_m": 0.01}]}]
+)
 def test_other_copies_are_not_those_that_are_kept(scene, change, tmp_path, monkeypatch):
     build_parts(scene)
     monkeypatch.setattr(scatter, "_places", never)

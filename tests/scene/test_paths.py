@@ -11,29 +11,49 @@ from varos_warp.sim.clock import times_ns
 from varos_warp.sim.motion import Trajectory
 from varos_warp.sim.poses import REST_S, Knots, poses_along, through_poses
 
-STOPS = [{"time_s": 1, "position": [0, 2, 0]}, {"time_s": 2, "position": [1, 2, 0], "rotation_euler_deg": [0, 0, 50]},
-         {"time_s": 4, "position": [1, 3, 1], "look_at": [0, 3, 0]}]
+STOPS = [
+    {"time_s": 1, "position": [0, 2, 0]},
+    {"time_s": 2, "position": [1, 2, 0], "rotation_euler_deg": [0, 0, 50]},
+    {"time_s": 4, "position": [1, 3, 1], "look_at": [0, 3, 0]},
+]
 NUT = "{kind: nut, size: M24, path: [{time_s: 0, position: [0, 2, 0]}, {time_s: 1, position: [1, 2, 0]}]}"
 
 
 def scene_with(**block):
-    return scene_from_dict({"objects": [{"kind": "nut", "size": "M24"} | block],
-                            "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+    return scene_from_dict(
+        {"objects": [{"kind": "nut", "size": "M24"} | block], "trajectory": {"poses": [{"position": [0, 0, 0]}]}}
+    )
 
 
-@pytest.mark.parametrize(("text", "told"), [
-    ("objects: [{kind: nut, size: M24, path: [{time_s: 1, position: [0, 2, 0]}, {time_s: 1, position: [1, 2, 0]}]}]",
-     ("objects.0", "path.1.time_s: 1 s is not after the stop before it, at 1 s")),
-    ("objects: [{kind: nut, size: M24, path: [{time_s: 0, position: [0, 2, 0]}]}]",
-     ("objects.0", "path", "at least 2")),
-    ("objects: [{kind: nut, size: M24, position: [9, 0, 0], path: [{time_s: 0, position: [0, 2, 0]}, "
-     "{time_s: 1, position: [1, 2, 0]}]}]", ("objects.0", "path begins at [0.0, 2.0, 0.0]", "leave out position")),
-    ("objects: [{kind: nut, size: M24, path: [{time_s: 0, position: [0, 2, 0]}, {time_s: 1e9, position: [1, 2, 0]}]}]",
-     ("objects.0", "path.1.time_s", "86400")),
-    ("terrain: {kind: procedural, path: [{time_s: 0, position: [0, 2, 0]}]}", ("terrain", "path")),
-    (f"terrain: {{kind: procedural}}\nscatter: [{{object: {NUT}, count: 3}}]",
-     ("scatter.0", "object.path: copies of a scatter stand still")),
-])
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "objects: [{kind: nut, size: M24, path: "
+            "[{time_s: 1, position: [0, 2, 0]}, {time_s: 1, position: [1, 2, 0]}]}]",
+            ("objects.0", "path.1.time_s: 1 s is not after the stop before it, at 1 s"),
+        ),
+        (
+            "objects: [{kind: nut, size: M24, path: [{time_s: 0, position: [0, 2, 0]}]}]",
+            ("objects.0", "path", "at least 2"),
+        ),
+        (
+            "objects: [{kind: nut, size: M24, position: [9, 0, 0], path: [{time_s: 0, position: [0, 2, 0]}, "
+            "{time_s: 1, position: [1, 2, 0]}]}]",
+            ("objects.0", "path begins at [0.0, 2.0, 0.0]", "leave out position"),
+        ),
+        (
+            "objects: [{kind: nut, size: M24, path: "
+            "[{time_s: 0, position: [0, 2, 0]}, {time_s: 1e9, position: [1, 2, 0]}]}]",
+            ("objects.0", "path.1.time_s", "86400"),
+        ),
+        ("terrain: {kind: procedural, path: [{time_s: 0, position: [0, 2, 0]}]}", ("terrain", "path")),
+        (
+            f"terrain: {{kind: procedural}}\nscatter: [{{object: {NUT}, count: 3}}]",
+            ("scatter.0", "object.path: copies of a scatter stand still"),
+        ),
+    ],
+)
 def test_what_cannot_move_so_is_told(tmp_path, text, told):
     path = tmp_path / "scene.yaml"
     path.write_text(text + "\ntrajectory: {poses: [{position: [0, 0, 0]}]}\n")
@@ -45,8 +65,8 @@ def test_what_cannot_move_so_is_told(tmp_path, text, told):
 
 def test_an_object_begins_where_its_path_does_with_its_own_attitude():
     scene = scene_with(path=STOPS, rotation_euler_deg=[0, 0, 20])
-    part, = build_parts(scene)
-    still, = build_parts(scene_with(position=[0, 2, 0], rotation_euler_deg=[0, 0, 20]))
+    (part,) = build_parts(scene)
+    (still,) = build_parts(scene_with(position=[0, 2, 0], rotation_euler_deg=[0, 0, 20]))
     assert isinstance(part, Moving)
     assert np.array_equal(part.vertices, still.vertices)
     assert scene_from_dict(scene_to_dict(scene)) == scene

@@ -40,13 +40,17 @@ def test_three_decimals_are_enough_and_the_length_is_made_one():
     np.testing.assert_allclose(frames.quaternion[0], given / np.linalg.norm(given), rtol=1e-15)
 
 
-@pytest.mark.parametrize(("block", "says"), [
-    ({"quaternion": [1, 0, 0, 0.1]}, "the length of the quaternion w, x, y, z is 1.00499, not 1"),
-    ({"quaternion": [0, 0, 0, 0]}, "not 1"),
-    ({"quaternion": [1, 0, 0]}, "quaternion.3"),
-    ({"quaternion": [1, 0, 0, 0], "look_at": [0, 1, 0]}, "give one of look_at, rotation_euler_deg, quaternion"),
-    ({"quaternion": [1, 0, 0, 0], "rotation_euler_deg": [0, 0, 0]}, "give one of"),
-    ({"quat": [1, 0, 0, 0]}, "Here it is quaternion")])
+@pytest.mark.parametrize(
+    ("block", "says"),
+    [
+        ({"quaternion": [1, 0, 0, 0.1]}, "the length of the quaternion w, x, y, z is 1.00499, not 1"),
+        ({"quaternion": [0, 0, 0, 0]}, "not 1"),
+        ({"quaternion": [1, 0, 0]}, "quaternion.3"),
+        ({"quaternion": [1, 0, 0, 0], "look_at": [0, 1, 0]}, "give one of look_at, rotation_euler_deg, quaternion"),
+        ({"quaternion": [1, 0, 0, 0], "rotation_euler_deg": [0, 0, 0]}, "give one of"),
+        ({"quat": [1, 0, 0, 0]}, "Here it is quaternion"),
+    ],
+)
 @pytest.mark.parametrize("form", ["poses", "waypoints"])
 def test_what_is_no_attitude_is_refused_by_its_key(form, block, says):
     with pytest.raises(InputError, match=says) as error:
@@ -55,10 +59,16 @@ def test_what_is_no_attitude_is_refused_by_its_key(form, block, says):
 
 
 def test_an_object_begins_its_path_with_the_attitude_of_its_quaternion():
-    path = [{"time_s": 0, "position": [0, 3, 0], "quaternion": list(QUARTER_LEFT)},
-            {"time_s": 1, "position": [0, 4, 0]}]
-    block = scene_from_dict({"objects": [{"kind": "boulder", "diameter": 1.0, "path": path}],
-                             "trajectory": {"poses": [{"position": [0, 0, 0]}]}}).objects[0]
+    path = [
+        {"time_s": 0, "position": [0, 3, 0], "quaternion": list(QUARTER_LEFT)},
+        {"time_s": 1, "position": [0, 4, 0]},
+    ]
+    block = scene_from_dict(
+        {
+            "objects": [{"kind": "boulder", "diameter": 1.0, "path": path}],
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        }
+    ).objects[0]
     turned = Rotation.concatenate(attitudes(block.stops)).as_euler("xyz", degrees=True)
     np.testing.assert_allclose(turned, [[0, 0, 90]] * 2, atol=1e-12)
 

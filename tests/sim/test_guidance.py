@@ -32,9 +32,9 @@ def drive(course: Course) -> tuple[np.ndarray, Guidance]:
 
 def legs_course(durations, overlap, steps=None, radius=np.inf) -> Course:
     """Legs along the axes x, y, z in turn, so that the position shows the weight of each leg."""
-    steps = np.eye(3)[:len(durations)] if steps is None else np.asarray(steps, float)
+    steps = np.eye(3)[: len(durations)] if steps is None else np.asarray(steps, float)
     legs = [Leg(step, NO_TURN, duration, 1.0) for step, duration in zip(steps, durations, strict=True)]
-    gates = [Gate(overlap * min(durations[i:i + 2]) if i + 1 < len(legs) else 0.0, radius) for i in range(len(legs))]
+    gates = [Gate(overlap * min(durations[i : i + 2]) if i + 1 < len(legs) else 0.0, radius) for i in range(len(legs))]
     positions = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     return Course(positions, [Rotation.identity()] * len(positions), legs, gates, 30.0)
 
@@ -64,13 +64,26 @@ def test_the_weight_never_leaves_0_to_1_not_even_by_rounding():
 @pytest.mark.subject("dynamics")
 def test_the_peak_factors_are_those_of_the_septic(truth):
     _, rate, acceleration = weight(np.linspace(0.0, 1.0, 20_001))
-    for name, expected, factor, made in (("rate", 35 / 16, PEAK_RATE, rate.max()),
-                                         ("acceleration", 84 * np.sqrt(5) / 25, PEAK_ACCELERATION,
-                                          np.abs(acceleration).max())):
-        truth(f"peak {name} of the hand-over's weight, as planned with", source="-20 s^7 + 70 s^6 - 84 s^5 + 35 s^4",
-              expected=expected, got=factor, tolerance=1e-12, reason="rounding")
-        truth(f"peak {name} of the hand-over's weight, as driven", source="-20 s^7 + 70 s^6 - 84 s^5 + 35 s^4",
-              expected=expected, got=made, tolerance=1e-7 * expected, reason="20 000 points, order 2")
+    for name, expected, factor, made in (
+        ("rate", 35 / 16, PEAK_RATE, rate.max()),
+        ("acceleration", 84 * np.sqrt(5) / 25, PEAK_ACCELERATION, np.abs(acceleration).max()),
+    ):
+        truth(
+            f"peak {name} of the hand-over's weight, as planned with",
+            source="-20 s^7 + 70 s^6 - 84 s^5 + 35 s^4",
+            expected=expected,
+            got=factor,
+            tolerance=1e-12,
+            reason="rounding",
+        )
+        truth(
+            f"peak {name} of the hand-over's weight, as driven",
+            source="-20 s^7 + 70 s^6 - 84 s^5 + 35 s^4",
+            expected=expected,
+            got=made,
+            tolerance=1e-7 * expected,
+            reason="20 000 points, order 2",
+        )
 
 
 # ------------------------------------------------------------------------------------------------------ the hand-over
@@ -115,8 +128,14 @@ def test_a_corner_is_cut_by_the_weight_at_half_the_overlap(truth, overlap):
     distance = np.linalg.norm(rows[:, :3] - steps[0], axis=1)
     expected = weight(overlap / 2.0)[0] * np.linalg.norm(steps[1] - steps[0])
     # the nearest point, in the middle of the overlap, is on a tick
-    truth(f"nearest distance [m] to a waypoint, overlap {overlap}", source="w(beta/2) |d_B - d_A|", expected=expected,
-          got=distance.min(), tolerance=1e-12, reason="rounding")
+    truth(
+        f"nearest distance [m] to a waypoint, overlap {overlap}",
+        source="w(beta/2) |d_B - d_A|",
+        expected=expected,
+        got=distance.min(),
+        tolerance=1e-12,
+        reason="rounding",
+    )
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.4, 0.5])
@@ -170,6 +189,7 @@ def test_a_leg_takes_the_time_that_its_slowest_limit_asks_for():
     def duration(goal, **limits):
         points = [at(0, 0, 0), goal]
         return plan(description.Trajectory(waypoints=points, **limits)).legs[0].duration
+
     assert duration(at(0, 8, 0), max_acceleration=100.0) == pytest.approx(PEAK_RATE * 8 / 0.5)
     assert duration(at(0, 8, 0, speed=1.0), max_acceleration=100.0) == pytest.approx(PEAK_RATE * 8)
     assert duration(at(0, 8, 0), speed=50.0) == pytest.approx(np.sqrt(PEAK_ACCELERATION * 8 / 0.25))
@@ -228,5 +248,5 @@ def test_two_waypoints_close_together_are_a_strict_one():
 def test_the_vehicle_rests_at_a_strict_waypoint_for_its_dwell():
     points = [at(0, 0, 0), at(0, 2, 0, strict=True, dwell_s=3.0), at(2, 2, 0)]
     trajectory = simulate(Scene(trajectory={"waypoints": points})).trajectory
-    rests = (np.linalg.norm(trajectory.position - [0, 2, 0], axis=1) < 0.01)
+    rests = np.linalg.norm(trajectory.position - [0, 2, 0], axis=1) < 0.01
     assert rests.sum() * H >= 3.0

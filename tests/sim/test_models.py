@@ -27,8 +27,10 @@ pytestmark = pytest.mark.subject("dynamics")
 # ------------------------------------------------------------------------------------------------------------ vehicle
 
 
-@pytest.mark.parametrize(("mass", "radius", "inertia", "speed", "rate"),
-                         [(12, 0.141, 0.0952, 1.24, 143), (40, 0.210, 0.708, 1.45, 124), (100, 0.286, 3.26, 1.54, 94)])
+@pytest.mark.parametrize(
+    ("mass", "radius", "inertia", "speed", "rate"),
+    [(12, 0.141, 0.0952, 1.24, 143), (40, 0.210, 0.708, 1.45, 124), (100, 0.286, 3.26, 1.54, 94)],
+)
 def test_the_presets_are_the_published_vehicles(mass, radius, inertia, speed, rate):
     body = sphere(description.Vehicle(mass_kg=mass))
     assert body.radius == pytest.approx(radius, abs=5e-4)
@@ -89,8 +91,14 @@ def test_a_fast_actuator_and_a_short_step_give_the_closed_form_gain(truth):
     A, B = np.array([[0.0, 1.0], [0.0, -0.2]]), np.array([[0.0], [1.0]])
     np.testing.assert_allclose(care_gain(A, B, np.diag([1.0, 0.5]), np.eye(1))[0], [[k1, k2]], rtol=1e-14)
     discrete, _ = dare_gain(A, B, np.diag([1.0, 0.5]), np.eye(1), 1e-4)
-    truth("gain (k1, k2), steps of 0.1 ms", source="k1 = sqrt(q1/r), k2 = -c + sqrt(c^2 + q2/r + 2 k1)",
-          expected=[[k1, k2]], got=discrete, tolerance=2e-4 * k1, reason="order 1 in the step")
+    truth(
+        "gain (k1, k2), steps of 0.1 ms",
+        source="k1 = sqrt(q1/r), k2 = -c + sqrt(c^2 + q2/r + 2 k1)",
+        expected=[[k1, k2]],
+        got=discrete,
+        tolerance=2e-4 * k1,
+        reason="order 1 in the step",
+    )
     np.testing.assert_allclose(sorted(np.linalg.eigvals(A - B @ [[k1, k2]])), sorted(np.roots([1.0, 0.2 + k2, k1])))
 
 
@@ -116,8 +124,14 @@ def test_at_200_hz_the_sampled_design_is_close_to_the_continuous_one(truth):
     continuous = np.linalg.eigvals(A - B @ care_gain(A, B, np.diag([1.0, 0.5, 0.0, 0.0]), np.eye(1))[0])
     poles, continuous = (np.array(sorted(z, key=lambda z: (z.real, z.imag))) for z in (poles, continuous))
     np.testing.assert_allclose(poles, continuous, rtol=1e-3)
-    truth("poles [1/s], logarithms of the sampled loop's, real parts", source="continuous Riccati equation (SciPy)",
-          expected=continuous.real, got=poles.real, tolerance=1e-3 * abs(continuous), reason="order 1 in the step")
+    truth(
+        "poles [1/s], logarithms of the sampled loop's, real parts",
+        source="continuous Riccati equation (SciPy)",
+        expected=continuous.real,
+        got=poles.real,
+        tolerance=1e-3 * abs(continuous),
+        reason="order 1 in the step",
+    )
 
 
 def test_the_scalar_discrete_riccati_equation_has_its_closed_form(truth):
@@ -134,8 +148,14 @@ def test_the_scalar_discrete_riccati_equation_has_its_closed_form(truth):
     Qs, Ns, Rs = q * h, q * h**2 / 2, r * h + q * h**3 / 3
     b = 2 * Ns * h - Qs * h**2
     exact = (-b + np.sqrt(b * b + 4 * h**2 * (Qs * Rs - Ns**2))) / (2 * h**2)
-    truth("cost of a sampled integrator", source="the scalar discrete Riccati equation, solved", expected=exact,
-          got=dare_gain(A, B, np.array([[q]]), np.array([[r]]), h)[1][0, 0], tolerance=1e-13 * exact, reason="rounding")
+    truth(
+        "cost of a sampled integrator",
+        source="the scalar discrete Riccati equation, solved",
+        expected=exact,
+        got=dare_gain(A, B, np.array([[q]]), np.array([[r]]), h)[1][0, 0],
+        tolerance=1e-13 * exact,
+        reason="rounding",
+    )
 
 
 @pytest.mark.parametrize("h", [0.005, 2.0])
@@ -167,11 +187,11 @@ def test_the_current_has_the_asked_drift_and_fluctuation_and_a_consistent_deriva
     v = current.velocity(t)
     # sinusoids averaged over 500 to 2000 of their periods: the rest falls as one over their number
     np.testing.assert_allclose(v.mean(axis=0), [0.1, 0.0, -0.2], atol=0.3 / 500)
-    assert np.sqrt(((v - current.drift)**2).sum(axis=1).mean()) == pytest.approx(0.3, rel=0.02)
+    assert np.sqrt(((v - current.drift) ** 2).sum(axis=1).mean()) == pytest.approx(0.3, rel=0.02)
     assert np.linalg.norm(v, axis=1).max() <= current.max_speed
     h = 1e-3
     numeric = (current.velocity(t[:50] + h) - current.velocity(t[:50] - h)) / (2.0 * h)
-    np.testing.assert_allclose(current.acceleration(t[:50]), numeric, atol=(h * current.frequency.max())**2 + 1e-12)
+    np.testing.assert_allclose(current.acceleration(t[:50]), numeric, atol=(h * current.frequency.max()) ** 2 + 1e-12)
 
 
 def test_the_tabulated_current_is_the_current_also_across_blocks():
@@ -193,10 +213,17 @@ def test_white_noise_and_random_walk_have_the_variances_of_their_densities(truth
     count, rate = 100_000, 200.0
     made = noise(count, rate, 0.02, 0.003, np.random.default_rng(1))
     standard_error = np.sqrt(2.0 / (3 * count))
-    for name, samples, expected in (("samples", made.white, 0.02**2 * rate),
-                                    ("steps of the bias", np.diff(made.bias, axis=0), 0.003**2 / rate)):
-        truth(f"variance of {name}", source="density^2 rate, and random walk^2/rate", expected=expected,
-              got=samples.var(), stderr=standard_error * expected)
+    for name, samples, expected in (
+        ("samples", made.white, 0.02**2 * rate),
+        ("steps of the bias", np.diff(made.bias, axis=0), 0.003**2 / rate),
+    ):
+        truth(
+            f"variance of {name}",
+            source="density^2 rate, and random walk^2/rate",
+            expected=expected,
+            got=samples.var(),
+            stderr=standard_error * expected,
+        )
     assert (made.bias[0] == 0.0).all()
 
 
@@ -209,25 +236,46 @@ def test_allan_variances_of_the_noise_are_those_of_its_densities(truth, seconds)
 
     def allan(samples):
         """Allan variance [axes] of means over m samples, from neighbours without overlap."""
-        blocks = samples[:len(samples) // m * m].reshape(-1, m, 3).mean(axis=1)
+        blocks = samples[: len(samples) // m * m].reshape(-1, m, 3).mean(axis=1)
         return 0.5 * (np.diff(blocks, axis=0) ** 2).mean()
+
     made = noise(count, rate, density, walk, np.random.default_rng(3))
     pairs = 3 * (count // m - 1)
     # differences of neighbouring means are correlated: -1/2 for white noise, 1/4 for a random walk
-    truth(f"of white noise, means over {seconds} s", source="N^2/tau", expected=density**2 / seconds,
-          got=allan(made.white), stderr=density**2 / seconds * np.sqrt(3.0 / pairs))
+    truth(
+        f"of white noise, means over {seconds} s",
+        source="N^2/tau",
+        expected=density**2 / seconds,
+        got=allan(made.white),
+        stderr=density**2 / seconds * np.sqrt(3.0 / pairs),
+    )
     # summed, not integrated: (2 m^2 + 1)/(2 m^2) of the integral's
     expected = walk**2 * seconds / 3.0 * (1.0 + 0.5 / m**2)
-    truth(f"of the bias, means over {seconds} s", source="K^2 tau/3", expected=expected, got=allan(made.bias),
-          stderr=expected * np.sqrt(2.25 / pairs))
+    truth(
+        f"of the bias, means over {seconds} s",
+        source="K^2 tau/3",
+        expected=expected,
+        got=allan(made.bias),
+        stderr=expected * np.sqrt(2.25 / pairs),
+    )
 
 
 def test_imu_noise_is_off_by_default_seeded_and_comes_with_its_bias():
     def run(seed, noise):
-        return simulate(Scene(trajectory={"poses": [{"position": (0, 0, 0)}], "duration_s": 2.0}, seed=seed,
-                              vehicle={"imu": {"noise": noise}})).imu
-    model = {"accelerometer_noise_density": 0.01, "accelerometer_random_walk": 0.001,
-             "gyroscope_noise_density": 0.001, "gyroscope_random_walk": 1e-4}
+        return simulate(
+            Scene(
+                trajectory={"poses": [{"position": (0, 0, 0)}], "duration_s": 2.0},
+                seed=seed,
+                vehicle={"imu": {"noise": noise}},
+            )
+        ).imu
+
+    model = {
+        "accelerometer_noise_density": 0.01,
+        "accelerometer_random_walk": 0.001,
+        "gyroscope_noise_density": 0.001,
+        "gyroscope_random_walk": 1e-4,
+    }
     exact, noisy, again, other = run(1, None), run(1, model), run(1, model), run(2, model)
     assert (exact.acceleration_bias == 0.0).all()
     assert noisy.acceleration.tobytes() == again.acceleration.tobytes()

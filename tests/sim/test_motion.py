@@ -19,7 +19,7 @@ def coning(time_ns, w=3.0, tilt=0.7, spin=2.0) -> Trajectory:
     omega = np.column_stack([w * np.sin(tilt) * s, w * np.sin(tilt) * c, spin + w * np.cos(tilt) + 0.0 * t])
     alpha = w * np.sin(tilt) * spin * np.column_stack([c, -s, 0.0 * t])
     f = np.array([1.0, 1.7, 0.6])
-    p, v, a = np.sin(np.outer(t, f)), f * np.cos(np.outer(t, f)), -f**2 * np.sin(np.outer(t, f))
+    p, v, a = np.sin(np.outer(t, f)), f * np.cos(np.outer(t, f)), -(f**2) * np.sin(np.outer(t, f))
     q = R.as_quat(canonical=True, scalar_first=True)
     return Trajectory(np.asarray(time_ns, np.int64), p + [1e3, -2e3, -80.0], v, a, q, omega, alpha)
 
@@ -35,8 +35,9 @@ def errors(rate_hz: float) -> np.ndarray:
     made = coning(rows).at(between := (rows[:-1] + rows[1:]) // 2)
     truth = coning(between)
     names = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
-    return np.array([np.abs(getattr(made, name) - getattr(truth, name)).max() for name in names]
-                    + [turned(made, truth)])
+    return np.array(
+        [np.abs(getattr(made, name) - getattr(truth, name)).max() for name in names] + [turned(made, truth)]
+    )
 
 
 def test_between_ticks_a_motion_is_itself_to_the_sixth_power_of_the_tick():
@@ -76,10 +77,12 @@ def test_velocities_are_the_derivatives_of_places():
     dt = 2e-9 * h
     np.testing.assert_allclose((after.position - before.position) / dt, here.velocity, atol=1e-7)
     np.testing.assert_allclose((after.velocity - before.velocity) / dt, here.acceleration, atol=1e-7)
-    np.testing.assert_allclose((before.rotation().inv() * after.rotation()).as_rotvec() / dt, here.angular_velocity,
-                               atol=1e-7)
-    np.testing.assert_allclose((after.angular_velocity - before.angular_velocity) / dt, here.angular_acceleration,
-                               atol=1e-5)  # series of a turn of half a radian
+    np.testing.assert_allclose(
+        (before.rotation().inv() * after.rotation()).as_rotvec() / dt, here.angular_velocity, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        (after.angular_velocity - before.angular_velocity) / dt, here.angular_acceleration, atol=1e-5
+    )  # series of a turn of half a radian
 
 
 @pytest.mark.parametrize("time_ns", [-1, 1_000_000_001])

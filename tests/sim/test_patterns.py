@@ -126,14 +126,14 @@ def test_the_vehicle_keeps_its_distance_from_what_it_orbits_and_looks_at_it(orbi
 def test_constant_speed_keeps_the_speed_past_closely_spaced_waypoints(count):
     """Once it is up: 2 s from rest, if the acceleration is on average 0.17 m/s^2, and a few legs more."""
     trajectory = simulate(scene(waypoints=circle(3.0, count), constant_speed=True)).trajectory
-    cruising = speed(trajectory)[int(6.0 / TICK_S):-int(6.0 / TICK_S)]
+    cruising = speed(trajectory)[int(6.0 / TICK_S) : -int(6.0 / TICK_S)]
     np.testing.assert_allclose(cruising, 0.5, rtol=0.02)
     assert speed(trajectory)[0] == 0.0
 
 
 def test_without_it_the_speed_is_the_papers_which_brakes_at_every_waypoint():
     trajectory = simulate(scene(waypoints=circle(3.0, 36))).trajectory
-    assert speed(trajectory)[int(6.0 / TICK_S):-int(6.0 / TICK_S)].mean() < 0.25
+    assert speed(trajectory)[int(6.0 / TICK_S) : -int(6.0 / TICK_S)].mean() < 0.25
 
 
 def test_patterns_keep_the_speed_unless_told_otherwise(orbit):
@@ -161,8 +161,10 @@ def test_a_leg_between_equal_ones_is_driven_at_exactly_the_speed_asked():
     points = [{"position": (0, y, 0)} for y in (0, 3, 4, 5, 8)]
     legs = plan(scene(waypoints=points, constant_speed=True).trajectory).legs
     t, starts = np.arange(0.0, 20.0, TICK_S), np.cumsum([0.0, *(leg.duration - leg.blends[1] for leg in legs)])
-    total = sum(np.where((t >= s) & (t <= s + leg.duration), leg.weight(t - s)[1] * leg.step[1], 0.0)
-                for s, leg in zip(starts, legs, strict=False))
+    total = sum(
+        np.where((t >= s) & (t <= s + leg.duration), leg.weight(t - s)[1] * leg.step[1], 0.0)
+        for s, leg in zip(starts, legs, strict=False)
+    )
     np.testing.assert_allclose(total[(t > 3.0) & (t < starts[-1] - 3.0)], 0.5, rtol=1e-12)
 
 
@@ -173,7 +175,7 @@ def test_a_leg_of_constant_speed_ends_at_its_waypoint_and_its_rates_are_derivati
     assert w[0] == 0.0
     assert w[-1] == pytest.approx(1.0, abs=1e-14)
     h = t[1] - t[0]
-    jerk = 6.0 / min(leg.blends)**2 / leg.ideal_time
+    jerk = 6.0 / min(leg.blends) ** 2 / leg.ideal_time
     np.testing.assert_allclose(rate[1:-1], (w[2:] - w[:-2]) / (2 * h), atol=jerk * h**2)
     np.testing.assert_allclose(acceleration[1:-1], (rate[2:] - rate[:-2]) / (2 * h), atol=jerk * h)
 
@@ -199,16 +201,23 @@ def test_the_reference_keeps_to_max_acceleration_and_ends_at_the_last_waypoint(s
 
 
 def test_at_constant_speed_the_vehicle_still_stops_where_it_is_told_to():
-    points = [{"position": (0, 0, 0)}, {"position": (0, 2, 0), "dwell_s": 2.0}, {"position": (0, 4, 0), "strict": True},
-              {"position": (0, 6, 0)}]
+    points = [
+        {"position": (0, 0, 0)},
+        {"position": (0, 2, 0), "dwell_s": 2.0},
+        {"position": (0, 4, 0), "strict": True},
+        {"position": (0, 6, 0)},
+    ]
     trajectory = simulate(scene(waypoints=points, constant_speed=True)).trajectory
     for goal, rest in ((2.0, 2.0), (4.0, 0.25)):
         assert (np.abs(trajectory.position[:, 1] - goal) < 0.005).sum() * TICK_S >= rest
 
 
 def test_the_reference_heads_for_the_waypoints_of_the_scene_though_legs_are_divided():
-    run = simulate(scene(waypoints=[{"position": p} for p in ((0, 0, 0), (0, 8, 0), (0.3, 8, 0), (0.3, 0, 0))],
-                         constant_speed=True))
+    run = simulate(
+        scene(
+            waypoints=[{"position": p} for p in ((0, 0, 0), (0, 8, 0), (0.3, 8, 0), (0.3, 0, 0))], constant_speed=True
+        )
+    )
     assert len(plan(scene(LAWN_MOWER).trajectory).legs) > len(scene(LAWN_MOWER).trajectory.stops) - 1
     assert list(np.unique(run.waypoint)) == [1, 2, 3]
     assert (np.diff(run.waypoint) >= 0).all()
@@ -249,19 +258,22 @@ def test_a_scene_without_a_pattern_is_written_as_before():
     assert not {"pattern", "constant_speed"} & set(scene_to_dict(scene(waypoints=circle(1.0, 3)))["trajectory"])
 
 
-@pytest.mark.parametrize(("trajectory", "key", "says"), [
-    ({"pattern": ORBIT, "waypoints": circle(1.0, 3)}, "trajectory", "exactly one of waypoints, poses, pattern"),
-    ({}, "trajectory", "exactly one of waypoints, poses, pattern"),
-    ({"poses": [{"position": (0, 0, 0)}], "constant_speed": True}, "trajectory", "constant_speed"),
-    ({"pattern": ORBIT | {"kind": "orbti"}}, "trajectory.pattern", "Did you mean 'orbit'?"),
-    ({"pattern": {"centre": (0, 0, 0)}}, "trajectory.pattern", "Known here: lawn_mower, orbit"),
-    ({"pattern": ORBIT | {"radius_m": 0.0}}, "trajectory.pattern.radius_m", "above 0"),
-    ({"pattern": ORBIT | {"turns": 0.0}}, "trajectory.pattern.turns", "hundredth"),
-    ({"pattern": ORBIT | {"rise_m": 1.0}}, "trajectory.pattern.rise_m", "unknown key"),
-    ({"pattern": LAWN_MOWER | {"spacing_m": 1e-6}}, "trajectory.pattern.spacing_m", "more than 500 lanes"),
-    ({"pattern": THERE_AND_BACK | {"end": (1.0, 0.0, 1.0)}}, "trajectory.pattern", "must differ"),
-    ({"pattern": THERE_AND_BACK | {"times": 0}}, "trajectory.pattern.times", "at least 1"),
-])
+@pytest.mark.parametrize(
+    ("trajectory", "key", "says"),
+    [
+        ({"pattern": ORBIT, "waypoints": circle(1.0, 3)}, "trajectory", "exactly one of waypoints, poses, pattern"),
+        ({}, "trajectory", "exactly one of waypoints, poses, pattern"),
+        ({"poses": [{"position": (0, 0, 0)}], "constant_speed": True}, "trajectory", "constant_speed"),
+        ({"pattern": ORBIT | {"kind": "orbti"}}, "trajectory.pattern", "Did you mean 'orbit'?"),
+        ({"pattern": {"centre": (0, 0, 0)}}, "trajectory.pattern", "Known here: lawn_mower, orbit"),
+        ({"pattern": ORBIT | {"radius_m": 0.0}}, "trajectory.pattern.radius_m", "above 0"),
+        ({"pattern": ORBIT | {"turns": 0.0}}, "trajectory.pattern.turns", "hundredth"),
+        ({"pattern": ORBIT | {"rise_m": 1.0}}, "trajectory.pattern.rise_m", "unknown key"),
+        ({"pattern": LAWN_MOWER | {"spacing_m": 1e-6}}, "trajectory.pattern.spacing_m", "more than 500 lanes"),
+        ({"pattern": THERE_AND_BACK | {"end": (1.0, 0.0, 1.0)}}, "trajectory.pattern", "must differ"),
+        ({"pattern": THERE_AND_BACK | {"times": 0}}, "trajectory.pattern.times", "at least 1"),
+    ],
+)
 def test_a_bad_pattern_is_refused_by_its_key(trajectory, key, says):
     with pytest.raises(InputError) as error:
         scene_from_dict({"trajectory": trajectory})

@@ -28,8 +28,10 @@ def circle(count=400, step_s=STEP_S, epoch="1403636579", rate=RATE):
         angle = rate * k * step_s
         yaw = angle + np.pi / 2
         ns = f"{k * round(1e9 * step_s) + 763_555_527:010d}"
-        rows.append(f"{int(epoch) + int(ns[:-9])}.{ns[-9:]} {RADIUS * float(np.cos(angle))!r} "
-                    f"{RADIUS * float(np.sin(angle))!r} -5 0 0 {float(np.sin(yaw / 2))!r} {float(np.cos(yaw / 2))!r}\n")
+        rows.append(
+            f"{int(epoch) + int(ns[:-9])}.{ns[-9:]} {RADIUS * float(np.cos(angle))!r} "
+            f"{RADIUS * float(np.sin(angle))!r} -5 0 0 {float(np.sin(yaw / 2))!r} {float(np.cos(yaw / 2))!r}\n"
+        )
     return "".join(rows)
 
 
@@ -51,12 +53,18 @@ def test_the_imu_feels_the_circle(scene):
     simulation = simulate(scene(circle()))
     inside = slice(400, -400)
     left = RADIUS * RATE**2
-    order = (RATE * STEP_S)**2 / 12.0 * left
-    np.testing.assert_allclose(simulation.imu.acceleration[inside], np.tile([-left, 0.0, 9.81], (
-        len(simulation.imu.time_ns[inside]), 1)), atol=1.01 * order)
+    order = (RATE * STEP_S) ** 2 / 12.0 * left
+    np.testing.assert_allclose(
+        simulation.imu.acceleration[inside],
+        np.tile([-left, 0.0, 9.81], (len(simulation.imu.time_ns[inside]), 1)),
+        atol=1.01 * order,
+    )
     np.testing.assert_allclose(simulation.imu.angular_velocity[inside] - [0, 0, RATE], 0.0, atol=1e-12)
-    np.testing.assert_allclose(simulation.trajectory.velocity[inside] - RATE * np.cross(
-        [0, 0, 1], simulation.trajectory.position[inside]), 0.0, atol=1e-4 * RADIUS * RATE)
+    np.testing.assert_allclose(
+        simulation.trajectory.velocity[inside] - RATE * np.cross([0, 0, 1], simulation.trajectory.position[inside]),
+        0.0,
+        atol=1e-4 * RADIUS * RATE,
+    )
 
 
 def test_poses_on_ticks_are_those_of_the_file_and_frames_begin_with_the_first(scene):
@@ -78,8 +86,10 @@ def test_listed_poses_and_recorded_ones_give_the_same_course(scene):
     text = circle(40)
     recorded = scene(text)
     simulation = simulate(recorded)
-    blocks = [{"time_s": 0.05 * k, "position": stop.position, "quaternion": stop.quaternion}
-              for k, stop in enumerate(recorded.trajectory.stops)]
+    blocks = [
+        {"time_s": 0.05 * k, "position": stop.position, "quaternion": stop.quaternion}
+        for k, stop in enumerate(recorded.trajectory.stops)
+    ]
     listed = simulate(scene_from_dict({"trajectory": {"poses": blocks}}))
     for name in listed.trajectory.__dataclass_fields__:
         np.testing.assert_allclose(getattr(simulation.trajectory, name), getattr(listed.trajectory, name), atol=1e-9)
@@ -88,8 +98,9 @@ def test_listed_poses_and_recorded_ones_give_the_same_course(scene):
 def test_a_course_far_away_is_the_same_there(scene):
     far = [569_000.0, 7_033_000.0, 0.0]
     rows = [line.split() for line in circle().splitlines()]
-    moved = "".join(" ".join([r[0], *(repr(float(x) + o) for x, o in zip(r[1:4], far, strict=True)), *r[4:]]) + "\n"
-                    for r in rows)
+    moved = "".join(
+        " ".join([r[0], *(repr(float(x) + o) for x, o in zip(r[1:4], far, strict=True)), *r[4:]]) + "\n" for r in rows
+    )
     near, there = simulate(scene(circle())), simulate(scene(moved))
     np.testing.assert_allclose(there.trajectory.position - far, near.trajectory.position, atol=4e-9)  # ulp of 7e6 m
     # 6 / h^2 times half an ulp, for each of three poses
@@ -100,8 +111,9 @@ def test_a_long_course_is_as_smooth_where_its_pieces_meet(scene, monkeypatch):
     """What moves otherwise at every pose, in pieces of 100 poses and in one."""
     rng = np.random.default_rng(8)
     turns = Rotation.from_rotvec(np.cumsum(rng.normal(size=(1000, 3)) * 0.05, axis=0))
-    text = "".join(f"{k * 0.05:.9f} {k * 0.05!r} 0 -5 {' '.join(map(repr, q))}\n"
-                   for k, q in enumerate(turns.as_quat().tolist()))
+    text = "".join(
+        f"{k * 0.05:.9f} {k * 0.05!r} 0 -5 {' '.join(map(repr, q))}\n" for k, q in enumerate(turns.as_quat().tolist())
+    )
     whole = simulate(scene(text)).trajectory
     monkeypatch.setattr(poses, "MOST_KNOTS", 100)
     pieces = simulate(scene(text)).trajectory
@@ -114,10 +126,12 @@ def test_a_sequence_may_begin_within_the_file(scene, start_s):
     whole, part = simulate(scene(circle())), simulate(scene(circle(), start_s=start_s, duration_s=2.0))
     assert len(part.frames) == 20
     first = round(start_s * 200)
-    np.testing.assert_allclose(part.trajectory.position, whole.trajectory.position[first:first + len(part.trajectory)],
-                               atol=1e-13)
-    np.testing.assert_allclose(part.imu.acceleration, whole.imu.acceleration[first:first + len(part.imu.time_ns)],
-                               atol=1e-9)
+    np.testing.assert_allclose(
+        part.trajectory.position, whole.trajectory.position[first : first + len(part.trajectory)], atol=1e-13
+    )
+    np.testing.assert_allclose(
+        part.imu.acceleration, whole.imu.acceleration[first : first + len(part.imu.time_ns)], atol=1e-9
+    )
     assert part.messages == []
 
 
@@ -137,8 +151,10 @@ def test_a_file_that_lasts_longer_than_a_day_needs_a_duration(scene):
 
 def test_after_the_last_pose_the_vehicle_brakes_and_it_is_said(scene):
     simulation = simulate(scene(circle(), duration_s=24.0))
-    assert any(words.startswith("trajectory.file: after the last pose at 19.95 s the vehicle brakes")
-               for words in simulation.messages)
+    assert any(
+        words.startswith("trajectory.file: after the last pose at 19.95 s the vehicle brakes")
+        for words in simulation.messages
+    )
     np.testing.assert_array_equal(simulation.trajectory.velocity[-1], 0.0)
 
 
@@ -148,8 +164,9 @@ def test_after_the_last_pose_the_vehicle_brakes_and_it_is_said(scene):
 def noisy(amount_m, step_s=STEP_S):
     rng = np.random.default_rng(9)
     rows = [line.split() for line in circle(step_s=step_s).splitlines()]
-    return "".join(" ".join([r[0], *(repr(float(x) + amount_m * rng.normal()) for x in r[1:4]), *r[4:]]) + "\n"
-                   for r in rows)
+    return "".join(
+        " ".join([r[0], *(repr(float(x) + amount_m * rng.normal()) for x in r[1:4]), *r[4:]]) + "\n" for r in rows
+    )
 
 
 def test_noise_that_becomes_more_than_1_g_is_told_of_with_its_line_and_smoothing_mends_it(scene):
@@ -173,16 +190,24 @@ def test_facts_have_root_mean_square_and_peak_of_what_is_felt(scene):
 def test_a_vehicle_that_goes_sideways_most_of_the_time_is_told_of(scene, body, told):
     """Upside down is another matter, of which another message tells."""
     messages = simulate(scene(circle(), body=body)).messages
-    assert [words for words in messages if "upside down" in words] == messages[:body == "frd"]
-    assert [("goes sideways" in words) for words in messages[body == "frd":]] == [True] * told
+    assert [words for words in messages if "upside down" in words] == messages[: body == "frd"]
+    assert [("goes sideways" in words) for words in messages[body == "frd" :]] == [True] * told
 
 
 def test_info_says_how_the_file_was_read(scene):
     recorded = scene(circle(), {"terrain": {"kind": "procedural", "resolution": 17}})
     about = scene_info(recorded, build_parts(recorded))["trajectory"]
     assert (about["kind"], about["count"]) == ("poses", 400)
-    assert about["recorded"] == {"file": "course.txt", "format": "TUM", "of": "vehicle", "frame": "enu",
-                                 "attitude": "recorded", "body": "flu", "poses": 400, "step_s": STEP_S}
+    assert about["recorded"] == {
+        "file": "course.txt",
+        "format": "TUM",
+        "of": "vehicle",
+        "frame": "enu",
+        "attitude": "recorded",
+        "body": "flu",
+        "poses": 400,
+        "step_s": STEP_S,
+    }
     json.dumps(about)
 
 
@@ -204,8 +229,9 @@ def test_checks_look_at_some_of_many_poses_and_say_so(scene):
     recorded = scene(circle(5000, step_s=0.01, rate=0.1), blocks)
     parts = build_parts(recorded)
     found = check_scene(recorded, parts, path_samples(simulate(recorded)))
-    assert any(words.startswith("trajectory: all 1000 poses that are looked at are under the terrain")
-               for words in found)
+    assert any(
+        words.startswith("trajectory: all 1000 poses that are looked at are under the terrain") for words in found
+    )
 
 
 def test_the_local_origin_is_in_the_middle_of_a_course_far_away(scene):
@@ -237,10 +263,17 @@ def test_scenes_without_a_recorded_course_are_written_without_its_keys():
 
 
 def fleet(**other):
-    return {"vehicles": [
-        {"id": "0", "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 2.0}},
-        {"id": "1", "trajectory": {"file": "course.txt", **other}, "body": {"kind": "boulder", "diameter": 0.5},
-         "lights": [{"kind": "point", "intensity": [1, 1, 1]}]}]}
+    return {
+        "vehicles": [
+            {"id": "0", "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 2.0}},
+            {
+                "id": "1",
+                "trajectory": {"file": "course.txt", **other},
+                "body": {"kind": "boulder", "diameter": 0.5},
+                "lights": [{"kind": "point", "intensity": [1, 1, 1]}],
+            },
+        ]
+    }
 
 
 def test_another_vehicle_goes_its_recorded_course(tmp_path):

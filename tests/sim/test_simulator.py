@@ -15,25 +15,47 @@ from varos_warp.sim.clock import TICK_NS
 from varos_warp.sim.vehicle.body import sphere
 
 ROOT = Path(__file__).parents[2]
-NOISE = {"accelerometer_noise_density": 0.01, "accelerometer_random_walk": 0.003, "gyroscope_noise_density": 1e-3,
-         "gyroscope_random_walk": 1e-4, "gyroscope_bias": [1e-3, 0.0, 2e-3], "accelerometer_turn_on_bias": 0.05,
-         "gyroscope_turn_on_bias": 1e-3}
-SENSORS = {"imu": {"position": [0.1, 0.0, 0.02], "rotation_euler_deg": [10, 20, 90], "noise": NOISE},
-           "depth_gauge": {"position": [0.0, 0.3, 0.1], "rate_hz": 30},
-           "magnetometer": {"rate_hz": 50, "rotation_euler_deg": [0, 5, 30]},
-           "dvl": {"position": [0.0, 0.0, -0.2], "rotation_euler_deg": [3, 0, 40], "rate_hz": 13, "range_m": [0.1, 5]}}
+NOISE = {
+    "accelerometer_noise_density": 0.01,
+    "accelerometer_random_walk": 0.003,
+    "gyroscope_noise_density": 1e-3,
+    "gyroscope_random_walk": 1e-4,
+    "gyroscope_bias": [1e-3, 0.0, 2e-3],
+    "accelerometer_turn_on_bias": 0.05,
+    "gyroscope_turn_on_bias": 1e-3,
+}
+SENSORS = {
+    "imu": {"position": [0.1, 0.0, 0.02], "rotation_euler_deg": [10, 20, 90], "noise": NOISE},
+    "depth_gauge": {"position": [0.0, 0.3, 0.1], "rate_hz": 30},
+    "magnetometer": {"rate_hz": 50, "rotation_euler_deg": [0, 5, 30]},
+    "dvl": {"position": [0.0, 0.0, -0.2], "rotation_euler_deg": [3, 0, 40], "rate_hz": 13, "range_m": [0.1, 5]},
+}
 WORLD = {
     "current": {"velocity": [0.1, 0, 0], "fluctuation": 0.1, "turbulence": {"rms": [0.03, 0.03, 0.02]}},
     "terrain": {"kind": "procedural", "size_m": 30, "position": [0, 0, -4], "resolution": 17, "relief_m": 1.0},
     "materials": {"seafloor": {}},
 }
-ROV = {"metacentric_height": 0.02, "rigid_body": {"thrusters": [
-    {"position": [x, y, z], "direction": d, "max_force": 4.0} for x, y, z, d in (
-        (0.11, 0.16, 0.04, [-1, 1, 0]), (-0.11, 0.16, 0.04, [1, 1, 0]), (0.11, -0.16, 0.04, [-1, -1, 0]),
-        (-0.11, -0.16, 0.04, [1, -1, 0]), (0.1, 0, 0, [0, 0, 1]), (-0.1, 0, 0, [0, 0, 1]))]}}
+ROV = {
+    "metacentric_height": 0.02,
+    "rigid_body": {
+        "thrusters": [
+            {"position": [x, y, z], "direction": d, "max_force": 4.0}
+            for x, y, z, d in (
+                (0.11, 0.16, 0.04, [-1, 1, 0]),
+                (-0.11, 0.16, 0.04, [1, 1, 0]),
+                (0.11, -0.16, 0.04, [-1, -1, 0]),
+                (-0.11, -0.16, 0.04, [1, -1, 0]),
+                (0.1, 0, 0, [0, 0, 1]),
+                (-0.1, 0, 0, [0, 0, 1]),
+            )
+        ]
+    },
+}
 STONE = {"kind": "boulder", "diameter": 0.5, "chord_error_m": 0.05, "material": "seafloor"}
-PATH = [{"time_s": 0, "position": [0.5, -1.5, -2]},
-        {"time_s": 2, "position": [1.5, 2.5, -2], "rotation_euler_deg": [0, 0, 90]}]
+PATH = [
+    {"time_s": 0, "position": [0.5, -1.5, -2]},
+    {"time_s": 2, "position": [1.5, 2.5, -2], "rotation_euler_deg": [0, 0, 90]},
+]
 
 
 def scene_of(vehicle=None, *, duration_s=1.5, trajectory=None, **blocks):
@@ -53,11 +75,11 @@ def assert_same_bytes(steps, batch):
     """Rows and readings of steps are those of a batch, to the byte."""
     rows = {name: np.stack([getattr(step, name) for step in steps]) for name in vars(batch.trajectory)}
     for name, column in vars(batch.trajectory).items():
-        assert rows[name].tobytes() == column[:len(steps)].tobytes(), name
+        assert rows[name].tobytes() == column[: len(steps)].tobytes(), name
     poses = np.stack([step.T_w_v for step in steps])
     assert poses.tobytes() == np.stack([batch.trajectory.T_w_v(k) for k in range(len(steps))]).tobytes()
-    assert np.array_equal([step.reference_position for step in steps], batch.reference_position[:len(steps)])
-    assert np.array_equal([step.waypoint for step in steps], batch.waypoint[:len(steps)])
+    assert np.array_equal([step.reference_position for step in steps], batch.reference_position[: len(steps)])
+    assert np.array_equal([step.waypoint for step in steps], batch.waypoint[: len(steps)])
     for sensor in ("imu", "depth_gauge", "magnetometer", "dvl"):
         if (read := getattr(batch, sensor)) is None:
             assert all(getattr(step, sensor) is None for step in steps)
@@ -71,16 +93,27 @@ def assert_same_bytes(steps, batch):
 # ---------------------------------------------------------------------------------------------------- the batch's bytes
 
 
-@pytest.mark.parametrize(("vehicle", "blocks"), [
-    pytest.param({}, {}, id="sphere"),
-    pytest.param({"max_force": 2.0, "max_torque": 0.05}, {}, id="saturated"),
-    pytest.param({"actuator_frame": "body"}, {}, id="body frame"),
-    pytest.param(ROV, {}, id="thrusters"),
-    pytest.param({}, {"duration_s": None}, id="length of the course"),
-    pytest.param({}, {"trajectory": {"poses": POSES}}, id="exact poses"),
-    pytest.param({}, {"objects": [STONE | {"diameter": 1.2, "path": PATH}], "trajectory": {"poses": POSES},
-                      "scatter": [{"object": STONE, "count": 100}]}, id="objects that move and copies"),
-    pytest.param({}, {"render": {"outputs": ["A", "F"], "frame_rate_hz": 4}}, id="flow")])
+@pytest.mark.parametrize(
+    ("vehicle", "blocks"),
+    [
+        pytest.param({}, {}, id="sphere"),
+        pytest.param({"max_force": 2.0, "max_torque": 0.05}, {}, id="saturated"),
+        pytest.param({"actuator_frame": "body"}, {}, id="body frame"),
+        pytest.param(ROV, {}, id="thrusters"),
+        pytest.param({}, {"duration_s": None}, id="length of the course"),
+        pytest.param({}, {"trajectory": {"poses": POSES}}, id="exact poses"),
+        pytest.param(
+            {},
+            {
+                "objects": [STONE | {"diameter": 1.2, "path": PATH}],
+                "trajectory": {"poses": POSES},
+                "scatter": [{"object": STONE, "count": 100}],
+            },
+            id="objects that move and copies",
+        ),
+        pytest.param({}, {"render": {"outputs": ["A", "F"], "frame_rate_hz": 4}}, id="flow"),
+    ],
+)
 def test_a_loop_over_steps_gives_the_bytes_of_the_batch(vehicle, blocks):
     scene = scene_of(vehicle, **blocks)
     batch = vw.simulate(scene)
@@ -103,8 +136,10 @@ def test_a_recorded_course_is_stepped_through():
 
 
 def test_the_vehicle_of_a_fleet_is_stepped():
-    scene = load_scene(ROOT / "examples" / "every_block" / "vehicles.yaml",
-                       ["terrain.resolution=33", "vehicles.0.trajectory.duration_s=1", "vehicles.0.dvl={}"])
+    scene = load_scene(
+        ROOT / "examples" / "every_block" / "vehicles.yaml",
+        ["terrain.resolution=33", "vehicles.0.trajectory.duration_s=1", "vehicles.0.dvl={}"],
+    )
     assert_same_bytes(all_steps(vw.Simulator(scene)), vw.simulate(scene))
 
 
@@ -126,8 +161,10 @@ def test_noise_in_pieces_is_the_noise_at_once_and_its_bias_walks_on_after_it():
             assert np.array_equal(np.concatenate([getattr(piece[i], part) for piece in pieces]), getattr(made, part))
     _, rate = stream.take(9000)
     steps = np.diff(np.concatenate([whole[1].bias[-1:], rate.bias]), axis=0)
-    for values, std in ((steps, model.gyroscope_random_walk / np.sqrt(200.0)),
-                        (rate.white, model.gyroscope_noise_density * np.sqrt(200.0))):
+    for values, std in (
+        (steps, model.gyroscope_random_walk / np.sqrt(200.0)),
+        (rate.white, model.gyroscope_noise_density * np.sqrt(200.0)),
+    ):
         assert abs(values.std() / std - 1.0) < 4.0 / np.sqrt(2 * values.size)
 
 
@@ -157,9 +194,17 @@ def test_after_exact_poses_the_vehicle_comes_to_rest():
 
 def free(**vehicle):
     """A vehicle that nothing but its thrusters moves, and they follow a command within a tenth of a second."""
-    body = {"mass_kg": 10.0, "linear_drag": 0.0, "quadratic_drag": 0.0, "linear_rotational_drag": 0.0,
-            "quadratic_rotational_drag": 0.0, "max_force": 50.0, "max_torque": 5.0, "actuator_frequency": 50.0,
-            "actuator_damping": 1.0}
+    body = {
+        "mass_kg": 10.0,
+        "linear_drag": 0.0,
+        "quadratic_drag": 0.0,
+        "linear_rotational_drag": 0.0,
+        "quadratic_rotational_drag": 0.0,
+        "max_force": 50.0,
+        "max_torque": 5.0,
+        "actuator_frequency": 50.0,
+        "actuator_damping": 1.0,
+    }
     if "rigid_body" in vehicle:
         del body["max_force"], body["max_torque"]
     turned = {"position": (0, 0, 0), "rotation_euler_deg": (0, 0, 90)}
@@ -215,10 +260,17 @@ def test_the_terminal_speed_is_the_root_of_force_over_drag():
     np.testing.assert_allclose(state.velocity, (0, 0, np.sqrt(45.0 / 20.0)), atol=1e-9)
 
 
-@pytest.mark.parametrize(("vehicle", "asked", "possible"), [
-    ({}, {"force": (300.0, 400.0, 0.0), "torque": (0.0, 0.0, 80.0)},
-     {"force": (30.0, 40.0, 0.0), "torque": (0.0, 0.0, 5.0)}),
-    (ROV, {"force": (0.0, 1e6, 0.0)}, {"force": (0.0, 4 * 4.0 * np.sqrt(0.5), 0.0)})])
+@pytest.mark.parametrize(
+    ("vehicle", "asked", "possible"),
+    [
+        (
+            {},
+            {"force": (300.0, 400.0, 0.0), "torque": (0.0, 0.0, 80.0)},
+            {"force": (30.0, 40.0, 0.0), "torque": (0.0, 0.0, 5.0)},
+        ),
+        (ROV, {"force": (0.0, 1e6, 0.0)}, {"force": (0.0, 4 * 4.0 * np.sqrt(0.5), 0.0)}),
+    ],
+)
 def test_more_than_the_thrusters_can_do_is_scaled_down(vehicle, asked, possible):
     states = [pushed(free(**vehicle), 100, **command) for command in (asked, possible)]
     for name in ("position", "velocity", "quaternion", "angular_velocity"):
@@ -268,8 +320,9 @@ def test_a_copy_goes_its_own_way():
 # ----------------------------------------------------------------------------------------------------------- mistakes
 
 
-@pytest.mark.parametrize("value", [(1.0, 2.0), 3.0, (1.0, 2.0, np.nan), (np.inf, 0, 0), "abc", [[1, 2, 3]],
-                                   (1e200, 0, 0), (1j, 0, 0), {}])
+@pytest.mark.parametrize(
+    "value", [(1.0, 2.0), 3.0, (1.0, 2.0, np.nan), (np.inf, 0, 0), "abc", [[1, 2, 3]], (1e200, 0, 0), (1j, 0, 0), {}]
+)
 @pytest.mark.parametrize("key", ["force", "torque"])
 def test_what_is_no_vector_is_refused_by_name_and_nothing_moves(key, value):
     simulator = vw.Simulator(free())

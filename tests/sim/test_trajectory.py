@@ -10,13 +10,17 @@ from varos_warp.scene.frames import pose_matrix
 from varos_warp.sim.clock import TICK_NS, TICK_RATE_HZ
 from varos_warp.sim.trajectory import course_facts, path_samples, simulate
 
-COURSE = [{"position": (0, 0, 0), "look_at": (0, 5, -1)},
-          {"position": (0, 2, 0), "rotation_euler_deg": (-10, 0, 20)},
-          {"position": (1, 3, 0.5), "rotation_euler_deg": (0, 0, -60)}]
-POSES = [{"time_s": 0.0, "position": (0, 0, 0)},
-         {"time_s": 0.5, "position": (1, 0, 0), "rotation_euler_deg": (5, 0, 9)},
-         {"time_s": 0.8, "position": (1, 2, 0), "rotation_euler_deg": (0, 40, 30)},
-         {"time_s": 2.0, "position": (0, 0, 3)}]
+COURSE = [
+    {"position": (0, 0, 0), "look_at": (0, 5, -1)},
+    {"position": (0, 2, 0), "rotation_euler_deg": (-10, 0, 20)},
+    {"position": (1, 3, 0.5), "rotation_euler_deg": (0, 0, -60)},
+]
+POSES = [
+    {"time_s": 0.0, "position": (0, 0, 0)},
+    {"time_s": 0.5, "position": (1, 0, 0), "rotation_euler_deg": (5, 0, 9)},
+    {"time_s": 0.8, "position": (1, 2, 0), "rotation_euler_deg": (0, 40, 30)},
+    {"time_s": 2.0, "position": (0, 0, 3)},
+]
 
 
 def driven(**blocks):
@@ -42,8 +46,10 @@ def test_times_are_whole_ticks_of_five_milliseconds_in_integers():
     assert (simulation.frames.time_ns == np.arange(len(simulation.frames)) * 100_000_000).all()
 
 
-@pytest.mark.parametrize(("frame_rate", "imu_rate"), [(10, 200), (10, 100), (40, 200), (8, 40), (25, 10), (200, 200),
-                                                      (29.97, 200), (30, 400), (15, 125), (60, 1000)])
+@pytest.mark.parametrize(
+    ("frame_rate", "imu_rate"),
+    [(10, 200), (10, 100), (40, 200), (8, 40), (25, 10), (200, 200), (29.97, 200), (30, 400), (15, 125), (60, 1000)],
+)
 def test_exactly_one_imu_row_comes_after_the_last_frame(frame_rate, imu_rate):
     simulation = driven(render={"frame_rate_hz": frame_rate}, vehicle={"imu": {"rate_hz": imu_rate}})
     last = simulation.frames.time_ns[-1]
@@ -57,23 +63,33 @@ def test_exactly_one_imu_row_comes_after_the_last_frame(frame_rate, imu_rate):
 @pytest.mark.parametrize("make", [driven, lambda **blocks: posed(POSES, **blocks)])
 def test_with_flow_the_motion_goes_on_to_the_frame_after_the_last_and_nothing_else_changes(make, frame_rate):
     vehicle = {"imu": {"noise": {"accelerometer_noise_density": 0.01}}, "depth_gauge": {}}
-    without, having = (make(render={"frame_rate_hz": frame_rate, "outputs": list(outputs)}, vehicle=vehicle)
-                       for outputs in ("ABCD", "ABCDF"))
+    without, having = (
+        make(render={"frame_rate_hz": frame_rate, "outputs": list(outputs)}, vehicle=vehicle)
+        for outputs in ("ABCD", "ABCDF")
+    )
     following = round(len(having.frames) * 1e9 / frame_rate)
     assert 0 <= having.trajectory.time_ns[-1] - following < TICK_NS
     assert having.trajectory.at([following]).time_ns == following
     rows = len(without.trajectory)
-    for mine, theirs in ((without.trajectory, having.trajectory), (without.frames, having.frames),
-                         (without.imu, having.imu), (without.depth_gauge, having.depth_gauge)):
+    for mine, theirs in (
+        (without.trajectory, having.trajectory),
+        (without.frames, having.frames),
+        (without.imu, having.imu),
+        (without.depth_gauge, having.depth_gauge),
+    ):
         for name in mine.__dataclass_fields__:
             assert np.array_equal(getattr(mine, name), getattr(theirs, name)[:rows]), name
     assert len(without.imu.time_ns) == len(having.imu.time_ns)
 
 
-@pytest.mark.parametrize(("block", "key"), [
-    ({"render": {"frame_rate_hz": 2e4}}, "render.frame_rate_hz"),
-    ({"vehicle": {"imu": {"rate_hz": 2e4}}}, "vehicle.imu.rate_hz"),
-    ({"vehicle": {"depth_gauge": {"rate_hz": 1e-6}}}, "vehicle.depth_gauge.rate_hz")])
+@pytest.mark.parametrize(
+    ("block", "key"),
+    [
+        ({"render": {"frame_rate_hz": 2e4}}, "render.frame_rate_hz"),
+        ({"vehicle": {"imu": {"rate_hz": 2e4}}}, "vehicle.imu.rate_hz"),
+        ({"vehicle": {"depth_gauge": {"rate_hz": 1e-6}}}, "vehicle.depth_gauge.rate_hz"),
+    ],
+)
 def test_rates_without_samples_or_with_too_many_are_refused(block, key):
     with pytest.raises(InputError) as caught:
         driven(**block)
@@ -116,11 +132,24 @@ def test_a_duration_gives_that_many_frames():
 STRAIGHT = {"waypoints": [{"position": (0, 0, 1)}, {"position": (0.5, 3.65, 1.2)}], "speed": 0.6, "duration_s": 3.0}
 
 
-@pytest.mark.parametrize(("changes", "told"), [
-    ({}, True), ({"max_acceleration": 0.6}, True), ({"constant_speed": True}, False), ({"duration_s": 8.0}, False),
-    ({"duration_s": None}, False), ({"duration_s": 0.9}, False),  # nine frames are a look
-    ({"max_angular_speed_deg": 0.2, "waypoints": [{"position": (0, 0, 0)}, {
-        "position": (0, 0.4, 0), "rotation_euler_deg": (0, 0, 90)}]}, False)])  # what turns is slow otherwise
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, True),
+        ({"max_acceleration": 0.6}, True),
+        ({"constant_speed": True}, False),
+        ({"duration_s": 8.0}, False),
+        ({"duration_s": None}, False),
+        ({"duration_s": 0.9}, False),  # nine frames are a look
+        (
+            {
+                "max_angular_speed_deg": 0.2,
+                "waypoints": [{"position": (0, 0, 0)}, {"position": (0, 0.4, 0), "rotation_euler_deg": (0, 0, 90)}],
+            },
+            False,
+        ),
+    ],
+)  # what turns is slow otherwise
 def test_a_sequence_that_ends_while_the_vehicle_still_gathers_speed_is_told_of(changes, told):
     found = [text for text in simulate(Scene(trajectory=STRAIGHT | changes)).messages if "duration_s" in text]
     assert len(found) == told
@@ -173,8 +202,11 @@ def test_rates_are_the_derivatives_of_the_poses():
     velocity = (trajectory.position[2:] - trajectory.position[:-2]) / (2 * h)
     jerk = np.abs(np.diff(trajectory.acceleration, axis=0)).max() / h
     np.testing.assert_allclose(trajectory.velocity[1:-1], velocity, atol=jerk * h**2)
-    np.testing.assert_allclose(np.diff(trajectory.velocity, axis=0) / h,
-                               0.5 * (trajectory.acceleration[1:] + trajectory.acceleration[:-1]), atol=jerk * h / 10)
+    np.testing.assert_allclose(
+        np.diff(trajectory.velocity, axis=0) / h,
+        0.5 * (trajectory.acceleration[1:] + trajectory.acceleration[:-1]),
+        atol=jerk * h / 10,
+    )
 
 
 @pytest.mark.parametrize(("mass", "speed"), [(12.0, 0.6), (40.0, 0.5), (100.0, 1.0)])
@@ -206,8 +238,13 @@ def test_a_single_pose_is_one_still_frame():
     simulation = posed([{"position": (1, 2, -78), "look_at": (1, 7, -79)}])
     assert simulation.frames.time_ns.tolist() == [0]
     block = simulation.trajectory
-    np.testing.assert_allclose(block.T_w_v(0), pose_matrix(Scene(
-        trajectory={"poses": [{"position": (1, 2, -78), "look_at": (1, 7, -79)}]}).trajectory.poses[0]), atol=1e-15)
+    np.testing.assert_allclose(
+        block.T_w_v(0),
+        pose_matrix(
+            Scene(trajectory={"poses": [{"position": (1, 2, -78), "look_at": (1, 7, -79)}]}).trajectory.poses[0]
+        ),
+        atol=1e-15,
+    )
     assert (block.velocity == 0.0).all()
     np.testing.assert_allclose(np.linalg.norm(simulation.imu.acceleration, axis=1), 9.81)
     assert not simulation.messages
@@ -242,8 +279,11 @@ def test_between_poses_the_rates_are_the_derivatives_of_position_and_attitude():
     turned, omega = trajectory.rotation()[inside], trajectory.angular_velocity[inside]
     alpha = trajectory.angular_acceleration[inside]
     angular_jerk = np.abs(np.diff(alpha, axis=0)).max() / h
-    np.testing.assert_allclose(omega[1:-1], (turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * h),
-                               atol=(angular_jerk + np.abs(omega).max()**3) * h**2)
+    np.testing.assert_allclose(
+        omega[1:-1],
+        (turned[:-2].inv() * turned[2:]).as_rotvec() / (2 * h),
+        atol=(angular_jerk + np.abs(omega).max() ** 3) * h**2,
+    )
     np.testing.assert_allclose(alpha[1:-1], (omega[2:] - omega[:-2]) / (2 * h), atol=angular_jerk * h)
 
 
@@ -262,8 +302,9 @@ def test_rates_are_the_derivatives_of_the_poses_and_continuous_before_within_and
     assert np.abs(np.diff(alpha, axis=0)).max() <= 1.001 * angular_jerk * h
     np.testing.assert_allclose(np.diff(p, axis=0) / h, 0.5 * (v[1:] + v[:-1]), atol=jerk * h**2)
     np.testing.assert_allclose(np.diff(v, axis=0) / h, 0.5 * (a[1:] + a[:-1]), atol=jerk * h)
-    np.testing.assert_allclose(between, 0.5 * (omega[1:] + omega[:-1]),
-                               atol=(angular_jerk + np.abs(omega).max() * np.abs(alpha).max()) * h**2)
+    np.testing.assert_allclose(
+        between, 0.5 * (omega[1:] + omega[:-1]), atol=(angular_jerk + np.abs(omega).max() * np.abs(alpha).max()) * h**2
+    )
     np.testing.assert_allclose(np.diff(omega, axis=0) / h, 0.5 * (alpha[1:] + alpha[:-1]), atol=angular_jerk * h)
 
 
@@ -271,16 +312,22 @@ def test_before_and_after_the_poses_the_vehicle_is_at_rest():
     simulation = posed(LATE, duration_s=9.0)
     trajectory = simulation.trajectory
     for rows in (slice(0, 201), slice(1400, None)):
-        for values in (trajectory.velocity, trajectory.acceleration, trajectory.angular_velocity,
-                       trajectory.angular_acceleration):
+        for values in (
+            trajectory.velocity,
+            trajectory.acceleration,
+            trajectory.angular_velocity,
+            trajectory.angular_acceleration,
+        ):
             np.testing.assert_array_equal(values[rows], 0.0)
         assert np.ptp(trajectory.position[rows], axis=0).max() == 0.0
     assert sum("at rest" in message for message in simulation.messages) == 2
 
 
 def test_braking_from_a_steady_speed_takes_half_the_way_that_it_would_have_gone():
-    poses = [{"time_s": 0, "position": (0, 0, 0)},
-             {"time_s": 1, "position": (0.6, 0, 0), "rotation_euler_deg": (0, 0, 50)}]
+    poses = [
+        {"time_s": 0, "position": (0, 0, 0)},
+        {"time_s": 1, "position": (0.6, 0, 0), "rotation_euler_deg": (0, 0, 50)},
+    ]
     trajectory = posed(poses, duration_s=4.0).trajectory
     np.testing.assert_allclose(trajectory.position[-1], [0.6 + 0.6 * 2.0 / 2.0, 0.0, 0.0], rtol=1e-14)
     np.testing.assert_allclose(trajectory.rotation()[-1].as_rotvec(degrees=True), [0.0, 0.0, 100.0], atol=1e-12)
@@ -290,17 +337,25 @@ def test_the_rows_after_the_last_frame_go_on_with_the_speed_of_the_last_pose():
     trajectory = posed(POSES).trajectory
     assert len(trajectory.time_ns) == 402
     assert np.linalg.norm(trajectory.velocity[400]) > 0.5
-    np.testing.assert_allclose(trajectory.velocity[401], trajectory.velocity[400], rtol=2.0 * (3 * (0.005 / 2.0)**2))
+    np.testing.assert_allclose(trajectory.velocity[401], trajectory.velocity[400], rtol=2.0 * (3 * (0.005 / 2.0) ** 2))
 
 
-@pytest.mark.parametrize(("step_s", "there", "turned", "told"), [
-    (1.0, 30.0, 0.0, ["poses.0: 45 m/s at 0 s", "poses.1: 90 m/s^2 at 1 s"]),
-    (0.2, 1.0, 0.0, ["poses.1: 75 m/s^2 at 0.2 s"]), (0.2, 0.0, 170.0, [": 850 deg/s at "]), (1.0, 1.0, 90.0, [])])
+@pytest.mark.parametrize(
+    ("step_s", "there", "turned", "told"),
+    [
+        (1.0, 30.0, 0.0, ["poses.0: 45 m/s at 0 s", "poses.1: 90 m/s^2 at 1 s"]),
+        (0.2, 1.0, 0.0, ["poses.1: 75 m/s^2 at 0.2 s"]),
+        (0.2, 0.0, 170.0, [": 850 deg/s at "]),
+        (1.0, 1.0, 90.0, []),
+    ],
+)
 def test_motion_beyond_sense_is_told_of_with_its_pose(step_s, there, turned, told):
     """There and back: a natural spline starts with 3/2 the mean speed and turns round with 3 s / T^2. Turns go on."""
-    poses = [{"time_s": 0.0, "position": (0, 0, 0)},
-             {"time_s": step_s, "position": (there, 0, 0), "rotation_euler_deg": (0, 0, turned)},
-             {"time_s": 2.0 * step_s, "position": (0, 0, 0), "rotation_euler_deg": (0, 0, 2.0 * turned)}]
+    poses = [
+        {"time_s": 0.0, "position": (0, 0, 0)},
+        {"time_s": step_s, "position": (there, 0, 0), "rotation_euler_deg": (0, 0, turned)},
+        {"time_s": 2.0 * step_s, "position": (0, 0, 0), "rotation_euler_deg": (0, 0, 2.0 * turned)},
+    ]
     messages = [text for text in posed(poses).messages if "no underwater vehicle" in text]
     assert [text in message for text, message in zip(told, messages, strict=True)] == [True] * len(told)
 

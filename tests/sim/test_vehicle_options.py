@@ -20,22 +20,36 @@ from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.thrusters import PITCH, ROLL, thrusters
 
 S = 0.5**0.5
-VECTORED = [{"position": (x * 0.11, y * 0.16, 0.02), "direction": (-x * S, y * S, 0.0), "max_force": 40.0}
-            for x in (1, -1) for y in (1, -1)]
+VECTORED = [
+    {"position": (x * 0.11, y * 0.16, 0.02), "direction": (-x * S, y * S, 0.0), "max_force": 40.0}
+    for x in (1, -1)
+    for y in (1, -1)
+]
 ROLLING = [{"position": (x * 0.12, 0.0, 0.0), "direction": (0.0, 0.0, 1.0), "max_force": 40.0} for x in (1, -1)]
-EIGHT = VECTORED + [{"position": (x * 0.12, y * 0.12, 0.0), "direction": (0, 0, 1), "max_force": 40.0}
-                    for x in (1, -1) for y in (1, -1)]
+EIGHT = VECTORED + [
+    {"position": (x * 0.12, y * 0.12, 0.0), "direction": (0, 0, 1), "max_force": 40.0} for x in (1, -1) for y in (1, -1)
+]
 SIX = VECTORED + ROLLING
-ROV = {"inertia": (0.26, 0.23, 0.37), "added_mass": (7.1, 6.4, 18.7, 0.19, 0.12, 0.22),
-       "linear_drag": (18.0, 14.0, 60.0, 1.1, 0.9, 1.2), "quadratic_drag": (60.0, 40.0, 90.0, 1.6, 1.3, 1.6)}
+ROV = {
+    "inertia": (0.26, 0.23, 0.37),
+    "added_mass": (7.1, 6.4, 18.7, 0.19, 0.12, 0.22),
+    "linear_drag": (18.0, 14.0, 60.0, 1.1, 0.9, 1.2),
+    "quadratic_drag": (60.0, 40.0, 90.0, 1.6, 1.3, 1.6),
+}
 TURBULENCE = {"rms": (0.06, 0.06, 0.04), "correlation_time_s": 5.0}
 LANE = [{"position": (0.0, 0.0, 0.0)}, {"position": (0.0, 4.0, 0.0)}]
 
 
 def scene(engines=SIX, waypoints=LANE, current=None, trajectory=None, **vehicle):
     body = {"mass_kg": 13.5, "metacentric_height": 0.06, "rigid_body": ROV | {"thrusters": engines}} | vehicle
-    return scene_from_dict({"vehicle": body, "current": current or {}, "surface_depth_m": 20.0,
-                            "trajectory": trajectory or {"waypoints": waypoints, "speed": 0.4}})
+    return scene_from_dict(
+        {
+            "vehicle": body,
+            "current": current or {},
+            "surface_depth_m": 20.0,
+            "trajectory": trajectory or {"waypoints": waypoints, "speed": 0.4},
+        }
+    )
 
 
 def tilt(simulation) -> np.ndarray:
@@ -50,8 +64,10 @@ def allocated(engines, righted=True):
     return thrusters(scene(engines).vehicle.rigid_body.thrusters, 0.15, righted)
 
 
-@pytest.mark.parametrize(("engines", "free"), [
-    (EIGHT, ()), (SIX, (PITCH,)), (VECTORED + [ROLLING[0] | {"position": (0, 0, 0)}], (PITCH, ROLL))])
+@pytest.mark.parametrize(
+    ("engines", "free"),
+    [(EIGHT, ()), (SIX, (PITCH,)), (VECTORED + [ROLLING[0] | {"position": (0, 0, 0)}], (PITCH, ROLL))],
+)
 def test_thrusters_give_what_is_asked_of_the_axes_that_they_control(engines, free):
     share = allocated(engines)
     assert share.free == free
@@ -78,12 +94,15 @@ def test_no_force_that_is_promised_is_refused():
         assert not share.deliver((0.0, 0.0, 0.0), tuple(d * share.max_torque))[2]
 
 
-@pytest.mark.parametrize(("vehicle", "says"), [
-    ({"engines": VECTORED}, "no force upwards"),
-    ({"engines": [e | {"position": (0, 0, 0)} for e in EIGHT]}, "no yaw moment"),
-    ({"engines": ROLLING}, "together they give no"),
-    ({"metacentric_height": 0.0}, "nothing else holds the vehicle upright"),
-])
+@pytest.mark.parametrize(
+    ("vehicle", "says"),
+    [
+        ({"engines": VECTORED}, "no force upwards"),
+        ({"engines": [e | {"position": (0, 0, 0)} for e in EIGHT]}, "no yaw moment"),
+        ({"engines": ROLLING}, "together they give no"),
+        ({"metacentric_height": 0.0}, "nothing else holds the vehicle upright"),
+    ],
+)
 def test_thrusters_that_cannot_hold_a_vehicle_are_refused(vehicle, says):
     with pytest.raises(InputError, match=says) as error:
         simulate(scene(**vehicle))
@@ -91,13 +110,16 @@ def test_thrusters_that_cannot_hold_a_vehicle_are_refused(vehicle, says):
     assert error.value.remedy
 
 
-@pytest.mark.parametrize(("vehicle", "says"), [
-    ({"max_force": 10.0}, "not both"),
-    ({"rigid_body": {"inertia": (1.0, 1.0, 3.0)}}, "sum of the other two"),
-    ({"rigid_body": {"thrusters": []}}, "too few items"),
-    ({"rigid_body": {"thrusters": [{"position": (0, 0, 0), "direction": (0, 0, 0), "max_force": 1}]}}, "direction"),
-    ({"rigid_body": {"added_mass": (1, 2, 3)}}, "added_mass"),
-])
+@pytest.mark.parametrize(
+    ("vehicle", "says"),
+    [
+        ({"max_force": 10.0}, "not both"),
+        ({"rigid_body": {"inertia": (1.0, 1.0, 3.0)}}, "sum of the other two"),
+        ({"rigid_body": {"thrusters": []}}, "too few items"),
+        ({"rigid_body": {"thrusters": [{"position": (0, 0, 0), "direction": (0, 0, 0), "max_force": 1}]}}, "direction"),
+        ({"rigid_body": {"added_mass": (1, 2, 3)}}, "added_mass"),
+    ],
+)
 def test_a_body_that_cannot_be_is_refused(vehicle, says):
     with pytest.raises(InputError, match=says):
         scene(**vehicle)
@@ -115,8 +137,12 @@ def test_a_metacentric_height_too_large_for_the_clock_is_refused_and_a_large_one
 
 def test_thrusters_above_the_centre_of_mass_push_the_nose_down_as_the_righting_moment_allows():
     """In steady motion: the moments of thrust, flow and buoyancy balance; ours and the hand's pitch within 10 %."""
-    run = simulate(scene(waypoints=[LANE[0], {"position": (0.0, 12.0, 0.0)}], trajectory={
-        "waypoints": [LANE[0], {"position": (0.0, 12.0, 0.0)}], "speed": 0.4, "constant_speed": True}))
+    run = simulate(
+        scene(
+            waypoints=[LANE[0], {"position": (0.0, 12.0, 0.0)}],
+            trajectory={"waypoints": [LANE[0], {"position": (0.0, 12.0, 0.0)}], "speed": 0.4, "constant_speed": True},
+        )
+    )
     pitch, speed = np.radians(np.median(tilt(run)[1500:-1500, 1])), 0.4
     thrust = (14.0 + 40.0 * speed) * speed
     # nose down by p, the water comes from above by v sin p: Munk's moment turns it further
@@ -136,8 +162,16 @@ def test_pitch_that_the_thrusters_do_not_control_is_left_out_and_said():
 
 
 def test_what_the_thrusters_or_the_righting_moment_cannot_hold_is_said():
-    fast = simulate(scene(trajectory={"waypoints": [LANE[0], {"position": (0, 30, 0)}], "speed": 3.0,
-                                      "max_acceleration": 2.0, "handover_timeout_s": 1.0}))
+    fast = simulate(
+        scene(
+            trajectory={
+                "waypoints": [LANE[0], {"position": (0, 30, 0)}],
+                "speed": 3.0,
+                "max_acceleration": 2.0,
+                "handover_timeout_s": 1.0,
+            }
+        )
+    )
     assert any("vehicle.rigid_body.thrusters" in m and "cannot go faster" in m for m in fast.messages)
     assert any("turns the vehicle across" in m for m in simulate(scene(metacentric_height=0.01)).messages)
     swept = simulate(scene(current={"velocity": (5.0, 0, 0)}, trajectory={"waypoints": LANE, "duration_s": 1.0}))
@@ -152,8 +186,10 @@ def test_turbulence_makes_roll_pitch_and_heave_live_and_readings_stay_consistent
     assert np.ptp(tilt(run)[:, 2]) > 10.0 * np.ptp(tilt(still)[:, 2])
     assert np.ptp(run.trajectory.position[:, 2]) > 2.0 * np.ptp(still.trajectory.position[:, 2])
     brief = {"waypoints": LANE, "speed": 0.4, "duration_s": 2.0}
-    one, again, other = (simulate(scene(current={"turbulence": TURBULENCE | seed}, trajectory=brief)).trajectory
-                         for seed in ({}, {}, {"seed": 1}))
+    one, again, other = (
+        simulate(scene(current={"turbulence": TURBULENCE | seed}, trajectory=brief)).trajectory
+        for seed in ({}, {}, {"seed": 1})
+    )
     assert again.position.tobytes() == one.position.tobytes() != other.position.tobytes()
 
 
@@ -168,8 +204,12 @@ def test_what_is_absent_is_not_written():
 
 
 PIPE = {"kind": "pipe", "radius": 1.0, "length": 10.0, "wall": 0.2, "rotation_euler_deg": (90, 0, 0)}
-HULL = {"kind": "hull_following", "surface": "objects.0", "distance_m": 1.5,
-        "through": [(2, -3, 0.5), (2, 3, 0.5), (0, 3, -2), (0, -3, -2)]}
+HULL = {
+    "kind": "hull_following",
+    "surface": "objects.0",
+    "distance_m": 1.5,
+    "through": [(2, -3, 0.5), (2, 3, 0.5), (0, 3, -2), (0, -3, -2)],
+}
 
 
 def along(pattern=HULL, **blocks):
@@ -218,13 +258,16 @@ def test_above_terrain_it_flies_at_its_distance_and_looks_down_at_it():
     assert scene_info(s, parts)["trajectory"]["pattern"] == "hull_following"
 
 
-@pytest.mark.parametrize(("change", "key", "says"), [
-    ({"surface": "objects.3"}, "trajectory.pattern.surface", "no such surface"),
-    ({"surface": "terrain"}, "trajectory.pattern.surface", "no such surface"),
-    ({"distance_m": 0.9, "through": [(0.0, 0.0, 0.0), (0, 3, 0)]}, "trajectory.pattern.through", "hollow"),
-    ({"through": [(2, 0, 0), (-2, 0, 0)]}, "trajectory.pattern.through", "on the other side"),
-    ({"spacing_m": 1e-5}, "trajectory.pattern.spacing_m", "more than"),
-])
+@pytest.mark.parametrize(
+    ("change", "key", "says"),
+    [
+        ({"surface": "objects.3"}, "trajectory.pattern.surface", "no such surface"),
+        ({"surface": "terrain"}, "trajectory.pattern.surface", "no such surface"),
+        ({"distance_m": 0.9, "through": [(0.0, 0.0, 0.0), (0, 3, 0)]}, "trajectory.pattern.through", "hollow"),
+        ({"through": [(2, 0, 0), (-2, 0, 0)]}, "trajectory.pattern.through", "on the other side"),
+        ({"spacing_m": 1e-5}, "trajectory.pattern.spacing_m", "more than"),
+    ],
+)
 def test_a_hull_that_cannot_be_followed_is_refused(change, key, says):
     with pytest.raises(InputError, match=says) as error:
         simulate(along(HULL | change))

@@ -54,8 +54,9 @@ def zero_area():
 
 
 def self_intersecting():
-    return terrain.join([SHEET, (SHEET[0][:, [1, 0, 2]] * [1.0, 1.0, -1.0], SHEET[1][:, ::-1]),
-                         (BALL.vertices * 3.0, BALL.faces)])
+    return terrain.join(
+        [SHEET, (SHEET[0][:, [1, 0, 2]] * [1.0, 1.0, -1.0], SHEET[1][:, ::-1]), (BALL.vertices * 3.0, BALL.faces)]
+    )
 
 
 def far_away():
@@ -97,16 +98,23 @@ def test_an_inverted_sheet_is_turned_up(shrinkwrap):
 
 
 def test_an_inverted_ball_is_turned_out():
-    vertices, faces = terrain.preprocess(np.asarray(BALL.vertices), np.asarray(BALL.faces[:, ::-1], np.int32),
-                                         shrinkwrap_resolution=25)
+    vertices, faces = terrain.preprocess(
+        np.asarray(BALL.vertices), np.asarray(BALL.faces[:, ::-1], np.int32), shrinkwrap_resolution=25
+    )
     assert trimesh.Trimesh(vertices, faces, process=False).volume == pytest.approx(BALL.volume, rel=0.05)
 
 
-@pytest.mark.parametrize(("vertices", "faces"), [
-    ([[0, 0, 0], [1, 0, 0]], [[0, 1, 1]]), ([[0, 0, 0]] * 3, [[0, 1, 2]]),
-    ([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2]]),
-    ([[np.nan] * 3] * 3, [[0, 1, 2]]), (np.zeros((0, 3)), np.zeros((0, 3)))],
-    ids=["two vertices", "one place", "one line", "all NaN", "empty"])
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [
+        ([[0, 0, 0], [1, 0, 0]], [[0, 1, 1]]),
+        ([[0, 0, 0]] * 3, [[0, 1, 2]]),
+        ([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2]]),
+        ([[np.nan] * 3] * 3, [[0, 1, 2]]),
+        (np.zeros((0, 3)), np.zeros((0, 3))),
+    ],
+    ids=["two vertices", "one place", "one line", "all NaN", "empty"],
+)
 def test_a_mesh_of_nothing_is_refused_with_one_message(vertices, faces):
     with pytest.raises(InputError, match="no triangles are left") as caught:
         terrain.preprocess(np.array(vertices, float), np.array(faces, np.int32), shrinkwrap_resolution=9)
@@ -155,10 +163,21 @@ def broken_mesh(seed, kind, size, share, faults):
 
 
 @settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(["sheet", "ball", "noise"]), size=st.integers(0, 60),
-       share=st.floats(0.05, 0.95), faults=st.sets(st.sampled_from(FAULTS)), options=st.fixed_dictionaries({
-           "shrinkwrap_resolution": st.sampled_from([None, 2, 12]), "target_vertices": st.sampled_from([None, 4, 50]),
-           "close": st.sampled_from(["none", "skirt", "solid"]), "merge_tolerance_m": st.sampled_from([0.0, 1e-4])}))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    kind=st.sampled_from(["sheet", "ball", "noise"]),
+    size=st.integers(0, 60),
+    share=st.floats(0.05, 0.95),
+    faults=st.sets(st.sampled_from(FAULTS)),
+    options=st.fixed_dictionaries(
+        {
+            "shrinkwrap_resolution": st.sampled_from([None, 2, 12]),
+            "target_vertices": st.sampled_from([None, 4, 50]),
+            "close": st.sampled_from(["none", "skirt", "solid"]),
+            "merge_tolerance_m": st.sampled_from([0.0, 1e-4]),
+        }
+    ),
+)
 def test_meshes_broken_at_random_work_or_are_refused(seed, kind, size, share, faults, options):
     mesh = broken_mesh(seed, kind, size, share, faults)
     result = works_or_is_refused(*mesh, **options)

@@ -30,8 +30,10 @@ def test_images_of_one_pixel_and_of_millions_are_numbers(side):
 
 @pytest.mark.parametrize(("resolution", "warned"), [((3270, 3270), False), ((3280, 3280), True), ((8192, 8192), True)])
 def test_images_that_take_gigabytes_are_warned_of(resolution, warned):
-    scene = Scene(vehicle={"cameras": [{"resolution": resolution, "sensor_mm": (4.0, 4.0)}]},
-                  trajectory={"poses": [{"position": (0, 0, 0)}]})
+    scene = Scene(
+        vehicle={"cameras": [{"resolution": resolution, "sensor_mm": (4.0, 4.0)}]},
+        trajectory={"poses": [{"position": (0, 0, 0)}]},
+    )
     assert any("GiB" in warning for warning in check_scene(scene, [])) == warned
 
 

@@ -19,7 +19,7 @@ def gain_error(q, r=1.0, *, wn=15.0, zeta=1.0, integral=0.0, h=0.005) -> float:
     A, B = plant(DRAG, wn, zeta, integral > 0.0)
     weights = ([integral] if integral > 0.0 else []) + [*q, 0.0, 0.0]
     exact = exact_gain(A, B, np.diag(weights), r, h)[0]
-    made = np.array(design(DRAG, wn, zeta, q, r, integral=integral, h=h))[0 if integral > 0.0 else 1:]
+    made = np.array(design(DRAG, wn, zeta, q, r, integral=integral, h=h))[0 if integral > 0.0 else 1 :]
     return float(np.abs(made - exact).max() / np.abs(exact).max())
 
 
@@ -30,8 +30,9 @@ def test_the_truth_itself_is_the_closed_form_of_the_scalar_equation():
     b, N_d = 1.0 - a, (1.0 - a) - (1.0 - a**2) / 2.0
     R_d = h + h - 2.0 * (1.0 - a) + (1.0 - a**2) / 2.0
     # P = a^2 P + Q_d - (a b P + N_d)^2 / (R_d + b^2 P), a quadratic in P
-    roots = np.roots([(a**2 - 1) * b**2 - (a * b)**2, (a**2 - 1) * R_d + Q_d * b**2 - 2 * a * b * N_d,
-                      Q_d * R_d - N_d**2])
+    roots = np.roots(
+        [(a**2 - 1) * b**2 - (a * b) ** 2, (a**2 - 1) * R_d + Q_d * b**2 - 2 * a * b * N_d, Q_d * R_d - N_d**2]
+    )
     P = roots.max()
     K = (a * b * P + N_d) / (R_d + b**2 * P)
     made = exact_gain(np.array([[-1.0]]), np.array([[1.0]]), np.array([[1.0]]), 1.0, h)
@@ -45,9 +46,18 @@ def test_gains_are_right_over_24_decades_of_the_weights(decades):
     assert gain_error((1.0, 0.5), 1.0 / scale) < 1e-6
 
 
-@pytest.mark.parametrize(("q", "r", "integral"), [
-    ((9e-13, 0.0), 1.0, 0.0), ((1.1e12, 1.0), 1.0, 0.0), ((1.0, 1.1e12), 1.0, 0.0), ((1.0, 0.5), 1.1e12, 0.0),
-    ((1.0, 0.5), 1e-300, 0.0), ((1.0, 0.5), 1.0, 1.1e12), ((0.0, 0.0), 1.0, 0.0)])
+@pytest.mark.parametrize(
+    ("q", "r", "integral"),
+    [
+        ((9e-13, 0.0), 1.0, 0.0),
+        ((1.1e12, 1.0), 1.0, 0.0),
+        ((1.0, 1.1e12), 1.0, 0.0),
+        ((1.0, 0.5), 1.1e12, 0.0),
+        ((1.0, 0.5), 1e-300, 0.0),
+        ((1.0, 0.5), 1.0, 1.1e12),
+        ((0.0, 0.0), 1.0, 0.0),
+    ],
+)
 def test_weights_so_far_apart_that_gains_lose_their_digits_are_refused(q, r, integral):
     with pytest.raises(InputError) as caught:
         design(DRAG, 15.0, 1.0, q, r, integral=integral)
@@ -75,8 +85,10 @@ def test_gains_are_right_for_any_weight_of_the_integral(integral):
     assert gain_error((1.0, 0.5), integral=integral) < 1e-10
 
 
-@pytest.mark.parametrize(("key", "good", "bad"), [
-    ("actuator_frequency", 1e-6, 9e-7), ("actuator_frequency", 1e9, 1.1e9), ("actuator_damping", 1e6, 1.1e6)])
+@pytest.mark.parametrize(
+    ("key", "good", "bad"),
+    [("actuator_frequency", 1e-6, 9e-7), ("actuator_frequency", 1e9, 1.1e9), ("actuator_damping", 1e6, 1.1e6)],
+)
 def test_thrusters_for_which_gains_lose_their_digits_are_refused(key, good, bad):
     description.Vehicle(**{key: good})
     with pytest.raises(ValidationError):
@@ -87,9 +99,17 @@ def test_thrusters_for_which_gains_lose_their_digits_are_refused(key, good, bad)
 
 
 def drive(force):
-    return simulate(scene_from_dict({
-        "vehicle": {"max_force": force}, "trajectory": {"waypoints": [{"position": (0, 0, 0)}, {"position": (0, 3, 0)}],
-                                                        "handover_timeout_s": 5.0}}))
+    return simulate(
+        scene_from_dict(
+            {
+                "vehicle": {"max_force": force},
+                "trajectory": {
+                    "waypoints": [{"position": (0, 0, 0)}, {"position": (0, 3, 0)}],
+                    "handover_timeout_s": 5.0,
+                },
+            }
+        )
+    )
 
 
 @pytest.mark.parametrize(("force", "enough"), [(30.0, True), (20.0, True), (19.0, False), (1.0, False)])

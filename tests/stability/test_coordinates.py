@@ -23,8 +23,9 @@ STEP_OF_D = 25.0 / 65535
 def seen_from(*positions, camera=None, **blocks):
     """A scene that visits some places."""
     stops = [{"time_s": float(i), "position": tuple(map(float, p))} for i, p in enumerate(positions)]
-    return scene_from_dict({"trajectory": {"poses": stops},
-                            "vehicle": {"cameras": [{"resolution": (32, 18)} | (camera or {})]}, **blocks})
+    return scene_from_dict(
+        {"trajectory": {"poses": stops}, "vehicle": {"cameras": [{"resolution": (32, 18)} | (camera or {})]}, **blocks}
+    )
 
 
 def wall(scale=1.0, width=10.0):
@@ -74,14 +75,18 @@ def test_a_course_so_wide_that_depth_loses_its_step_is_reported(half, warns):
     assert any("single precision" in warning for warning in check_scene(scene, parts)) == warns
 
 
-@pytest.mark.parametrize(("where", "key"), [
-    ({"trajectory": {"poses": [{"position": (0, 1.1e9, 0)}]}}, "position"),
-    ({"trajectory": {"waypoints": [{"position": (0, 0, 0), "look_at": (0, 1e200, 0)}]}}, "look_at"),
-    ({"vehicle": {"cameras": [{"position": (1e300, 0, 0)}]}}, "position"),
-    ({"vehicle": {"lights": [{"kind": "point", "position": (0, -1e300, 0)}]}}, "position"),
-    ({"vehicle": {"imu": {"position": (1e300, 0, 0)}}}, "position"),
-    ({"objects": [{"kind": "bolt", "size": "M24", "position": (1e300, 0, 0)}]}, "position"),
-    ({"surface_depth_m": 1e300}, "surface_depth_m")])
+@pytest.mark.parametrize(
+    ("where", "key"),
+    [
+        ({"trajectory": {"poses": [{"position": (0, 1.1e9, 0)}]}}, "position"),
+        ({"trajectory": {"waypoints": [{"position": (0, 0, 0), "look_at": (0, 1e200, 0)}]}}, "look_at"),
+        ({"vehicle": {"cameras": [{"position": (1e300, 0, 0)}]}}, "position"),
+        ({"vehicle": {"lights": [{"kind": "point", "position": (0, -1e300, 0)}]}}, "position"),
+        ({"vehicle": {"imu": {"position": (1e300, 0, 0)}}}, "position"),
+        ({"objects": [{"kind": "bolt", "size": "M24", "position": (1e300, 0, 0)}]}, "position"),
+        ({"surface_depth_m": 1e300}, "surface_depth_m"),
+    ],
+)
 def test_coordinates_of_more_than_a_million_kilometres_are_refused(where, key):
     with pytest.raises(InputError) as caught:
         scene_from_dict({"trajectory": {"poses": [{"position": (0, 0, 0)}]}} | where)
@@ -93,6 +98,7 @@ def test_a_course_a_million_kilometres_away_is_driven_to_the_micrometre():
     def positions(offset):
         stops = [{"position": (offset, 0.0, 0.0)}, {"position": (offset, 1.0, 0.0)}]
         return simulate(scene_from_dict({"trajectory": {"waypoints": stops}})).trajectory.position - [offset, 0.0, 0.0]
+
     assert np.abs(positions(1e9) - positions(0.0)).max() <= np.spacing(1e9)
 
 
@@ -125,6 +131,7 @@ def test_whole_turns_change_nothing_but_the_rounding_of_the_angle(turns):
 def test_angles_of_which_no_digit_counts_are_refused():
     def turned(angle):
         return {"trajectory": {"waypoints": [{"position": (0, 0, 0), "rotation_euler_deg": (angle, 0, 0)}]}}
+
     scene_from_dict(turned(1e6))
     with pytest.raises(InputError, match="rotation_euler_deg"):
         scene_from_dict(turned(1.001e6))
@@ -141,8 +148,10 @@ def test_depth_is_as_exact_at_any_scale(scale):
 @pytest.mark.parametrize(("scale", "works"), [(1e-12, False), (1e-8, True), (1e7, True), (1e10, False), (1e300, False)])
 def test_objects_of_sizes_that_rays_cannot_resolve_are_refused(tmp_path, scale, works):
     (tmp_path / "wall.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    scene = scene_from_dict({"trajectory": {"poses": [{"position": (0, 0, 0)}]},
-                             "objects": [{"file": "wall.obj", "scale": scale}]}, tmp_path)
+    scene = scene_from_dict(
+        {"trajectory": {"poses": [{"position": (0, 0, 0)}]}, "objects": [{"file": "wall.obj", "scale": scale}]},
+        tmp_path,
+    )
     if works:
         assert np.ptp(build_parts(scene)[0].vertices, axis=0).max() == pytest.approx(scale)
         return
@@ -172,9 +181,18 @@ def test_depth_is_the_plane_at_any_focal_length(focal):
     np.testing.assert_allclose(depth, 3.0, rtol=64 * 2.0**-24)
 
 
-@pytest.mark.parametrize(("key", "good", "bad"), [
-    ("focal_mm", 1e-3, 1e-4), ("focal_mm", 1e6, 1e7), ("f_stop", 0.0, -1.0), ("f_stop", 1e-3, 1e-4),
-    ("f_stop", 1e6, 1e7), ("focus_m", 1e-3, 1e-4), ("focus_m", 1e9, 1e10)])
+@pytest.mark.parametrize(
+    ("key", "good", "bad"),
+    [
+        ("focal_mm", 1e-3, 1e-4),
+        ("focal_mm", 1e6, 1e7),
+        ("f_stop", 0.0, -1.0),
+        ("f_stop", 1e-3, 1e-4),
+        ("f_stop", 1e6, 1e7),
+        ("focus_m", 1e-3, 1e-4),
+        ("focus_m", 1e9, 1e10),
+    ],
+)
 def test_lenses_that_single_precision_cannot_hold_are_refused(key, good, bad):
     seen_from((0, 0, 0), camera={key: good})
     with pytest.raises(InputError, match=key):

@@ -50,7 +50,7 @@ def spectral_radius(M) -> float:
 
 
 def test_euler_and_rk4_blow_up_on_a_stiff_thruster_where_the_exact_filter_decays():
-    z = np.array([[0.0, 1.0], [-1000.0**2, -2.0 * 1000.0]]) * H
+    z = np.array([[0.0, 1.0], [-(1000.0**2), -2.0 * 1000.0]]) * H
     euler = np.eye(2) + z
     rk4 = euler + z @ z / 2.0 + z @ z @ z / 6.0 + z @ z @ z @ z / 24.0
     assert spectral_radius(euler) == pytest.approx(4.0, abs=1e-5)
@@ -106,6 +106,7 @@ def test_drag_too_stiff_for_the_clock_is_refused_with_its_number():
 def test_rk4_itself_would_diverge_where_the_simulator_refuses():
     def growth(z):
         return abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0)
+
     assert growth(-2.785) < 1.0 < growth(-2.786)
     assert all(growth(-z) < 1.0 for z in np.linspace(0.01, 0.5, 50))
 
@@ -169,8 +170,10 @@ def test_weights_without_a_stabilising_gain_are_refused():
 def test_looking_straight_up_or_down_is_no_special_attitude():
     """Euler angles would be singular at +-90 degrees; a slew through such an attitude is as good as any other."""
     vehicle = description.Vehicle()
-    through = [quaternion.multiply(quaternion.exp((0.0, np.radians(89.5), 0.0)), quaternion.exp(offset))
-               for offset in ((0.09, 0.0, 0.0), (0.0, 0.0, 0.09))]
+    through = [
+        quaternion.multiply(quaternion.exp((0.0, np.radians(89.5), 0.0)), quaternion.exp(offset))
+        for offset in ((0.09, 0.0, 0.0), (0.0, 0.0, 0.09))
+    ]
     body = sphere(vehicle)
     for start in through:
         goal = Reference(ZERO, ZERO, ZERO, quaternion.exp((0.0, np.radians(89.5), 0.0)), ZERO, ZERO)
@@ -206,8 +209,9 @@ def test_a_saturated_thruster_overshoots_without_drag_but_converges(low_drag):
 
 
 def test_a_saturated_moment_overshoots_without_drag_but_converges():
-    vehicle = description.Vehicle(mass_kg=12.0, max_torque=0.05, linear_rotational_drag=0.0,
-                                  quadratic_rotational_drag=0.0)
+    vehicle = description.Vehicle(
+        mass_kg=12.0, max_torque=0.05, linear_rotational_drag=0.0, quadratic_rotational_drag=0.0
+    )
     start = np.radians(170.0)
     z = np.array([quaternion.log(s.q)[2] for s in steer(vehicle, State(q=quaternion.exp((0.0, 0.0, start))), 60.0)])
     assert np.radians(1.0) < -z.min() < start
@@ -244,16 +248,23 @@ def test_the_vehicle_never_stalls_at_a_turn(turn_deg):
     angle = np.radians(turn_deg)
     goal = (float(5.0 * np.sin(angle)), 5.0 + float(5.0 * np.cos(angle)), 0.0)
     for mode in ("none", "full"):
-        simulation = simulate(course({"position": (0, 0, 0)}, {"position": (0, 5, 0)}, {"position": goal},
-                                     vehicle={"controller": {"feed_forward": mode}}))
+        simulation = simulate(
+            course(
+                {"position": (0, 0, 0)},
+                {"position": (0, 5, 0)},
+                {"position": goal},
+                vehicle={"controller": {"feed_forward": mode}},
+            )
+        )
         last = simulation.frames.position[-1]
         assert np.linalg.norm(last - goal) < 0.55  # the hand-over radius and a frame's way
         assert not simulation.messages
 
 
 def test_a_speed_beyond_the_vehicle_is_reported_and_the_course_still_ends():
-    scene = course({"position": (0, 0, 0)}, {"position": (0, 30, 0), "speed": 2.0}, vehicle={"mass_kg": 12.0},
-                   max_acceleration=2.0)
+    scene = course(
+        {"position": (0, 0, 0)}, {"position": (0, 30, 0), "speed": 2.0}, vehicle={"mass_kg": 12.0}, max_acceleration=2.0
+    )
     simulation = simulate(scene)
     assert any("cannot go faster than 1.24 m/s" in message for message in simulation.messages)
     lag = np.linalg.norm(simulation.reference_position - simulation.trajectory.position, axis=1)
@@ -262,8 +273,9 @@ def test_a_speed_beyond_the_vehicle_is_reported_and_the_course_still_ends():
 
 
 def test_a_leg_that_needs_more_moment_than_there_is_is_reported():
-    scene = course({"position": (0, 0, 0)}, {"position": (0, 0, 0), "rotation_euler_deg": (0, 0, 90)},
-                   vehicle={"max_torque": 0.2})
+    scene = course(
+        {"position": (0, 0, 0)}, {"position": (0, 0, 0), "rotation_euler_deg": (0, 0, 90)}, vehicle={"max_torque": 0.2}
+    )
     assert any("vehicle.max_torque" in message for message in simulate(scene).messages)
 
 
@@ -285,8 +297,9 @@ def test_a_current_faster_than_the_vehicle_is_reported():
 def test_half_a_turn_between_waypoints_is_reported_and_its_sign_chooses_the_way():
     rates = {}
     for sign in (1.0, -1.0):
-        simulation = simulate(course({"position": (0, 0, 0)},
-                                     {"position": (0, 2, 0), "rotation_euler_deg": (0, 0, sign * 180.0)}))
+        simulation = simulate(
+            course({"position": (0, 0, 0)}, {"position": (0, 2, 0), "rotation_euler_deg": (0, 0, sign * 180.0)})
+        )
         rates[sign] = simulation.trajectory.angular_velocity[:, 2]
         assert any("half a turn" in message for message in simulation.messages)
         assert np.degrees(simulation.trajectory.rotation()[-1].magnitude()) == pytest.approx(180.0, abs=0.5)
@@ -298,8 +311,9 @@ def test_waypoints_without_distance_or_turn_are_held_and_nothing_is_divided_by_z
     with np.errstate(all="raise"):
         simulation = simulate(course(*[{"position": (1, 2, 3)}] * 3))
     assert np.isfinite(simulation.trajectory.position).all()
-    np.testing.assert_allclose(simulation.trajectory.position, np.tile([1.0, 2.0, 3.0], (len(
-        simulation.trajectory.position), 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        simulation.trajectory.position, np.tile([1.0, 2.0, 3.0], (len(simulation.trajectory.position), 1)), atol=1e-12
+    )
 
 
 def test_a_single_waypoint_is_held_for_the_duration():

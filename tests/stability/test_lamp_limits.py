@@ -50,12 +50,24 @@ def test_spots_fail_right_beyond(cone, blend, error):
     assert flux_error(cone, blend) > error
 
 
-@pytest.mark.parametrize(("cone", "expected"), [(1.0, "path"), (19.9, "path"), (20.0, "field"), (179.0, "field"),
-                                                (179.1, "path"), (359.0, "path"), (360.0, "field")])
+@pytest.mark.parametrize(
+    ("cone", "expected"),
+    [
+        (1.0, "path"),
+        (19.9, "path"),
+        (20.0, "field"),
+        (179.0, "field"),
+        (179.1, "path"),
+        (359.0, "path"),
+        (360.0, "field"),
+    ],
+)
 def test_cones_are_tables_from_20_to_179_degrees_and_paths_beyond(cone, expected):
-    scene = Scene(water={"coefficients": VAROS_WATER | {"phase": {"g": 0.8}}},
-                  vehicle={"lights": [spot((0.1, 0, 0), cone_deg=cone)]},
-                  trajectory={"poses": [{"position": (0, 0, 0)}]})
+    scene = Scene(
+        water={"coefficients": VAROS_WATER | {"phase": {"g": 0.8}}},
+        vehicle={"lights": [spot((0.1, 0, 0), cone_deg=cone)]},
+        trajectory={"poses": [{"position": (0, 0, 0)}]},
+    )
     assert resolve_integrator("auto", None, lambda: unavailable(scene)) == expected
     if expected == "path":
         with pytest.raises(InputError, match="cone"):
@@ -87,11 +99,19 @@ def test_the_pixel_that_a_lamp_is_seen_in_hardly_varies():
     """Light scattered around the lamp goes as 1/h; of 300 with even samples of the pixel one is 5.7 times as bright."""
     view = {"id": "M0", "resolution": [9, 7], "look_at": to_vehicle((0, 0, 1))}
     lamp = spot((0.35, -0.2, 2.5), (-0.1, 0.1, -1.0), 80.0)
-    scene = Scene(water={"coefficients": VAROS_WATER}, vehicle={"lights": [lamp], "cameras": [view]},
-                  trajectory={"poses": [{"position": [0, 0, 0]}]})
+    scene = Scene(
+        water={"coefficients": VAROS_WATER},
+        vehicle={"lights": [lamp], "cameras": [view]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+    )
     renderer = FrameRenderer(scene, "cpu")
-    images = np.array([renderer.render(np.eye(4), outputs="A", integrator="path", spp=8, layers=("single",), seed=seed
-                                       ).A.radiance for seed in range(300)], float)
+    images = np.array(
+        [
+            renderer.render(np.eye(4), outputs="A", integrator="path", spp=8, layers=("single",), seed=seed).A.radiance
+            for seed in range(300)
+        ],
+        float,
+    )
     values = images[:, *np.unravel_index(images.mean((0, 3)).argmax(), images.shape[1:3])]
     relative = values / values.mean(axis=0)
     assert relative.max() < 3.0

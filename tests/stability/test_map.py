@@ -21,10 +21,20 @@ def test_every_entry_is_guarded_by_a_test_that_there_is(key):
 
 
 def entry(**changes):
-    fields = {"key": "sweep", "title": "a sweep", "method": "path", "parameter": "x [m]", "values": [1.0, 2.0, 3.0],
-              "errors": {"path": [1e-3, 2e-3, math.nan]}, "measure": "Relative error.", "limit": "1 .. 2 m",
-              "fails": "everything | all", "program": "refuses", "test": "tests/stability/test_map.py::test_x",
-              "holds": (None, 2.0)}
+    fields = {
+        "key": "sweep",
+        "title": "a sweep",
+        "method": "path",
+        "parameter": "x [m]",
+        "values": [1.0, 2.0, 3.0],
+        "errors": {"path": [1e-3, 2e-3, math.nan]},
+        "measure": "Relative error.",
+        "limit": "1 .. 2 m",
+        "fails": "everything | all",
+        "program": "refuses",
+        "test": "tests/stability/test_map.py::test_x",
+        "holds": (None, 2.0),
+    }
     return Sweep(**fields | changes)
 
 
@@ -35,8 +45,10 @@ def test_a_sweep_survives_its_record():
     assert again.holds == (None, 2.0)
 
 
-@pytest.mark.parametrize(("changes", "message"), [({"values": [1.0]}, "error for each"), ({"test": "a test"}, "node"),
-                                                  ({"key": "no key"}, "identifier")])
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [({"values": [1.0]}, "error for each"), ({"test": "a test"}, "node"), ({"key": "no key"}, "identifier")],
+)
 def test_a_sweep_that_makes_no_sense_is_none(changes, message):
     with pytest.raises(ValueError, match=message):
         entry(**changes)

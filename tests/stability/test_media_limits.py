@@ -21,8 +21,11 @@ from varos_warp.scene.file.load import load_scene
 
 
 def scene_of(coefficients, lights=VAROS_LAMPS):
-    return Scene(water={"coefficients": coefficients}, vehicle={"lights": lights},
-                 trajectory={"poses": [{"position": (0, 0, 0)}]})
+    return Scene(
+        water={"coefficients": coefficients},
+        vehicle={"lights": lights},
+        trajectory={"poses": [{"position": (0, 0, 0)}]},
+    )
 
 
 def integrator_of(scene):
@@ -74,8 +77,10 @@ def test_sharper_phase_functions_are_refused(g, tmp_path):
     """What a kernel would make of them: 23 % off at -0.999, infinite at -0.9999, 20 % off at 1 - 1e-7."""
     file = tmp_path / "scene.yaml"
     phase = f"{{g: {g:.10f}}}"
-    file.write_text(f"water: {{coefficients: {{sigma_s: [1, 1, 1], sigma_a: [0, 0, 0], phase: {phase}}}}}\n"
-                    "trajectory: {poses: [{position: [0, 0, 0]}]}\n")
+    file.write_text(
+        f"water: {{coefficients: {{sigma_s: [1, 1, 1], sigma_a: [0, 0, 0], phase: {phase}}}}}\n"
+        "trajectory: {poses: [{position: [0, 0, 0]}]}\n"
+    )
     with pytest.raises(InputError, match=r"phase\.g"):
         load_scene(file)
 

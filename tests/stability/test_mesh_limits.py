@@ -18,8 +18,13 @@ SHEET = generate_terrain(20.0, 17, 2.0, seed=3)
 
 
 def scene(camera=None, **blocks):
-    return scene_from_dict({"trajectory": {"poses": [{"position": (0, 0, 0)}]},
-                            "vehicle": {"cameras": [{"resolution": (32, 18)} | (camera or {})]}, **blocks})
+    return scene_from_dict(
+        {
+            "trajectory": {"poses": [{"position": (0, 0, 0)}]},
+            "vehicle": {"cameras": [{"resolution": (32, 18)} | (camera or {})]},
+            **blocks,
+        }
+    )
 
 
 def depths(vertices, faces, camera=None):
@@ -65,12 +70,17 @@ def test_needles_are_hit_where_they_are(aspect):
 def test_faces_that_repeat_or_have_no_area_change_no_depth(fault):
     vertices = on_the_wall(np.array([-20.0, 20.0, 20.0, -20.0]), np.array([-20.0, -20.0, 20.0, 20.0]))
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-    more = {"twice": faces, "from both sides": faces[:, ::-1], "without area": faces[:, [0, 1, 1]],
-            "on one line": np.array([[0, 4, 2]])}[fault]
+    more = {
+        "twice": faces,
+        "from both sides": faces[:, ::-1],
+        "without area": faces[:, [0, 1, 1]],
+        "on one line": np.array([[0, 4, 2]]),
+    }[fault]
     vertices = np.vstack([vertices, 0.5 * (vertices[0] + vertices[2])])
     # the same surface, by another triangle: the rounding of its corners, 20 m away
-    np.testing.assert_allclose(depths(vertices, np.concatenate([faces, more])), depths(vertices, faces),
-                               atol=20 * 2.0**-24)
+    np.testing.assert_allclose(
+        depths(vertices, np.concatenate([faces, more])), depths(vertices, faces), atol=20 * 2.0**-24
+    )
 
 
 def test_one_triangle_is_a_world():
@@ -86,13 +96,22 @@ def test_a_vertex_in_the_camera_is_no_depth_of_nan():
 # ----------------------------------------------------------------------------------------------------------- refusals
 
 
-@pytest.mark.parametrize("block", [
-    {"kind": "pipe", "radius": 1e-300, "length": 1.0}, {"kind": "pipe", "radius": 0.1, "length": 1e-300},
-    {"kind": "flange", "radius": 1e6}, {"kind": "valve", "radius": 1e300}, {"kind": "pipe_support", "radius": 1e-300},
-    {"kind": "elbow", "radius": 1e300, "bend_radius": 2e300}, {"kind": "boulder", "diameter": 1e300},
-    {"kind": "elbow", "radius": 0.1, "bend_radius": 0.4, "angle_deg": 1e-12},
-    {"kind": "bolt", "size": "M24", "length": 1e-300}, {"kind": "pipe", "radius": 0.1, "length": 1, "wall": 1e-300},
-    {"kind": "pipe", "radius": 0.1, "length": 1, "chord_error_m": 1e-300}])
+@pytest.mark.parametrize(
+    "block",
+    [
+        {"kind": "pipe", "radius": 1e-300, "length": 1.0},
+        {"kind": "pipe", "radius": 0.1, "length": 1e-300},
+        {"kind": "flange", "radius": 1e6},
+        {"kind": "valve", "radius": 1e300},
+        {"kind": "pipe_support", "radius": 1e-300},
+        {"kind": "elbow", "radius": 1e300, "bend_radius": 2e300},
+        {"kind": "boulder", "diameter": 1e300},
+        {"kind": "elbow", "radius": 0.1, "bend_radius": 0.4, "angle_deg": 1e-12},
+        {"kind": "bolt", "size": "M24", "length": 1e-300},
+        {"kind": "pipe", "radius": 0.1, "length": 1, "wall": 1e-300},
+        {"kind": "pipe", "radius": 0.1, "length": 1, "chord_error_m": 1e-300},
+    ],
+)
 def test_measures_that_nothing_is_made_of_are_refused(block):
     with pytest.raises(InputError) as caught:
         scene(objects=[block])
@@ -100,22 +119,29 @@ def test_measures_that_nothing_is_made_of_are_refused(block):
     assert caught.value.remedy
 
 
-@pytest.mark.parametrize("block", [
-    {"kind": "valve", "radius": 1e-4}, {"kind": "flange", "radius": 100.0},
-    {"kind": "pipe", "radius": 1e-4, "length": 100.0}, {"kind": "boulder", "diameter": 1e-4},
-    {"kind": "pipe", "radius": 100.0, "length": 1e-4, "chord_error_m": 1e-6},
-    {"kind": "elbow", "radius": 0.1, "bend_radius": 0.4, "angle_deg": 0.1},
-    {"kind": "bolt", "size": "M64", "length": 100.0}])
+@pytest.mark.parametrize(
+    "block",
+    [
+        {"kind": "valve", "radius": 1e-4},
+        {"kind": "flange", "radius": 100.0},
+        {"kind": "pipe", "radius": 1e-4, "length": 100.0},
+        {"kind": "boulder", "diameter": 1e-4},
+        {"kind": "pipe", "radius": 100.0, "length": 1e-4, "chord_error_m": 1e-6},
+        {"kind": "elbow", "radius": 0.1, "bend_radius": 0.4, "angle_deg": 0.1},
+        {"kind": "bolt", "size": "M64", "length": 100.0},
+    ],
+)
 def test_the_smallest_and_largest_measures_make_sound_objects(block):
-    part, = build_parts(scene(objects=[block]))
+    (part,) = build_parts(scene(objects=[block]))
     assert np.isfinite(part.vertices).all()
     assert len(part.faces) < 4e6
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-6, 1.0, 1e6])
 def test_a_terrain_of_any_unit_is_repaired_when_its_tolerance_has_the_same(scale):
-    vertices, faces = terrain.preprocess(SHEET[0] * scale, SHEET[1], merge_tolerance_m=1e-3 * scale,
-                                         shrinkwrap_resolution=17)
+    vertices, faces = terrain.preprocess(
+        SHEET[0] * scale, SHEET[1], merge_tolerance_m=1e-3 * scale, shrinkwrap_resolution=17
+    )
     np.testing.assert_allclose(np.ptp(vertices[:, :2], axis=0), 20.0 * scale, rtol=1e-6)
     assert len(faces) >= len(SHEET[1])
 

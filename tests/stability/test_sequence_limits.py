@@ -21,8 +21,9 @@ DAY = 86_400.0
 
 def course(*positions, vehicle=None, render=None, **options):
     waypoints = [p if isinstance(p, dict) else {"position": p} for p in positions]
-    return scene_from_dict({"trajectory": {"waypoints": waypoints, **options}, "vehicle": vehicle or {},
-                            "render": render or {}})
+    return scene_from_dict(
+        {"trajectory": {"waypoints": waypoints, **options}, "vehicle": vehicle or {}, "render": render or {}}
+    )
 
 
 def poses(*times_s, **options):
@@ -41,44 +42,68 @@ def refusal(scene) -> InputError:
 # ------------------------------------------------------------------------------------------------------------- too long
 
 
-@pytest.mark.parametrize(("positions", "options", "key"), [
-    (((0, 0, 0), (0, 1e7, 0)), {}, "trajectory.waypoints.1"),
-    (((0, 0, 0), (0, 1, 0), (0, 1e9, 0), (0, 3, 0)), {}, "trajectory.waypoints.2"),
-    (((0, 0, 0), (0, 3, 0)), {"speed": 1e-9}, "trajectory.waypoints.1"),
-    (((0, 0, 0), (0, 3, 0)), {"speed": 1e-300}, "trajectory.waypoints.1"),
-    (((0, 0, 0), (0, 3, 0)), {"speed": 5e-324}, "trajectory.waypoints.1"),
-    (((0, 0, 0), (0, 3, 0)), {"max_acceleration": 1e-300}, "trajectory.waypoints.1"),
-    (((0, 0, 0), {"position": (0, 3, 0), "rotation_euler_deg": (0, 0, 90)}), {"max_angular_speed_deg": 1e-9},
-     "trajectory.waypoints.1"),
-    (((0, 0, 0), {"position": (0, 3, 0), "dwell_s": 1e300}), {}, "trajectory.waypoints.1"),
-    (((0, 0, 0), (0, 3, 0)), {"duration_s": 1.001 * DAY}, "trajectory.duration_s"),
-    (((0, 0, 0), (0, 3, 0)), {"duration_s": 1e300}, "trajectory.duration_s"),
-])
+@pytest.mark.parametrize(
+    ("positions", "options", "key"),
+    [
+        (((0, 0, 0), (0, 1e7, 0)), {}, "trajectory.waypoints.1"),
+        (((0, 0, 0), (0, 1, 0), (0, 1e9, 0), (0, 3, 0)), {}, "trajectory.waypoints.2"),
+        (((0, 0, 0), (0, 3, 0)), {"speed": 1e-9}, "trajectory.waypoints.1"),
+        (((0, 0, 0), (0, 3, 0)), {"speed": 1e-300}, "trajectory.waypoints.1"),
+        (((0, 0, 0), (0, 3, 0)), {"speed": 5e-324}, "trajectory.waypoints.1"),
+        (((0, 0, 0), (0, 3, 0)), {"max_acceleration": 1e-300}, "trajectory.waypoints.1"),
+        (
+            ((0, 0, 0), {"position": (0, 3, 0), "rotation_euler_deg": (0, 0, 90)}),
+            {"max_angular_speed_deg": 1e-9},
+            "trajectory.waypoints.1",
+        ),
+        (((0, 0, 0), {"position": (0, 3, 0), "dwell_s": 1e300}), {}, "trajectory.waypoints.1"),
+        (((0, 0, 0), (0, 3, 0)), {"duration_s": 1.001 * DAY}, "trajectory.duration_s"),
+        (((0, 0, 0), (0, 3, 0)), {"duration_s": 1e300}, "trajectory.duration_s"),
+    ],
+)
 def test_a_sequence_of_more_than_a_day_is_refused_before_it_is_driven(positions, options, key):
     assert refusal(course(*positions, **options)).key == key
 
 
-@pytest.mark.parametrize(("times", "options", "key"), [
-    ((0.0, 1.001 * DAY), {}, "trajectory.poses.1.time_s"), ((0.0, 1e300), {}, "trajectory.poses.1.time_s"),
-    ((0.0,), {"duration_s": 1e9}, "trajectory.duration_s")])
+@pytest.mark.parametrize(
+    ("times", "options", "key"),
+    [
+        ((0.0, 1.001 * DAY), {}, "trajectory.poses.1.time_s"),
+        ((0.0, 1e300), {}, "trajectory.poses.1.time_s"),
+        ((0.0,), {"duration_s": 1e9}, "trajectory.duration_s"),
+    ],
+)
 def test_exact_poses_of_more_than_a_day_are_refused(times, options, key):
     assert refusal(poses(*times, **options)).key == key
 
 
-@pytest.mark.parametrize(("rate", "block", "key"), [
-    (1e-300, "render", "render.frame_rate_hz"), (1e-6, "imu", "vehicle.imu.rate_hz"),
-    (1e-6, "depth_gauge", "vehicle.depth_gauge.rate_hz"), (1e-6, "dvl", "vehicle.dvl.rate_hz"),
-    (1e-6, "magnetometer", "vehicle.magnetometer.rate_hz")])
+@pytest.mark.parametrize(
+    ("rate", "block", "key"),
+    [
+        (1e-300, "render", "render.frame_rate_hz"),
+        (1e-6, "imu", "vehicle.imu.rate_hz"),
+        (1e-6, "depth_gauge", "vehicle.depth_gauge.rate_hz"),
+        (1e-6, "dvl", "vehicle.dvl.rate_hz"),
+        (1e-6, "magnetometer", "vehicle.magnetometer.rate_hz"),
+    ],
+)
 def test_a_rate_of_less_than_a_sample_a_day_is_refused(rate, block, key):
-    scene = course((0, 0, 0), duration_s=0.1, **(
-        {"render": {"frame_rate_hz": rate}} if block == "render" else {"vehicle": {block: {"rate_hz": rate}}}))
+    scene = course(
+        (0, 0, 0),
+        duration_s=0.1,
+        **({"render": {"frame_rate_hz": rate}} if block == "render" else {"vehicle": {block: {"rate_hz": rate}}}),
+    )
     assert refusal(scene).key == key
 
 
 def test_a_vehicle_that_waits_longer_than_a_day_is_stopped_with_the_waypoint_it_waits_at(monkeypatch):
     monkeypatch.setattr(flight, "MAX_TICKS", 4000)
-    scene = scene_from_dict({"trajectory": {"waypoints": [{"position": (0, 0, 0)}, {"position": (0, 1, 0)}],
-                                            "handover_timeout_s": 1e9}, "current": {"velocity": (3.0, 0.0, 0.0)}})
+    scene = scene_from_dict(
+        {
+            "trajectory": {"waypoints": [{"position": (0, 0, 0)}, {"position": (0, 1, 0)}], "handover_timeout_s": 1e9},
+            "current": {"velocity": (3.0, 0.0, 0.0)},
+        }
+    )
     error = refusal(scene)
     assert error.key == "trajectory.waypoints.1"
     assert "wait" in error.problem
@@ -112,15 +137,27 @@ def whole_reference(course, ticks):
     for leg, gate in zip(course.legs, course.gates, strict=True):
         s = (rows - start) * TICK_S / leg.duration
         w = guidance.weight(s)[0][:, None]
-        window = guidance.Window(window.position + w * leg.step, *[None] * 2,
-                                 window.attitude * Rotation.from_rotvec(w * leg.turn), None, None)
+        window = guidance.Window(
+            window.position + w * leg.step,
+            *[None] * 2,
+            window.attitude * Rotation.from_rotvec(w * leg.turn),
+            None,
+            None,
+        )
         start += int(np.ceil(round((leg.duration - gate.overlap) / TICK_S, 6)))
     return window
 
 
 def test_the_reference_made_in_blocks_is_the_sum_of_its_legs():
-    stops = [{"position": p, "rotation_euler_deg": e} for p, e in (
-        ((0, 0, 0), (0, 0, 0)), ((0, 2, 0), (0, 0, 80)), ((2, 2, 1), (10, -30, 120)), ((2.5, 2, 1), (0, 0, 0)))]
+    stops = [
+        {"position": p, "rotation_euler_deg": e}
+        for p, e in (
+            ((0, 0, 0), (0, 0, 0)),
+            ((0, 2, 0), (0, 0, 80)),
+            ((2, 2, 1), (10, -30, 120)),
+            ((2.5, 2, 1), (0, 0, 0)),
+        )
+    ]
     planned = plan(course(*stops).trajectory)
     walk = Guidance(planned)
     ticks = round(planned.duration / TICK_S)

@@ -47,9 +47,12 @@ def ground(half=100.0, height=0.0, **how):
 def scene_of(lights, coefficients, position=(0.0, 0.0, 0.0), resolution=(24, 16), **view):
     """A vehicle at ``position``; lamps in its axes."""
     view = {"id": "M0", "resolution": resolution, "sensor_mm": [6.0, 4.0], "focal_mm": 4.0} | view
-    return Scene(water="none" if coefficients is None else {"coefficients": coefficients},
-                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": position}]},
-                 render={"integrator": "path"})
+    return Scene(
+        water="none" if coefficients is None else {"coefficients": coefficients},
+        vehicle={"lights": lights, "cameras": [view]},
+        trajectory={"poses": [{"position": position}]},
+        render={"integrator": "path"},
+    )
 
 
 def image_of(scene, parts=(), pose=None, **how):
@@ -81,9 +84,11 @@ def world_at(offset, with_ground):
     parts = []
     if with_ground:
         sand = SlopeBlend(kind="slope_blend")
-        parts = [ground(20.0, -2.0, material=sand, offset=offset),
-                 box((0.5, 0.5, 1.0), (0.4, 3.0, -1.5), material=Rust(kind="rust"), offset=offset),
-                 box((0.3, 0.3, 0.3), (-0.7, 2.5, -1.9), offset=offset)]
+        parts = [
+            ground(20.0, -2.0, material=sand, offset=offset),
+            box((0.5, 0.5, 1.0), (0.4, 3.0, -1.5), material=Rust(kind="rust"), offset=offset),
+            box((0.3, 0.3, 0.3), (-0.7, 2.5, -1.9), offset=offset),
+        ]
     lamps = [spot((-0.15, 0, -0.1), blend=0.15), spot((0.15, 0, -0.1))]
     scene = scene_of(lamps, PAPER_WATER, offset, f_stop=1.7, rotation_euler_deg=(-25, 0, 0))
     return FrameRenderer(scene, "cpu", parts=parts).render(transform(None, offset), spp=32, seed=3)
@@ -286,8 +291,10 @@ def lit_ground(height, distance, parts, lamp_height=None):
     return frame.A.radiance[..., 0] / truth, frame.D.depth, truth
 
 
-@pytest.mark.parametrize(("height", "distance", "lamp_height"), [(1.0, 2.0, None), (1.0, 30.0, None), (5.0, 60.0, 0.05),
-                                                                (0.05, 0.1, 0.01), (0.3, 0.5, 0.002)])
+@pytest.mark.parametrize(
+    ("height", "distance", "lamp_height"),
+    [(1.0, 2.0, None), (1.0, 30.0, None), (5.0, 60.0, 0.05), (0.05, 0.1, 0.01), (0.3, 0.5, 0.002)],
+)
 def test_triangles_of_200_m_have_no_shadow_acne(height, distance, lamp_height):
     """Next to boxes of a centimetre, under grazing light, far away and very near: no pixel is darker than the truth."""
     tiny = [box((0.01, 0.01, 0.01), (3.0 + 0.02 * i, 4.0, 0.005)) for i in range(3)]
@@ -302,8 +309,9 @@ def test_a_tiny_box_on_huge_ground_casts_its_shadow():
     """1 cm on triangles of 200 m, away from the origin: neither lost nor leaking."""
     lamp = {"kind": "point", "position": [0.0, 0.0, 0.0], "intensity": [1, 1, 1]}
     eye = np.array([30.0, 40.0, 0.5])
-    scene = scene_of([lamp], None, sensor_mm=(1.0, 1.0), resolution=(48, 48), position=[0.2, 0.0, 0.0],
-                     look_at=[0.0, 0.02, -0.5])
+    scene = scene_of(
+        [lamp], None, sensor_mm=(1.0, 1.0), resolution=(48, 48), position=[0.2, 0.0, 0.0], look_at=[0.0, 0.02, -0.5]
+    )
     cube = box((0.01, 0.01, 0.01), eye + [0.0, 0.0, -0.495])
     lit = image_of(scene, [ground(100.0)], transform(None, eye), layers=("direct",)).radiance[..., 0]
     shaded = image_of(scene, [ground(100.0), cube], transform(None, eye), layers=("direct",)).radiance[..., 0]
@@ -326,8 +334,17 @@ def test_a_closed_hull_of_acute_wedges_leaks_no_light(half):
 # ------------------------------------------------------------------------------------------------ smallest settings
 
 
-@pytest.mark.parametrize("lamp", [{"blend": 0.0}, {"blend": 1.0}, {"cone_deg": 360.0}, {"cone_deg": 180.0},
-                                  {"cone_deg": 360.0, "blend": 1.0}, {"cone_deg": 1.0, "blend": 1.0}])
+@pytest.mark.parametrize(
+    "lamp",
+    [
+        {"blend": 0.0},
+        {"blend": 1.0},
+        {"cone_deg": 360.0},
+        {"cone_deg": 180.0},
+        {"cone_deg": 360.0, "blend": 1.0},
+        {"cone_deg": 1.0, "blend": 1.0},
+    ],
+)
 @pytest.mark.parametrize(("spp", "resolution"), [(1, (1, 1)), (2, (1, 1)), (1, (5, 3)), (3, (1, 40))])
 def test_the_smallest_images_are_images(lamp, spp, resolution):
     lamps = [spot((0.15, 0, -0.1), **lamp), spot((-0.15, 0, -0.1), **lamp)]
@@ -377,9 +394,14 @@ def test_images_with_tables_are_numbers(parts, spp, resolution):
 
 def test_the_image_with_tables_does_not_depend_on_where_on_the_map_it_is():
     parts = [ground(20.0, -1.0), box((0.1, 0.1, 2.0), (0.1, 1.6, 0.0))]
-    here, there = (image_of(scene_of(VAROS_LAMPS, PAPER_WATER, offset), [replace(p, vertices=p.vertices + offset)
-                            for p in parts], integrator="field").radiance.astype(float)
-                   for offset in ((0.0, 0.0, 0.0), MAPS[1]))
+    here, there = (
+        image_of(
+            scene_of(VAROS_LAMPS, PAPER_WATER, offset),
+            [replace(p, vertices=p.vertices + offset) for p in parts],
+            integrator="field",
+        ).radiance.astype(float)
+        for offset in ((0.0, 0.0, 0.0), MAPS[1])
+    )
     assert np.mean(np.abs(there - here) > 1e-3 * here) < 0.05
 
 

@@ -8,23 +8,34 @@ from varos_warp.scene.file.load import scene_from_dict
 
 FAR = (569_000.0, 7_034_000.0, -20.0)
 """UTM coordinates, where a float64 is good to a nanometre."""
-NOISE = {"gyroscope_noise_density": 1.7e-4, "gyroscope_random_walk": 2e-5, "accelerometer_noise_density": 2e-3,
-         "accelerometer_random_walk": 3e-3, "accelerometer_turn_on_bias": 0.1}
+NOISE = {
+    "gyroscope_noise_density": 1.7e-4,
+    "gyroscope_random_walk": 2e-5,
+    "accelerometer_noise_density": 2e-3,
+    "accelerometer_random_walk": 3e-3,
+    "accelerometer_turn_on_bias": 0.1,
+}
 
 
 def course(**changes):
-    vehicle = {"imu": {"position": [0.3, 0.2, -0.3], "rotation_euler_deg": [10, 20, 90]}, "depth_gauge": {},
-               "cameras": [{"id": "M0", "resolution": [64, 36]}]}
-    return scene_from_dict({"name": "course", "water": "none", "vehicle": vehicle,
-                            "render": {"outputs": ["D"]}} | changes)
+    vehicle = {
+        "imu": {"position": [0.3, 0.2, -0.3], "rotation_euler_deg": [10, 20, 90]},
+        "depth_gauge": {},
+        "cameras": [{"id": "M0", "resolution": [64, 36]}],
+    }
+    return scene_from_dict(
+        {"name": "course", "water": "none", "vehicle": vehicle, "render": {"outputs": ["D"]}} | changes
+    )
 
 
 def corners(**trajectory):
     """Exact poses that end at full speed."""
-    poses = [{"time_s": 0, "position": [0, 0, 0]},
-             {"time_s": 1, "position": [1, 0, 0], "rotation_euler_deg": [0, 0, 90]},
-             {"time_s": 3, "position": [1, 3, 0], "rotation_euler_deg": [90, 0, 90]},
-             {"time_s": 4, "position": [0, 3, 1]}]
+    poses = [
+        {"time_s": 0, "position": [0, 0, 0]},
+        {"time_s": 1, "position": [1, 0, 0], "rotation_euler_deg": [0, 0, 90]},
+        {"time_s": 3, "position": [1, 3, 0], "rotation_euler_deg": [90, 0, 90]},
+        {"time_s": 4, "position": [0, 3, 1]},
+    ]
     return course(trajectory={"poses": poses, **trajectory})
 
 
@@ -37,9 +48,13 @@ def far_away_with_noise():
     scene["vehicle"]["imu"] |= {"rate_hz": 100, "noise": NOISE}
     scene["vehicle"]["depth_gauge"] |= {"rate_hz": 40}
     x, y, z = FAR
-    scene["trajectory"] = {"waypoints": [
-        {"position": [x, y, z]}, {"position": [x + 1, y + 1, z], "rotation_euler_deg": [0, 0, 90]},
-        {"position": [x, y + 2, z - 1], "rotation_euler_deg": [-30, 0, 180]}]}
+    scene["trajectory"] = {
+        "waypoints": [
+            {"position": [x, y, z]},
+            {"position": [x + 1, y + 1, z], "rotation_euler_deg": [0, 0, 90]},
+            {"position": [x, y + 2, z - 1], "rotation_euler_deg": [-30, 0, 180]},
+        ]
+    }
     return scene_from_dict(scene)
 
 

@@ -22,13 +22,15 @@ from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State, substeps
 
 H = 0.005
 WITHOUT_DRAG = dict.fromkeys(
-    ("linear_drag", "quadratic_drag", "linear_rotational_drag", "quadratic_rotational_drag"), 0.0)
+    ("linear_drag", "quadratic_drag", "linear_rotational_drag", "quadratic_rotational_drag"), 0.0
+)
 
 
 def scene(vehicle=None, positions=((0, 0, 0), (0, 2, 0)), trajectory=None, **blocks):
     waypoints = [{"position": p} for p in positions]
-    return scene_from_dict({"trajectory": {"waypoints": waypoints} | (trajectory or {}), "vehicle": vehicle or {}}
-                           | blocks)
+    return scene_from_dict(
+        {"trajectory": {"waypoints": waypoints} | (trajectory or {}), "vehicle": vehicle or {}} | blocks
+    )
 
 
 def still() -> Current:
@@ -61,9 +63,15 @@ def test_a_vehicle_lighter_than_its_own_drag_allows_is_refused():
     assert "lambda h" in refuses({"mass_kg": 0.04})
 
 
-@pytest.mark.parametrize(("vehicle", "blocks", "word"), [
-    ({"actuator_damping": 1e-3}, {}, "actuator_damping"), ({"max_force": 1e8}, {}, "max_force"),
-    ({"metacentric_height": 100.0}, {}, "metacentric_height"), ({}, {"current": {"velocity": (1e4, 0, 0)}}, "current")])
+@pytest.mark.parametrize(
+    ("vehicle", "blocks", "word"),
+    [
+        ({"actuator_damping": 1e-3}, {}, "actuator_damping"),
+        ({"max_force": 1e8}, {}, "max_force"),
+        ({"metacentric_height": 100.0}, {}, "metacentric_height"),
+        ({}, {"current": {"velocity": (1e4, 0, 0)}}, "current"),
+    ],
+)
 def test_motion_too_stiff_for_the_clock_is_refused_with_what_made_it_so_among_the_remedies(vehicle, blocks, word):
     message = refuses(vehicle, **blocks)
     assert "lambda h" in message
@@ -73,7 +81,7 @@ def test_motion_too_stiff_for_the_clock_is_refused_with_what_made_it_so_among_th
 def test_a_stiff_righting_moment_without_drag_is_cut_into_substeps_like_drag():
     """J theta'' = -M g h theta: at omega h = 1 a whole tick would be wrong, beyond 2.83 it would diverge."""
     J, weight = sphere(description.Vehicle()).inertia, 40.0 * 9.81
-    heights = {z: (z / H)**2 * J / weight for z in (0.1, 1.0, 1.9, 2.1)}
+    heights = {z: (z / H) ** 2 * J / weight for z in (0.1, 1.0, 1.9, 2.1)}
     body = {z: sphere(description.Vehicle(metacentric_height=h, **WITHOUT_DRAG)) for z, h in heights.items()}
     assert [substeps(body[z], 0.0, H) for z in (0.1, 1.0, 1.9)] == [1, 2, 4]
     with pytest.raises(InputError, match="metacentric_height"):
@@ -101,7 +109,7 @@ def test_thrusters_that_are_all_but_parallel_are_refused():
 @pytest.mark.parametrize("z", [0.1, 1.0, 1.9])
 def test_a_stiff_pendulum_keeps_its_swing(z):
     J = sphere(description.Vehicle()).inertia
-    body = sphere(description.Vehicle(metacentric_height=(z / H)**2 * J / (40.0 * 9.81), **WITHOUT_DRAG))
+    body = sphere(description.Vehicle(metacentric_height=(z / H) ** 2 * J / (40.0 * 9.81), **WITHOUT_DRAG))
     tilt, ticks = 1e-4, 100
     dynamics, state = Dynamics(body, still()), State(q=quaternion.exp((tilt, 0.0, 0.0)))
     for tick in range(ticks):
@@ -144,7 +152,7 @@ def test_a_free_vehicle_still_moves_with_the_fastest_current_that_is_taken(perio
     for tick in range(400):
         state = dynamics.advance(state, ZERO, ZERO, tick)
     error = np.linalg.norm(state.v - current.velocity([400 * H])[0])
-    assert error < 2 * current.max_speed * (current.frequency.max() * H)**4 / 2880 + 1e-13
+    assert error < 2 * current.max_speed * (current.frequency.max() * H) ** 4 / 2880 + 1e-13
 
 
 @pytest.mark.parametrize("period", [0.099, 1e-4, 1e-9, 1e-300])

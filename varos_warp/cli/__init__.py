@@ -35,8 +35,11 @@ class _ToStderr(logging.Handler):
 
 
 @app.callback()
-def _global(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
-                                                  help="Print the version.")] = False):
+def _global(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+):
     logging.getLogger("varos_warp").handlers = [_ToStderr()]
     warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
 

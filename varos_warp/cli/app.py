@@ -33,9 +33,13 @@ class _Command(_PlainFlags, TyperCommand):
     pass
 
 
-app = typer.Typer(cls=_Group, no_args_is_help=True, pretty_exceptions_enable=False,
-                  help="Realistic synthetic underwater video with exact ground truth.\n\nTo begin with: "
-                       "varos-warp init my.yaml, varos-warp info my.yaml, varos-warp run my.yaml -o OUT.")
+app = typer.Typer(
+    cls=_Group,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Realistic synthetic underwater video with exact ground truth.\n\nTo begin with: "
+    "varos-warp init my.yaml, varos-warp info my.yaml, varos-warp run my.yaml -o OUT.",
+)
 PANELS = {"scenes": "Scene files", "jobs": "Make a dataset", "datasets": "Use a dataset"}
 """Headings of the verbs in the help, by the module that has them."""
 
@@ -49,8 +53,11 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
     """
     parameters = inspect.signature(function).parameters.values()
     groups = {p.name: p.annotation for p in parameters if dataclasses.is_dataclass(p.annotation)}
-    options = [option for p in parameters
-               for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])]
+    options = [
+        option
+        for p in parameters
+        for option in (inspect.signature(p.annotation).parameters.values() if p.name in groups else [p])
+    ]
     named = {p.name for p in options if not any(isinstance(about, ArgumentInfo) for about in p.annotation.__metadata__)}
 
     @functools.wraps(function)

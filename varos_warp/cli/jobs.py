@@ -60,35 +60,72 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
 
 
 @resumable
-def run(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, workers: Workers = None,
-        json_: Json = False, quiet: Quiet = False):
+def run(
+    scene: SceneFile,
+    out: Out,
+    choices: Choices,
+    shard: Shard = None,
+    workers: Workers = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Simulate, render and write the dataset; goes on where an earlier run stopped."""
     make(scene, out, choices, json_, quiet, shard=parse_shard(shard), workers=workers)
 
 
 @resumable
-def render(scene: SceneFile, out: Out, choices: Choices, shard: Shard = None, workers: Workers = None,
-           json_: Json = False, quiet: Quiet = False):
+def render(
+    scene: SceneFile,
+    out: Out,
+    choices: Choices,
+    shard: Shard = None,
+    workers: Workers = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Render the images only, without sensors and the vehicle's poses."""
     make(scene, out, choices, json_, quiet, shard=parse_shard(shard), workers=workers, sensors=False)
 
 
 @verb
-def simulate(scene: SceneFile, out: Out, seed: Seed = None, vehicle: Vehicle = None, set_: Set = None,
-             json_: Json = False, quiet: Quiet = False):
+def simulate(
+    scene: SceneFile,
+    out: Out,
+    seed: Seed = None,
+    vehicle: Vehicle = None,
+    set_: Set = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Write the course and the readings of the sensors only, in seconds; no images."""
     make(scene, out, Choices(seed=seed, vehicle=vehicle, set_=set_), json_, quiet, images=False)
 
 
 @resumable
-def sweep(scene: SceneFile, out: SweepOut, over: Over, choices: Choices, shard: Shard = None, workers: Workers = None,
-          dry_run: DryRun = False, json_: Json = False, quiet: Quiet = False):
+def sweep(
+    scene: SceneFile,
+    out: SweepOut,
+    over: Over,
+    choices: Choices,
+    shard: Shard = None,
+    workers: Workers = None,
+    dry_run: DryRun = False,
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Make a dataset of each of many versions of a scene, such as waters; what they have in common is made once."""
     from varos_warp.dataset.sweep.costs import costs
     from varos_warp.dataset.sweep.run import prepare
 
-    job = prepare(scene, over, out, choices.overrides(), device=choices.device, frames=parse_frames(choices.frames),
-                  only=choices.vehicle)
+    job = prepare(
+        scene,
+        over,
+        out,
+        choices.overrides(),
+        device=choices.device,
+        frames=parse_frames(choices.frames),
+        only=choices.vehicle,
+    )
     if dry_run:
         told = costs(job, quiet)
         print_json({"out": str(out), "datasets": told}) if json_ else print_sweep(told)
@@ -105,8 +142,13 @@ def sweep(scene: SceneFile, out: SweepOut, over: Over, choices: Choices, shard: 
 
 
 @resumable
-def demo(out: Out = Path("varos_demo"), choices: Choices = Choices(), shard: Shard = None, json_: Json = False,
-         quiet: Quiet = False):
+def demo(
+    out: Out = Path("varos_demo"),
+    choices: Choices = Choices(),
+    shard: Shard = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Make the dataset of a small scene that comes with the package, and a report: minutes on two cores."""
     from varos_warp.dataset.reader.dataset import Dataset
     from varos_warp.dataset.report import write_report
@@ -125,8 +167,9 @@ def make(path: Path, out: Path, choices: Choices, json_: bool, quiet: bool, **op
     from varos_warp.scene.file.load import load_scene
 
     loaded = load_scene(path, choices.overrides())
-    made = produce_each(loaded, out, choices.vehicle, device=choices.device, frames=parse_frames(choices.frames),
-                        quiet=quiet, **options)
+    made = produce_each(
+        loaded, out, choices.vehicle, device=choices.device, frames=parse_frames(choices.frames), quiet=quiet, **options
+    )
     if json_:
         summaries = {each: asdict(summary) for each, summary in made.items()}
         print_json({"vehicles": summaries} if loaded.vehicles else summaries[loaded.vehicle.id])

@@ -18,18 +18,27 @@ Folder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder that `va
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder of the dataset; completes what is there.")]
 NewFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder to make; it must not be there yet.")]
 Device = Annotated[str, typer.Option(help="auto (a GPU if there is one), cpu or cuda:N.")]
-Frames = Annotated[str | None, typer.Option(metavar="A:B:STEP",
-                                                 help="Only frames A to B - 1, every STEP-th; also A:B, A: or A.")]
+Frames = Annotated[
+    str | None, typer.Option(metavar="A:B:STEP", help="Only frames A to B - 1, every STEP-th; also A:B, A: or A.")
+]
 Seed = Annotated[int | None, typer.Option(help="Seed of every random choice, instead of the scene's.")]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE",
-                                               help="Change a key of the scene for this call; repeatable.")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a key of the scene for this call; repeatable."),
+]
 Shard = Annotated[str | None, typer.Option(metavar="I/N", help="Render every N-th frame, from frame I on; I from 0.")]
 Workers = Annotated[int | None, typer.Option(metavar="N", help="Render in N processes of this host, one for each GPU.")]
-Over = Annotated[list[str], typer.Option(
-    "--over", metavar="FILE|KEY=VALUE,...",
-    help="What versions differ in: a file, or a key with a value for each; repeatable, for all combinations.")]
-SweepOut = Annotated[Path, typer.Option(
-    "-o", "--out", help="Folder of the sweep, with one for each version; completes what is there.")]
+Over = Annotated[
+    list[str],
+    typer.Option(
+        "--over",
+        metavar="FILE|KEY=VALUE,...",
+        help="What versions differ in: a file, or a key with a value for each; repeatable, for all combinations.",
+    ),
+]
+SweepOut = Annotated[
+    Path, typer.Option("-o", "--out", help="Folder of the sweep, with one for each version; completes what is there.")
+]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only tell what would be made, and about what that takes.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no notes.")]
@@ -45,22 +54,26 @@ class Choices:
     device: Device = "auto"
     frames: Frames = None
     outputs: Annotated[str | None, typer.Option(metavar="A,B,C,D", help="Types of images to make.")] = None
-    tolerance: Annotated[float | None, typer.Option(
-        help="Relative error asked of A; the planner chooses the samples.")] = None
+    tolerance: Annotated[
+        float | None, typer.Option(help="Relative error asked of A; the planner chooses the samples.")
+    ] = None
     spp: Annotated[float | None, typer.Option(help="Samples per pixel of A, instead of a tolerance.")] = None
-    max_scatterings: Annotated[int | None, typer.Option(
-        help="Most scatterings in the water on a path of light.")] = None
+    max_scatterings: Annotated[int | None, typer.Option(help="Most scatterings in the water on a path of light.")] = (
+        None
+    )
     max_bounces: Annotated[int | None, typer.Option(help="Most reflections on surfaces on a path of light.")] = None
-    layers: Annotated[str | None, typer.Option(metavar="LAYERS",
-                                               help="Layers of A to render, of direct,single,multiple.")] = None
-    integrator: Annotated[str | None, typer.Option(
-        metavar="NAME", help="How A is computed: auto, field, path or reference.")] = None
+    layers: Annotated[
+        str | None, typer.Option(metavar="LAYERS", help="Layers of A to render, of direct,single,multiple.")
+    ] = None
+    integrator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="How A is computed: auto, field, path or reference.")
+    ] = None
     seed: Seed = None
-    denoise: Annotated[str | None, typer.Option(
-        metavar="NAME", help="Denoiser of A: oidn, nlm or none.")] = None
+    denoise: Annotated[str | None, typer.Option(metavar="NAME", help="Denoiser of A: oidn, nlm or none.")] = None
     vehicle: Vehicle = None
-    linear_exr: Annotated[bool, typer.Option(
-        "--linear-exr", help="Also write A before denoising, with its standard error.")] = False
+    linear_exr: Annotated[
+        bool, typer.Option("--linear-exr", help="Also write A before denoising, with its standard error.")
+    ] = False
     set_: Set = None
 
     def overrides(self) -> list[str | tuple[str, str]]:
@@ -73,18 +86,27 @@ class Choices:
             raise InputError("cannot be given together", key="--tolerance and --spp", remedy="Give one of them.")
         changes = {
             "outputs": ("render.outputs", self.outputs and f"[{','.join(re.sub('[, ]', '', self.outputs))}]"),
-            "tolerance": ("render.tolerance", self.tolerance), "spp": ("render.spp", self.spp),
+            "tolerance": ("render.tolerance", self.tolerance),
+            "spp": ("render.spp", self.spp),
             "max_scatterings": ("render.max_scatterings", self.max_scatterings),
             "max_bounces": ("render.max_bounces", self.max_bounces),
             "layers": ("render.layers", self.layers and f"[{self.layers}]"),
-            "integrator": ("render.integrator", self.integrator), "seed": ("seed", self.seed),
+            "integrator": ("render.integrator", self.integrator),
+            "seed": ("seed", self.seed),
             "denoise": ("render.denoise", self.denoise),
             "linear_exr": ("render.linear_exr", "true" if self.linear_exr else None),
         }
         planned = [] if self.tolerance is None else [("render.spp=null", f"--tolerance {_plain(self.tolerance)}")]
-        return [*(self.set_ or ()), *observer(self.vehicle), *planned,
-                *((f"{key}={_plain(value)}", self._as_given(name)) for name, (key, value) in changes.items()
-                  if value is not None)]
+        return [
+            *(self.set_ or ()),
+            *observer(self.vehicle),
+            *planned,
+            *(
+                (f"{key}={_plain(value)}", self._as_given(name))
+                for name, (key, value) in changes.items()
+                if value is not None
+            ),
+        ]
 
     def _as_given(self, name: str) -> str:
         """An option of the command line as the user may have written it."""
@@ -109,10 +131,15 @@ class PreviewOptions:
     frame: Annotated[int | None, typer.Option(min=0, metavar="N", help="Which frame; the first by default.")] = None
     time: Annotated[float | None, typer.Option(metavar="S", help="Any time of the course in seconds instead.")] = None
     camera: Annotated[str | None, typer.Option(metavar="ID", help="Which camera; the first by default.")] = None
-    width: Annotated[int, typer.Option(
-        min=16, metavar="N", help="Width of the image in pixels; at most the camera's own.")] = 320
-    spp: Annotated[int | None, typer.Option(
-        min=1, metavar="N", help="Refine up to this many samples per pixel; by default the scene's, or 64.")] = None
+    width: Annotated[
+        int, typer.Option(min=16, metavar="N", help="Width of the image in pixels; at most the camera's own.")
+    ] = 320
+    spp: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Refine up to this many samples per pixel; by default the scene's, or 64."
+        ),
+    ] = None
 
     def parsed(self) -> dict:
         """Fields of `Viewpoint`.
@@ -129,29 +156,54 @@ class PreviewOptions:
 class Repair:
     """What `preprocess` does to meshes."""
 
-    vertices: Annotated[int | None, typer.Option(
-        min=4, metavar="N", help="Decimate to this many, skirt included.")] = None
-    merge_tolerance: Annotated[float | None, typer.Option(
-        min=0.0, metavar="M", help="Merge vertices nearer than this, in metres; by default 1 mm, or a quarter of the "
-        "median edge if that is less.")] = None
-    fill_holes: Annotated[float | None, typer.Option(
-        min=0.0, metavar="M", help="Fill holes up to this wide, in metres; by default ten median edges.")] = None
-    smooth: Annotated[int, typer.Option(
-        min=0, max=1000, metavar="N", help="Rounds of smoothing, for rough surveys.")] = 0
-    shrinkwrap: Annotated[str, typer.Option(
-        metavar="N|auto|none", help="Vertices along the longer side of the new surface that is wrapped around the "
-        "model; auto: twice as fine as the model, within 16.6 million vertices.")] = "auto"
-    close: Annotated[str, typer.Option(
-        metavar="skirt|solid|none", help="Close the outline of a wrapped sheet by a skirt, or by skirt and "
-        "bottom.")] = "skirt"
-    region: Annotated[str | None, typer.Option(
-        metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only, in the axes of the file [m].")] = None
-    scale: Annotated[float, typer.Option(
-        metavar="X", help="Multiply coordinates; 0.001 if they are in millimetres.")] = 1.0
+    vertices: Annotated[int | None, typer.Option(min=4, metavar="N", help="Decimate to this many, skirt included.")] = (
+        None
+    )
+    merge_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            metavar="M",
+            help="Merge vertices nearer than this, in metres; by default 1 mm, or a quarter of the "
+            "median edge if that is less.",
+        ),
+    ] = None
+    fill_holes: Annotated[
+        float | None,
+        typer.Option(min=0.0, metavar="M", help="Fill holes up to this wide, in metres; by default ten median edges."),
+    ] = None
+    smooth: Annotated[
+        int, typer.Option(min=0, max=1000, metavar="N", help="Rounds of smoothing, for rough surveys.")
+    ] = 0
+    shrinkwrap: Annotated[
+        str,
+        typer.Option(
+            metavar="N|auto|none",
+            help="Vertices along the longer side of the new surface that is wrapped around the "
+            "model; auto: twice as fine as the model, within 16.6 million vertices.",
+        ),
+    ] = "auto"
+    close: Annotated[
+        str,
+        typer.Option(
+            metavar="skirt|solid|none", help="Close the outline of a wrapped sheet by a skirt, or by skirt and bottom."
+        ),
+    ] = "skirt"
+    region: Annotated[
+        str | None,
+        typer.Option(metavar="XMIN,YMIN,XMAX,YMAX", help="Keep this part only, in the axes of the file [m]."),
+    ] = None
+    scale: Annotated[
+        float, typer.Option(metavar="X", help="Multiply coordinates; 0.001 if they are in millimetres.")
+    ] = 1.0
     up_axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Which axis of the files points up.")] = None
-    survey: Annotated[list[str] | None, typer.Option(
-        metavar="KEY=VALUE", help="How survey files are read, such as positive=down: a key of a terrain of kind "
-        "heights; repeatable.")] = None
+    survey: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="How survey files are read, such as positive=down: a key of a terrain of kind heights; repeatable.",
+        ),
+    ] = None
 
     def parsed(self) -> dict:
         """Arguments of `preprocess_meshes`.
@@ -163,10 +215,18 @@ class Repair:
             raise InputError("is not above 0", key="--scale", value=self.scale, remedy="For example 0.001.")
         check_choice("--up-axis", self.up_axis, (None, "x", "y", "z"))
         check_choice("--close", self.close, ("skirt", "solid", "none"))
-        return {"vertices": self.vertices, "merge_tolerance_m": self.merge_tolerance, "fill_holes_m": self.fill_holes,
-                "smoothing_rounds": self.smooth, "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap),
-                "close": self.close, "region": parse_region(self.region), "scale": self.scale, "up_axis": self.up_axis,
-                "survey": parse_keys("--survey", self.survey or [])}
+        return {
+            "vertices": self.vertices,
+            "merge_tolerance_m": self.merge_tolerance,
+            "fill_holes_m": self.fill_holes,
+            "smoothing_rounds": self.smooth,
+            "shrinkwrap_resolution": parse_shrinkwrap(self.shrinkwrap),
+            "close": self.close,
+            "region": parse_region(self.region),
+            "scale": self.scale,
+            "up_axis": self.up_axis,
+            "survey": parse_keys("--survey", self.survey or []),
+        }
 
 
 def parse_keys(option: str, given: list[str]) -> dict:
@@ -187,14 +247,22 @@ def parse_keys(option: str, given: list[str]) -> dict:
         except (yaml.YAMLError, ValueError, RecursionError):
             equals = ""
         if not equals or not key.strip():
-            raise InputError("is not of the form KEY=VALUE", key=option, value=text,
-                             remedy="For example positive=down.")
+            raise InputError(
+                "is not of the form KEY=VALUE", key=option, value=text, remedy="For example positive=down."
+            )
     return found
 
 
-REPAIR_KEYS = {"region": "--region", "merge_tolerance_m": "--merge-tolerance", "fill_holes_m": "--fill-holes",
-               "smoothing_rounds": "--smooth", "shrinkwrap_resolution": "--shrinkwrap", "close": "--close",
-               "target_vertices": "--vertices", "up_axis": "--up-axis"}
+REPAIR_KEYS = {
+    "region": "--region",
+    "merge_tolerance_m": "--merge-tolerance",
+    "fill_holes_m": "--fill-holes",
+    "smoothing_rounds": "--smooth",
+    "shrinkwrap_resolution": "--shrinkwrap",
+    "close": "--close",
+    "target_vertices": "--vertices",
+    "up_axis": "--up-axis",
+}
 """What `preprocess` calls the keys of ``terrain.preprocess``, as its messages have them."""
 
 
@@ -207,11 +275,19 @@ def check_meshes(meshes: list[Path], out: Path) -> None:
     for mesh in meshes:
         require_file(mesh, "mesh file", "Give the path of a mesh file.", "MESH")
     if out.suffix.lower() != ".ply":
-        raise InputError("is no name of a PLY file, and only those are written", key="--out", value=str(out),
-                         remedy=f"Such as {out.stem or 'mesh'}.ply.")
+        raise InputError(
+            "is no name of a PLY file, and only those are written",
+            key="--out",
+            value=str(out),
+            remedy=f"Such as {out.stem or 'mesh'}.ply.",
+        )
     if out.is_dir() or any(out.resolve() == mesh.resolve() for mesh in meshes):
-        raise InputError("is a folder" if out.is_dir() else "is one of the meshes", key="--out", value=str(out),
-                         remedy="Name another file.")
+        raise InputError(
+            "is a folder" if out.is_dir() else "is one of the meshes",
+            key="--out",
+            value=str(out),
+            remedy="Name another file.",
+        )
 
 
 def with_options(error: InputError) -> InputError:
@@ -222,8 +298,13 @@ def with_options(error: InputError) -> InputError:
     remedy = error.remedy
     for name, option in REPAIR_KEYS.items():
         remedy = remedy.replace(name, option) if remedy and "_" in name else remedy
-    return InputError(error.problem, file=error.file, key=REPAIR_KEYS.get(key.partition(".")[0], error.key),
-                      value=error.value, remedy=remedy)
+    return InputError(
+        error.problem,
+        file=error.file,
+        key=REPAIR_KEYS.get(key.partition(".")[0], error.key),
+        value=error.value,
+        remedy=remedy,
+    )
 
 
 def parse_frames(text: str | None) -> slice:
@@ -236,8 +317,9 @@ def parse_frames(text: str | None) -> slice:
         if len(numbers) > 3 or any(number is not None and number < 0 for number in numbers) or chosen.step == 0:
             raise ValueError
     except (ValueError, TypeError):
-        raise InputError("is not A:B or A:B:STEP", key="--frames", value=text,
-                         remedy="For example 0:10, 50:, 7 or 0:1000:10.") from None
+        raise InputError(
+            "is not A:B or A:B:STEP", key="--frames", value=text, remedy="For example 0:10, 50:, 7 or 0:1000:10."
+        ) from None
     return chosen
 
 
@@ -248,8 +330,12 @@ def parse_shard(text: str | None) -> tuple[int, int]:
         if not 0 <= index < count:
             raise ValueError
     except ValueError:
-        raise InputError("is not I/N with I from 0 to N - 1", key="--shard", value=text,
-                         remedy="For example 0/4, 1/4, 2/4 and 3/4 on four machines.") from None
+        raise InputError(
+            "is not I/N with I from 0 to N - 1",
+            key="--shard",
+            value=text,
+            remedy="For example 0/4, 1/4, 2/4 and 3/4 on four machines.",
+        ) from None
     return index, count
 
 
@@ -262,8 +348,12 @@ def parse_region(text: str | None) -> tuple[float, float, float, float] | None:
         if not -math.inf < xmin < xmax < math.inf or not -math.inf < ymin < ymax < math.inf:
             raise ValueError
     except ValueError:
-        raise InputError("is not XMIN,YMIN,XMAX,YMAX with the lower end first", key="--region", value=text,
-                         remedy="For example -5,-5,5,5.") from None
+        raise InputError(
+            "is not XMIN,YMIN,XMAX,YMAX with the lower end first",
+            key="--region",
+            value=text,
+            remedy="For example -5,-5,5,5.",
+        ) from None
     return xmin, ymin, xmax, ymax
 
 
@@ -272,8 +362,12 @@ def parse_shrinkwrap(text: str) -> int | str | None:
     if text in ("auto", "none"):
         return None if text == "none" else text
     if not (text.isdecimal() and int(text) >= 2):
-        raise InputError("is not a number of vertices, at least 2", key="--shrinkwrap", value=text,
-                         remedy="For example 1024, auto or none.")
+        raise InputError(
+            "is not a number of vertices, at least 2",
+            key="--shrinkwrap",
+            value=text,
+            remedy="For example 1024, auto or none.",
+        )
     return int(text)
 
 

@@ -32,10 +32,14 @@ def _complete_template(typed: str) -> list[str]:
 
 
 @verb
-def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml"),
-         template: Annotated[str, typer.Option(metavar="NAME", help="Scene to begin with; --list names them.",
-                                               autocompletion=_complete_template)] = "starter",
-         list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False):
+def init(
+    file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yaml"),
+    template: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Scene to begin with; --list names them.", autocompletion=_complete_template),
+    ] = "starter",
+    list_: Annotated[bool, typer.Option("--list", help="List the templates, and write nothing.")] = False,
+):
     """Write a commented scene file to begin with, and beside it the JSON Schema by which editors complete its keys."""
     from varos_warp.dataset import files
     from varos_warp.scene.file.schema import json_schema
@@ -49,14 +53,23 @@ def init(file: Annotated[Path, typer.Argument(metavar="FILE")] = Path("scene.yam
         raise InputError("is there already", file=file, remedy="Name another file; nothing is overwritten.")
     files.write_bytes(file, text.encode())
     files.write_json(file.with_name(SCHEMA_FILE), json_schema())
-    print(f"{file} is written, and for editors {file.with_name(SCHEMA_FILE)}; "
-          f"next: varos-warp info {file}, then varos-warp run {file} -o OUT")
+    print(
+        f"{file} is written, and for editors {file.with_name(SCHEMA_FILE)}; "
+        f"next: varos-warp info {file}, then varos-warp run {file} -o OUT"
+    )
 
 
 @verb
-def info(scene: SceneFile, plot: Annotated[Path | None, typer.Option(
-        "--plot", metavar="FILE", help="Also draw the water's spectra into a PNG, SVG or PDF file.")] = None,
-        set_: Set = None, json_: Json = False, quiet: Quiet = False):
+def info(
+    scene: SceneFile,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Also draw the water's spectra into a PNG, SVG or PDF file."),
+    ] = None,
+    set_: Set = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Tell what a run of a scene would make and how long it takes, and warn of what looks wrong."""
     from varos_warp.scene.file.load import load_scene
     from varos_warp.scene.file.named_files import require_files
@@ -96,15 +109,28 @@ def _facts(scene, quiet: bool) -> dict:
         simulation = simulated(scene, quiet, parts)
         facts, found = scene_info(scene, parts), check_scene(scene, parts, path_samples(simulation))
     facts["trajectory"] |= course_facts(simulation, scene)
-    return {**facts, "dataset": dataset_facts(scene, len(simulation.frames)),
-            "shutters": shutter_facts(scene, parts, simulation), "warnings": found + simulation.messages}
+    return {
+        **facts,
+        "dataset": dataset_facts(scene, len(simulation.frames)),
+        "shutters": shutter_facts(scene, parts, simulation),
+        "warnings": found + simulation.messages,
+    }
 
 
 @verb
-def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | None, typer.Option(
-        "-o", "--out", metavar="FOLDER", help="Keep preview.png there up to date, without the viewer.")] = None,
-        once: Annotated[bool, typer.Option("--once", help="End after the last refinement.")] = False,
-        device: Device = "auto", vehicle: Vehicle = None, set_: Set = None, quiet: Quiet = False):
+def preview(
+    scene: SceneFile,
+    options: PreviewOptions,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Keep preview.png there up to date, without the viewer."),
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="End after the last refinement.")] = False,
+    device: Device = "auto",
+    vehicle: Vehicle = None,
+    set_: Set = None,
+    quiet: Quiet = False,
+):
     """Show a small image A of a scene, and again whenever the scene file is saved; Ctrl-C ends it."""
     from varos_warp.dataset.preview import Viewpoint
     from varos_warp.dataset.preview import preview as show
@@ -112,8 +138,16 @@ def preview(scene: SceneFile, options: PreviewOptions, out: Annotated[Path | Non
 
     viewpoint = Viewpoint(**options.parsed())
     screen = RerunScreen() if out is None else FolderScreen(out)
-    show(scene, screen, viewpoint, spp=options.spp, device=device, overrides=[*(set_ or ()), *observer(vehicle)],
-         once=once, quiet=quiet)
+    show(
+        scene,
+        screen,
+        viewpoint,
+        spp=options.spp,
+        device=device,
+        overrides=[*(set_ or ()), *observer(vehicle)],
+        once=once,
+        quiet=quiet,
+    )
 
 
 def _complete_key(typed: str) -> list[str]:
@@ -123,9 +157,15 @@ def _complete_key(typed: str) -> list[str]:
 
 
 @verb
-def schema(key: Annotated[str | None, typer.Argument(
-        metavar="KEY", help="Explain this key instead, such as vehicle.cameras.port.",
-        autocompletion=_complete_key)] = None, json_: Json = False):
+def schema(
+    key: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="KEY", help="Explain this key instead, such as vehicle.cameras.port.", autocompletion=_complete_key
+        ),
+    ] = None,
+    json_: Json = False,
+):
     """Print the JSON Schema of scene files, or explain one key in plain words: meaning, unit, range, default, example.
 
     Items of lists need no number, and materials no name. A part may name a kind of block: objects.pipe.radius.
@@ -142,10 +182,13 @@ def schema(key: Annotated[str | None, typer.Argument(
 
 @verb
 def preprocess(
-        meshes: Annotated[list[Path], typer.Argument(
-            metavar="MESH...", help="Mesh or survey files, which are joined.")],
-        out: Annotated[Path, typer.Option("-o", "--out", help="PLY file; the report goes to a JSON file beside it.")],
-        repair: Repair, device: Device = "auto", json_: Json = False, quiet: Quiet = False):
+    meshes: Annotated[list[Path], typer.Argument(metavar="MESH...", help="Mesh or survey files, which are joined.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="PLY file; the report goes to a JSON file beside it.")],
+    repair: Repair,
+    device: Device = "auto",
+    json_: Json = False,
+    quiet: Quiet = False,
+):
     """Join, merge, repair, shrinkwrap and decimate meshes and surveys, and tell how far the result is from them.
 
     16.6 million vertices, wrapped and decimated to 250 000, take 10 CPU-minutes and 9.3 GB of memory. Memory grows in
@@ -182,7 +225,13 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Delete every entr
         kept.clear()
     contents = kept.contents()
     if json_:
-        print_json({"folder": str(contents.folder), "limit_bytes": contents.limit, "bytes": contents.bytes,
-                    "entries": [{"name": name, "bytes": size} for name, size in contents.entries]})
+        print_json(
+            {
+                "folder": str(contents.folder),
+                "limit_bytes": contents.limit,
+                "bytes": contents.bytes,
+                "entries": [{"name": name, "bytes": size} for name, size in contents.entries],
+            }
+        )
     else:
         print_cache(contents)

@@ -53,8 +53,10 @@ def print_plan(result: dict, plan) -> None:
     cost = result.get("cost")
     if cost:
         parts = ", ".join(f"{name} {seconds:g} s" for name, seconds in cost["seconds_by_output"].items())
-        print(f"cost on {cost['device']}: {cost['seconds_per_frame']:g} s a frame ({parts}), "
-              f"{cost['seconds_in_all']:g} s for {counted(cost['frames'], 'frame')}")
+        print(
+            f"cost on {cost['device']}: {cost['seconds_per_frame']:g} s a frame ({parts}), "
+            f"{cost['seconds_in_all']:g} s for {counted(cost['frames'], 'frame')}"
+        )
 
 
 def _percent(error) -> list[str]:
@@ -81,8 +83,10 @@ def _print_course(facts: dict) -> None:
     last, target = trajectory["count"] - 1, trajectory["heads_for"]
     part = "" if target is None else f" (on the way to {trajectory['kind'].removesuffix('s')} {target} of 0 to {last})"
     body = f" with {vehicle['thrusters']} thrusters" if vehicle.get("thrusters") else ""
-    print(f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
-          f"{trajectory['duration_s']:.1f} s{part}, vehicle of {vehicle['mass_kg']:g} kg{body}")
+    print(
+        f"{facts['name']}: {trajectory['count']} {trajectory['kind']}{pattern}, {trajectory['length_m']:.1f} m in "
+        f"{trajectory['duration_s']:.1f} s{part}, vehicle of {vehicle['mass_kg']:g} kg{body}"
+    )
 
 
 def _print_water(water: dict) -> None:
@@ -90,45 +94,92 @@ def _print_water(water: dict) -> None:
     if "wavelength_nm" in water:
         _print_spectra(water)
         return
-    rows = {"absorption a [1/m]": "a", "scattering b [1/m]": "b", "extinction c [1/m]": "c", "albedo b / c": "albedo",
-            "mean free path [m]": "mean_free_path_m", "10 % of the light left at [m]": "range_10_percent_m"}
-    print_table([f"water (g = {water['g']:.4g})", "red", "green", "blue"],
-                 [[name, *(_number(x) for x in water[key])] for name, key in rows.items()])
+    rows = {
+        "absorption a [1/m]": "a",
+        "scattering b [1/m]": "b",
+        "extinction c [1/m]": "c",
+        "albedo b / c": "albedo",
+        "mean free path [m]": "mean_free_path_m",
+        "10 % of the light left at [m]": "range_10_percent_m",
+    }
+    print_table(
+        [f"water (g = {water['g']:.4g})", "red", "green", "blue"],
+        [[name, *(_number(x) for x in water[key])] for name, key in rows.items()],
+    )
     _print_phase(water["phase"])
-    print_table(["bodies in the water", "share of b", "at most", "radii [mm]", "per litre", "wider than 0.5 mm"],
-                [[str(i), f"{100 * kind['share']:.3g} %", f"{100 * kind['largest_share']:.4g} %",
-                  " to ".join(f"{1e3 * r:g}" for r in kind["radius_m"]), f"{kind['per_litre']:.3g}",
-                  f"{kind['per_litre_over_0.5_mm']:.3g}"] for i, kind in enumerate(water.get("particles", []))])
+    print_table(
+        ["bodies in the water", "share of b", "at most", "radii [mm]", "per litre", "wider than 0.5 mm"],
+        [
+            [
+                str(i),
+                f"{100 * kind['share']:.3g} %",
+                f"{100 * kind['largest_share']:.4g} %",
+                " to ".join(f"{1e3 * r:g}" for r in kind["radius_m"]),
+                f"{kind['per_litre']:.3g}",
+                f"{kind['per_litre_over_0.5_mm']:.3g}",
+            ]
+            for i, kind in enumerate(water.get("particles", []))
+        ],
+    )
     if water.get("particles"):
-        print("wider than 0.5 mm the sea has about 1 to 10 a litre at coasts, 0.1 to 1 far from them (after "
-              "Alldredge and Silver 1988)")
+        print(
+            "wider than 0.5 mm the sea has about 1 to 10 a litre at coasts, 0.1 to 1 far from them (after "
+            "Alldredge and Silver 1988)"
+        )
 
 
 def _print_spectra(water: dict) -> None:
     """Coefficients by wavelength, and the bands that stand for them."""
     columns = ("a", "b", "c", "b_b", "visibility_m")
-    print_table([f"{water['source']} [nm]", "a [1/m]", "b [1/m]", "c [1/m]", "b_b [1/m]", "visibility 4.8 / c [m]"],
-                [[f"{nm:g}", *(_number(water[name][i]) for name in columns)]
-                 for i, nm in enumerate(water["wavelength_nm"])])
+    print_table(
+        [f"{water['source']} [nm]", "a [1/m]", "b [1/m]", "c [1/m]", "b_b [1/m]", "visibility 4.8 / c [m]"],
+        [[f"{nm:g}", *(_number(water[name][i]) for name in columns)] for i, nm in enumerate(water["wavelength_nm"])],
+    )
     low, high = water["paths_m"]
-    print_table(["bands of", "wavelengths [nm]", f"rms error R, G, B, paths of {low:g} to {high:g} m", "worst",
-                 "backscatter"],
-                [[bands["camera"], ", ".join(f"{nm:g}" for nm in bands["wavelength_nm"]),
-                  *(", ".join(f"{100 * e:.2g} %" for e in bands[name]) for name in ("rms", "worst", "backscatter"))]
-                 for bands in water["bands"]])
+    print_table(
+        ["bands of", "wavelengths [nm]", f"rms error R, G, B, paths of {low:g} to {high:g} m", "worst", "backscatter"],
+        [
+            [
+                bands["camera"],
+                ", ".join(f"{nm:g}" for nm in bands["wavelength_nm"]),
+                *(", ".join(f"{100 * e:.2g} %" for e in bands[name]) for name in ("rms", "worst", "backscatter")),
+            ]
+            for bands in water["bands"]
+        ],
+    )
     _print_phase(water["phase"])
 
 
 def _print_cameras(facts: dict) -> None:
     """Intrinsics, mounts and shutters."""
-    print_table(["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
-                 [[c["id"], " x ".join(map(str, c["resolution"])), f"{c['fx']:.3f}, {c['fy']:.3f}",
-                   f"{c['cx_colmap']:g}, {c['cy_colmap']:g}", f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
-                   f"{c['horizontal_fov_deg']:.1f} x {c['vertical_fov_deg']:.1f}"] for c in facts["cameras"]])
+    print_table(
+        ["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
+        [
+            [
+                c["id"],
+                " x ".join(map(str, c["resolution"])),
+                f"{c['fx']:.3f}, {c['fy']:.3f}",
+                f"{c['cx_colmap']:g}, {c['cy_colmap']:g}",
+                f"{c['cx_opencv']:g}, {c['cy_opencv']:g}",
+                f"{c['horizontal_fov_deg']:.1f} x {c['vertical_fov_deg']:.1f}",
+            ]
+            for c in facts["cameras"]
+        ],
+    )
     _print_mounts(facts)
-    print_table(["shutter of", "exposure [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
-                 [[s["id"], f"{1e3 * s['exposure_s']:g}", f"{1e3 * s['readout_s']:g}", f"{s['streak_px']:.3g}",
-                   f"{s['skew_px']:.3g}"] for s in facts["shutters"]])
+    print_table(
+        ["shutter of", "exposure [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
+        [
+            [
+                s["id"],
+                f"{1e3 * s['exposure_s']:g}",
+                f"{1e3 * s['readout_s']:g}",
+                f"{s['streak_px']:.3g}",
+                f"{s['skew_px']:.3g}",
+            ]
+            for s in facts["shutters"]
+        ],
+    )
 
 
 def _brightness(light: dict) -> str:
@@ -141,36 +192,69 @@ def _brightness(light: dict) -> str:
 
 def _print_lights(lights: list[dict]) -> None:
     """Positions, cones and intensities of lights, and what files say of them."""
-    print_table(["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
-                 [[str(i), light["kind"], str(light["position"]), _number(light.get("cone_deg", light.get("fan_deg"))),
-                   _brightness(light)] for i, light in enumerate(lights)])
+    print_table(
+        ["light", "kind", "position [m]", "cone or fan [deg]", "intensity [W/sr]"],
+        [
+            [
+                str(i),
+                light["kind"],
+                str(light["position"]),
+                _number(light.get("cone_deg", light.get("fan_deg"))),
+                _brightness(light),
+            ]
+            for i, light in enumerate(lights)
+        ],
+    )
     _print_profiles(lights)
 
 
 def _print_meshes(facts: dict) -> None:
     """Meshes and the files they are of, the survey, and the body of the vehicle."""
-    print_table(["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
-                 [[m["name"], str(m["vertices"]), str(m["triangles"]),
-                   " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
-                   *map(_place, m["bounds_m"])] for m in facts["meshes"]])
+    print_table(
+        ["mesh", "vertices", "triangles", "size [m]", "from [m]", "to [m]"],
+        [
+            [
+                m["name"],
+                str(m["vertices"]),
+                str(m["triangles"]),
+                " x ".join(f"{high - low:.3g}" for low, high in zip(*m["bounds_m"], strict=True)),
+                *map(_place, m["bounds_m"]),
+            ]
+            for m in facts["meshes"]
+        ],
+    )
     if relief := facts.get("relief"):
         factor = next(iter(relief.values()))["edge_factor"]
         longer = f", times {factor:g} to keep within render.max_triangles" if factor > 1.0 else ""
-        print(f"relief: {sum(each['triangles'] for each in relief.values())} triangles; edges are about two pixels of "
-              f"the nearest view{longer}")
-    print_table(["growth", "kind", "copies", "of them fine, coarser, coarsest", "triangles", "on",
-                 "too small, left out"],
-                [[g["name"], g["kind"], str(g["copies"]), ", ".join(map(str, g["by_level"])), str(g["triangles"]),
-                  ", ".join(f"{name}: {count}" for name, count in g["on"].items()),
-                  f"about {g['too_small']}"] for g in facts.get("growth", [])])
+        print(
+            f"relief: {sum(each['triangles'] for each in relief.values())} triangles; edges are about two pixels of "
+            f"the nearest view{longer}"
+        )
+    print_table(
+        ["growth", "kind", "copies", "of them fine, coarser, coarsest", "triangles", "on", "too small, left out"],
+        [
+            [
+                g["name"],
+                g["kind"],
+                str(g["copies"]),
+                ", ".join(map(str, g["by_level"])),
+                str(g["triangles"]),
+                ", ".join(f"{name}: {count}" for name, count in g["on"].items()),
+                f"about {g['too_small']}",
+            ]
+            for g in facts.get("growth", [])
+        ],
+    )
     _print_files(facts["mesh_files"])
     if survey := facts.get("survey"):
         print_survey(survey)
     if body := facts.get("body"):
         low, high = body["bounds_m"]
         seen = ", ".join(body["seen_by"]) or "none, for there is no other"
-        print(f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
-              f"that see it: {seen}")
+        print(
+            f"body: {body['triangles']} triangles from {_place(low)} to {_place(high)} in vehicle axes; vehicles "
+            f"that see it: {seen}"
+        )
 
 
 def _print_imu(imu: dict | None) -> None:
@@ -178,29 +262,58 @@ def _print_imu(imu: dict | None) -> None:
     if imu is None:
         return
     noise, units = imu["noise"], {"accelerometer": ("m/s^2", "m/s^3"), "gyroscope": ("rad/s", "rad/s^2")}
-    told = "no noise" if noise is None else "; ".join(
-        f"{sensor} {noise[f'{sensor}_noise_density']:.3g} {unit}/sqrt(Hz), random walk "
-        f"{noise[f'{sensor}_random_walk']:.3g} {change}/sqrt(Hz)" for sensor, (unit, change) in units.items())
+    told = (
+        "no noise"
+        if noise is None
+        else "; ".join(
+            f"{sensor} {noise[f'{sensor}_noise_density']:.3g} {unit}/sqrt(Hz), random walk "
+            f"{noise[f'{sensor}_random_walk']:.3g} {change}/sqrt(Hz)"
+            for sensor, (unit, change) in units.items()
+        )
+    )
     print(f"IMU: {imu['rate_hz']:g} Hz, {told}")
 
 
 def _print_sensors(sensors: dict) -> None:
     """Rates, places and keys of the sensors that the scene asks for."""
-    print_table(["sensor", "rate [Hz]", "position [m]", "keys"],
-                [[name, f"{block['rate_hz']:g}", _place(block["position"]),
-                  ", ".join(f"{key}: {value}" for key, value in block.items() if key not in ("rate_hz", "position"))]
-                 for name, block in sensors.items()])
+    print_table(
+        ["sensor", "rate [Hz]", "position [m]", "keys"],
+        [
+            [
+                name,
+                f"{block['rate_hz']:g}",
+                _place(block["position"]),
+                ", ".join(f"{key}: {value}" for key, value in block.items() if key not in ("rate_hz", "position")),
+            ]
+            for name, block in sensors.items()
+        ],
+    )
 
 
 def _print_files(files: list[dict]) -> None:
     """What became of the mesh files, and what to say where that is a guess."""
     head = ["mesh file", "of", "up", "unit [m]", "triangles", "without area", "area [m2]", "textures (beside 0..1)"]
-    print_table(head, [[f["file"], f["name"], f["up"] + " (a guess)" * f["up_is_guess"], _number(f["unit_m"]),
-                        str(f["triangles"]), str(f["without_area"]), f"{f['area_m2']:.4g}",
-                        ", ".join(map(_texture, f["textures"])) or "none"] for f in files])
+    print_table(
+        head,
+        [
+            [
+                f["file"],
+                f["name"],
+                f["up"] + " (a guess)" * f["up_is_guess"],
+                _number(f["unit_m"]),
+                str(f["triangles"]),
+                str(f["without_area"]),
+                f"{f['area_m2']:.4g}",
+                ", ".join(map(_texture, f["textures"])) or "none",
+            ]
+            for f in files
+        ],
+    )
     if guessed := [f["name"] for f in files if f["up_is_guess"]]:
-        print(f"Which way is up, the files of {', '.join(guessed)} do not say: z is taken. If they stand wrong, say "
-              "`up: y` there.")
+        print(
+            f"Which way is up, the files of {', '.join(guessed)} do not say: z is taken. If they stand wrong, say "
+            "`up: y` there."
+        )
 
 
 def _texture(facts: dict) -> str:
@@ -216,33 +329,44 @@ def _print_recorded(trajectory: dict) -> None:
     whose = {"vehicle": "the vehicle", "imu": "the IMU, in its axes"}.get(about["of"], f"camera {about['of']}")
     axes = f", body axes {about['body']}" if "body" in about else ""
     attitude = "" if about["attitude"] == "recorded" else f", attitude {about['attitude']}"
-    print(f"recorded course: {about['file']} ({about['format']}), poses of {whose}, one in {about['step_s']:.4g} s, "
-          f"frame {about['frame']}{axes}{attitude}")
+    print(
+        f"recorded course: {about['file']} ({about['format']}), poses of {whose}, one in {about['step_s']:.4g} s, "
+        f"frame {about['frame']}{axes}{attitude}"
+    )
     if smoothing := about.get("smoothing"):
-        changes = [f"{words} by {smoothing[key]['rms']:.2g} {unit} RMS, {smoothing[key]['peak']:.2g} at most"
-                   for key, words, unit in (("moved_m", "moves poses", "m"), ("turned_deg", "turns them", "degrees"))
-                   if key in smoothing]
+        changes = [
+            f"{words} by {smoothing[key]['rms']:.2g} {unit} RMS, {smoothing[key]['peak']:.2g} at most"
+            for key, words, unit in (("moved_m", "moves poses", "m"), ("turned_deg", "turns them", "degrees"))
+            if key in smoothing
+        ]
         print(f"smoothing: {'; '.join(changes)}")
     felt, turned = trajectory["acceleration"], trajectory["angular_velocity"]
     degrees = 180.0 / pi
-    print(f"acceleration: {felt['rms']:.3g} m/s^2 RMS, {felt['peak']:.3g} at most; angular rate: "
-          f"{degrees * turned['rms']:.3g} deg/s RMS, {degrees * turned['peak']:.3g} at most")
+    print(
+        f"acceleration: {felt['rms']:.3g} m/s^2 RMS, {felt['peak']:.3g} at most; angular rate: "
+        f"{degrees * turned['rms']:.3g} deg/s RMS, {degrees * turned['peak']:.3g} at most"
+    )
 
 
 def print_survey(survey: dict) -> None:
     """Print what a survey holds: the facts of `read_survey`."""
     xmin, ymin, xmax, ymax = survey["extent_m"]
     size, spacing = survey["size"], " x ".join(f"{x:.4g}" for x in survey["spacing_m"])
-    what = f"{size[0]} x {size[1]} nodes, {spacing} m apart" if survey["grid"] else (
-        f"{counted(size, 'point')}, median edge {spacing} m")
+    what = (
+        f"{size[0]} x {size[1]} nodes, {spacing} m apart"
+        if survey["grid"]
+        else (f"{counted(size, 'point')}, median edge {spacing} m")
+    )
     block = " x ".join(map(str, survey.get("block", [1, 1])))
     thin = "" if block == "1 x 1" else f", thinned in blocks of {block}"
     count, area = survey["holes"], survey["hole_area_m2"]
     holes = f"{counted(count, 'hole')} of {area:.4g} m2 in all" if count else "no holes"
     missing = f", {counted(survey['missing'], 'node')} without height" if survey.get("missing") else ""
     print(f"survey {', '.join(survey['files'])}: {what}{thin}; {survey['crs'] or 'coordinate system not told'}")
-    print(f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
-          f"{survey['heights_m'][1]:.3f} m; {holes}{missing}")
+    print(
+        f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
+        f"{survey['heights_m'][1]:.3f} m; {holes}{missing}"
+    )
 
 
 def _print_profiles(lights: list[dict]) -> None:
@@ -253,27 +377,36 @@ def _print_profiles(lights: list[dict]) -> None:
         around = f"changes by up to {100 * profile['uneven']:.2g} % of the peak around the axis"
         if profile["round"]:
             around = f"{around}: round, by the mean" if profile["uneven"] else "the same all around the axis"
-        print(f"light {i}: {light['file']}, {profile['source']}, up to {profile['ends_at_deg']:g} degrees from the "
-              f"axis, {around}", *profile["notes"], sep="; ")
+        print(
+            f"light {i}: {light['file']}, {profile['source']}, up to {profile['ends_at_deg']:g} degrees from the "
+            f"axis, {around}",
+            *profile["notes"],
+            sep="; ",
+        )
 
 
 def _print_mounts(facts: dict) -> None:
     """Positions and directions of cameras, baselines of stereo pairs, and what was not asked for."""
-    print_table(["camera", "on", "position [m]", "looks along"],
-                [[c["id"], f"the {c['mount']}", _place(c["position"]), _place(c["looks_along"])]
-                 for c in facts["cameras"]])
+    print_table(
+        ["camera", "on", "position [m]", "looks along"],
+        [[c["id"], f"the {c['mount']}", _place(c["position"]), _place(c["looks_along"])] for c in facts["cameras"]],
+    )
     for pair in facts["stereo"]:
         print(f"stereo pair {', '.join(pair['cameras'])}: baseline {pair['baseline_m']:.4g} m")
     for c in facts["cameras"]:
         if c["defaults"]:
             print(f"camera {c['id']}: not given, so those of the paper's camera: {', '.join(c['defaults'])}")
         if c["calibration"]:
-            print(f"camera {c['id']}: intrinsics, distortion and resolution are those of {c['calibration']}; where it "
-                  "is mounted is as the scene says, not as that file (T_cam_imu, T_cn_cnm1)")
+            print(
+                f"camera {c['id']}: intrinsics, distortion and resolution are those of {c['calibration']}; where it "
+                "is mounted is as the scene says, not as that file (T_cam_imu, T_cn_cnm1)"
+            )
         if end := c["lens_end"]:
-            print(f"camera {c['id']}: {counted(end['pixels'], 'pixel')} ({100 * end['share']:.2g} %) see nothing and "
-                  f"are black: the lens ends {end['half_angle_deg']:.1f} degrees from its axis, {end['radius_px']:.0f} "
-                  "px from the principal point")
+            print(
+                f"camera {c['id']}: {counted(end['pixels'], 'pixel')} ({100 * end['share']:.2g} %) see nothing and "
+                f"are black: the lens ends {end['half_angle_deg']:.1f} degrees from its axis, {end['radius_px']:.0f} "
+                "px from the principal point"
+            )
 
 
 def _place(values: list[float]) -> str:
@@ -286,8 +419,10 @@ def _print_dataset(dataset: dict) -> None:
     where = "a GPU" if dataset["device"] == "cuda" else counted(dataset["cores"], "free core")
     through = f" through {dataset['cameras']} cameras" * (dataset["cameras"] > 1)
     made = f"{counted(dataset['frames'], 'frame')}{through}, {counted(dataset['images'], 'image')}"
-    print(f"dataset: {made}, about {_size(dataset['bytes'])}, "
-          f"roughly {_duration(dataset['seconds'])} on {where}{_samples(dataset)}; varos-warp plan measures it")
+    print(
+        f"dataset: {made}, about {_size(dataset['bytes'])}, "
+        f"roughly {_duration(dataset['seconds'])} on {where}{_samples(dataset)}; varos-warp plan measures it"
+    )
     once = []
     if dataset["compile_seconds"] >= 0.1 * dataset["seconds"]:
         once.append(f"compiling: {_duration(dataset['compile_seconds'])}, the first time only")
@@ -303,7 +438,8 @@ def _samples(dataset: dict) -> str:
     if dataset["spp"] is None:
         return ""
     return f" with {counted(dataset['spp'], 'sample')} per pixel of A" + (
-        " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"])
+        " (a plan may take more: many more in turbid water near a floor)" * dataset["spp_is_planned"]
+    )
 
 
 def _size(count: float) -> str:
@@ -329,21 +465,35 @@ def _print_phase(phase: dict) -> None:
         if "integral" in part:
             ahead, behind = (100 * part[f"share_{where}_row"] for where in ("ahead_of_first", "behind_last"))
             name = part["file"] or part["kind"]
-            print(f"  {name}: integral over the sphere {part['integral']:.5g}, normalised to 1; "
-                  f"{ahead:.2g} % of the light ahead of its first row, {behind:.2g} % behind its last")
+            print(
+                f"  {name}: integral over the sphere {part['integral']:.5g}, normalised to 1; "
+                f"{ahead:.2g} % of the light ahead of its first row, {behind:.2g} % behind its last"
+            )
 
 
 def print_preprocessed(out: Path, facts: dict) -> None:
     """The report of `preprocess_meshes` as tables."""
     if "survey" in facts:
         print_survey(facts["survey"])
-    print_table(["", "before", "after"], [[key.replace("_", " "), _short(facts["before"][key]), _short(value)]
-                                           for key, value in facts["after"].items()])
-    ways = (("from the original to the result", "distance_to_result_m"),
-            ("from the result to the original", "distance_to_original_m"))
-    print_table(["distance [m], normals [deg]", "rms", "95 %", "largest", "normals: mean", "95 %", "largest"],
-                 [[name, *(f"{facts[key][x]:.3g}" for x in ("rms", "p95", "max")),
-                   *(f"{facts[key]['normal_deg'][x]:.3g}" for x in ("mean", "p95", "max"))] for name, key in ways])
+    print_table(
+        ["", "before", "after"],
+        [[key.replace("_", " "), _short(facts["before"][key]), _short(value)] for key, value in facts["after"].items()],
+    )
+    ways = (
+        ("from the original to the result", "distance_to_result_m"),
+        ("from the result to the original", "distance_to_original_m"),
+    )
+    print_table(
+        ["distance [m], normals [deg]", "rms", "95 %", "largest", "normals: mean", "95 %", "largest"],
+        [
+            [
+                name,
+                *(f"{facts[key][x]:.3g}" for x in ("rms", "p95", "max")),
+                *(f"{facts[key]['normal_deg'][x]:.3g}" for x in ("mean", "p95", "max")),
+            ]
+            for name, key in ways
+        ],
+    )
     symmetric = facts["symmetric_m"]
     print(f"both ways: rms {symmetric['rms']:.3g} m, Hausdorff {symmetric['hausdorff']:.3g} m (sampled)")
     print(*(f"{key.replace('_', ' ')}: {value}" for key, value in facts["counts"].items() if value), sep=", ")
@@ -353,20 +503,32 @@ def print_preprocessed(out: Path, facts: dict) -> None:
 
 def print_sweep(datasets: list[dict]) -> None:
     """What a sweep would make of each dataset, and what it has from others."""
+
     def rendered(each: dict) -> str:
         letters = f": {', '.join(each['renders'])}" if each["renders"] else ""
         return f"{counted(each['images'], 'image')}{letters}"
 
-    print_table(["dataset", "changes", "state", "renders", "has from", "roughly"], [
-        [each["folder"], ", ".join(f"{key}: {value}" for key, value in each["overrides"].items()) or "nothing",
-         each["state"], rendered(each),
-         ", ".join(f"{name}: {', '.join(letters)}" for name, letters in each["from"].items()) or "none",
-         _duration(each["seconds"])] for each in datasets])
+    print_table(
+        ["dataset", "changes", "state", "renders", "has from", "roughly"],
+        [
+            [
+                each["folder"],
+                ", ".join(f"{key}: {value}" for key, value in each["overrides"].items()) or "nothing",
+                each["state"],
+                rendered(each),
+                ", ".join(f"{name}: {', '.join(letters)}" for name, letters in each["from"].items()) or "none",
+                _duration(each["seconds"]),
+            ]
+            for each in datasets
+        ],
+    )
 
 
 def print_cache(contents) -> None:
     """How full the cache of what is kept is, and with what."""
     print_table(["entry", "size [MB]"], [[name, f"{size / 1e6:.1f}"] for name, size in contents.entries])
     count = len(contents.entries)
-    print(f"{contents.folder}: {count} entr{'y' if count == 1 else 'ies'}, {contents.bytes / 1e6:.1f} of at "
-          f"most {contents.limit / 1e6:.0f} MB")
+    print(
+        f"{contents.folder}: {count} entr{'y' if count == 1 else 'ies'}, {contents.bytes / 1e6:.1f} of at "
+        f"most {contents.limit / 1e6:.0f} MB"
+    )

@@ -88,8 +88,11 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise InputError("is there already", file=out, remedy="Name another folder with -o; nothing is overwritten.")
     inside = [folder for folder in out.absolute().parents if (folder / "dataset.json").exists()]
     if inside:
-        raise InputError(f"lies within the dataset {inside[0]}, which holds its own files alone", file=out,
-                         remedy="Name a folder elsewhere with -o.")
+        raise InputError(
+            f"lies within the dataset {inside[0]}, which holds its own files alone",
+            file=out,
+            remedy="Name a folder elsewhere with -o.",
+        )
     temp = _hidden(out.absolute())
     lock = FileLock(temp / OWNER)
     try:
@@ -124,8 +127,11 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         instead = "choose another folder or name with -o"
-        remedy = (f"A file is where a folder is needed, or a folder where a file is: {instead}."
-                  if error.errno in IN_THE_WAY else f"Free some space, mend the permissions or {instead}.")
+        remedy = (
+            f"A file is where a folder is needed, or a folder where a file is: {instead}."
+            if error.errno in IN_THE_WAY
+            else f"Free some space, mend the permissions or {instead}."
+        )
         raise InputError(f"cannot be written: {error.strerror or error}", file=path, remedy=remedy) from error
 
 
@@ -224,8 +230,21 @@ def reading(path: Path, remedy: str = _REMEDY) -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", file=path, remedy=_ANEW) from error
-    except (OSError, ValueError, SyntaxError, RuntimeError, LookupError, TypeError, AttributeError, OverflowError,
-            MemoryError, struct.error, zlib.error, csv.Error, yaml.YAMLError) as error:
+    except (
+        OSError,
+        ValueError,
+        SyntaxError,
+        RuntimeError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        MemoryError,
+        struct.error,
+        zlib.error,
+        csv.Error,
+        yaml.YAMLError,
+    ) as error:
         raise InputError(f"cannot be read: {error}", file=path, remedy=remedy) from error
 
 
@@ -246,8 +265,9 @@ def _text(path: Path) -> str:
     raise ValueError("it is empty")
 
 
-def differences(first, second, same: Callable = operator.eq, every: bool = True, path: str = ""
-                ) -> Iterator[tuple[str, object, object]]:
+def differences(
+    first, second, same: Callable = operator.eq, every: bool = True, path: str = ""
+) -> Iterator[tuple[str, object, object]]:
     """(key, value in the first, in the second) of everything that differs between two trees of dicts and lists.
 
     ``same`` compares what has no parts; with ``every``, keys of both count, else those of the second; ``path`` is that
@@ -274,8 +294,9 @@ def read_csv(path: Path) -> dict[str, np.ndarray]:
         header, *body = csv.reader(text.splitlines())
         if wrong := [(line, row) for line, row in enumerate(body, 2) if len(row) != len(header)]:
             line, row = wrong[0]
-            raise InputError(f"cannot be read: a row of {len(row)} entries, not {len(header)}", file=path, line=line,
-                             remedy=_REMEDY)
+            raise InputError(
+                f"cannot be read: a row of {len(row)} entries, not {len(header)}", file=path, line=line, remedy=_REMEDY
+            )
         return {name: _typed([row[i] for row in body]) for i, name in enumerate(header)}
 
 

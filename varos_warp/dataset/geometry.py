@@ -28,8 +28,11 @@ def _rebuilt(data, scene_dir):
     from varos_warp.scene.geometry.build import build_parts
 
     scene = scene_from_dict(data.meta["scene"], scene_dir)
-    changed = [name for name, digest in writers.sources(scene).items()
-               if digest != data.meta["sources"].get(name) and name != scene.trajectory.file]
+    changed = [
+        name
+        for name, digest in writers.sources(scene).items()
+        if digest != data.meta["sources"].get(name) and name != scene.trajectory.file
+    ]
     if changed:
         raise InputError(f"{changed[0]} is not at hand, or not as it was")
     return scene, build_parts(scene)

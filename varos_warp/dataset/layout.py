@@ -33,9 +33,14 @@ POSE_FORMS = {
 """Columns after the time, by the form of a file of poses; the matrices are authoritative."""
 
 
-STATES = {"position": xyz("p_wv", "m"), "velocity": xyz("v_wv", "m s^-1"), "acceleration": xyz("a_wv", "m s^-2"),
-          "quaternion": ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"], "angular_velocity": xyz("w_wv_v", "rad s^-1"),
-          "angular_acceleration": xyz("alpha_wv_v", "rad s^-2")}
+STATES = {
+    "position": xyz("p_wv", "m"),
+    "velocity": xyz("v_wv", "m s^-1"),
+    "acceleration": xyz("a_wv", "m s^-2"),
+    "quaternion": ["q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"],
+    "angular_velocity": xyz("w_wv_v", "rad s^-1"),
+    "angular_acceleration": xyz("alpha_wv_v", "rad s^-2"),
+}
 """Columns of the vehicle's states after the time, by quantity."""
 READINGS = {sensor.id: sensor.columns for sensor in SENSORS}
 """Columns of the readings of each sensor after the time, by quantity.

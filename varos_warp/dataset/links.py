@@ -35,5 +35,8 @@ def _check_link(path: Path, home: Path) -> None:
     except (OSError, RuntimeError):  # a loop
         target = Path("/")
     if not target.is_relative_to(home) or (target.exists() and not target.is_file()):
-        raise InputError("is a link that leads out of the dataset, or to a folder", file=path,
-                         remedy="Replace it with what it leads to, if you trust it.")
+        raise InputError(
+            "is a link that leads out of the dataset, or to a folder",
+            file=path,
+            remedy="Replace it with what it leads to, if you trust it.",
+        )

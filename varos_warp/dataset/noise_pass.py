@@ -31,8 +31,15 @@ from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.noise_profile import CameraNoise, NoiseProfile
 from varos_warp.sim.sensors import image_noise
 
-ANEW = ("dataset.json", "README.txt", "contact_sheet.png", "report.html", "readiness.html", "checksums",
-        "log/validation.json")
+ANEW = (
+    "dataset.json",
+    "README.txt",
+    "contact_sheet.png",
+    "report.html",
+    "readiness.html",
+    "checksums",
+    "log/validation.json",
+)
 """Files beside and below dataset.json that tell of the sensors, so they are made anew or left out."""
 
 
@@ -65,6 +72,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
             reading, bias = noisy_readings(data, name, model, seed)
             writers.write_readings(noisy.layout, name, reading, data.readings(name), bias)
         if profile.camera is not None:
+
             def write(frame: int, camera: str) -> None:
                 pixels = noisy_pixels(data, profile, seed, frame, camera)
                 files.write_png(noisy.layout.image(camera, WATER, frame), pixels)
@@ -86,8 +94,14 @@ def _naming_the_original(temp: Path, root: Path) -> Iterator[None]:
     except InputError as error:
         if error.file is None or not Path(error.file).is_relative_to(temp):
             raise
-        raise InputError(error.problem, file=root / Path(error.file).relative_to(temp), key=error.key,
-                         value=error.value, remedy=error.remedy, line=error.line) from error
+        raise InputError(
+            error.problem,
+            file=root / Path(error.file).relative_to(temp),
+            key=error.key,
+            value=error.value,
+            remedy=error.remedy,
+            line=error.line,
+        ) from error
 
 
 def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:
@@ -121,30 +135,42 @@ def _applicable(data: Dataset, profile: NoiseProfile) -> NoiseProfile:
     there["camera"] = WATER in data.outputs
     absent = [name for name, known in there.items() if getattr(profile, name) is not None and not known]
     if absent:
-        warnings.warn(f"the dataset has no readings of: {', '.join(absent)}; that part of the profile is left out",
-                      stacklevel=3)
+        warnings.warn(
+            f"the dataset has no readings of: {', '.join(absent)}; that part of the profile is left out", stacklevel=3
+        )
     seen = [about["id"] for about in data.meta["cameras"] if about.get("vignetting")]
     if seen and there["camera"] and profile.camera is not None and profile.camera.vignetting is not None:
-        warnings.warn(f"A of {', '.join(seen)} has the vignetting of the scene; the profile's is left out there",
-                      stacklevel=3)
+        warnings.warn(
+            f"A of {', '.join(seen)} has the vignetting of the scene; the profile's is left out there", stacklevel=3
+        )
     return profile.model_copy(update=dict.fromkeys(absent))
 
 
 def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
     """Noise is added once, to the truth."""
     if data.has_scene_noise:
-        raise InputError("A has noise already, of the scene", file=data.root, key="render.noise",
-                         remedy="Take it out of the scene, `run` anew into another folder, and give its "
-                                "profile here, too.")
+        raise InputError(
+            "A has noise already, of the scene",
+            file=data.root,
+            key="render.noise",
+            remedy="Take it out of the scene, `run` anew into another folder, and give its profile here, too.",
+        )
     if data.meta.get("noise"):
-        raise InputError("has the noise of a profile already", file=data.root, key="noise.profile.name",
-                         value=data.meta["noise"]["profile"]["name"],
-                         remedy="Add noise to the dataset that this one was made of.")
+        raise InputError(
+            "has the noise of a profile already",
+            file=data.root,
+            key="noise.profile.name",
+            value=data.meta["noise"]["profile"]["name"],
+            remedy="Add noise to the dataset that this one was made of.",
+        )
     for sensor in (BY_ID[name] for name in profile.of_sensors if data.has_noise(name)):
-        raise InputError(f"the {sensor.label} has noise already, of the scene", file=data.root,
-                         key=f"vehicle.{sensor.key}.noise",
-                         remedy="Take it out of the scene and `varos-warp simulate` anew, or leave "
-                                f"{sensor.key} out of the profile.")
+        raise InputError(
+            f"the {sensor.label} has noise already, of the scene",
+            file=data.root,
+            key=f"vehicle.{sensor.key}.noise",
+            remedy="Take it out of the scene and `varos-warp simulate` anew, or leave "
+            f"{sensor.key} out of the profile.",
+        )
 
 
 def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
@@ -152,20 +178,28 @@ def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
     for camera in data.cameras:
         seconds = exposure_s(data.camera(camera))
         if model.dark_current_electrons_per_s and not seconds:
-            raise InputError(f"camera {camera} has no time of exposure in which it gathers", file=data.root,
-                             key="camera.dark_current_electrons_per_s", value=model.dark_current_electrons_per_s,
-                             remedy="Give the camera a shutter with exposure_s in the scene and `run` it anew, or "
-                                    "leave the dark current out of the profile.")
+            raise InputError(
+                f"camera {camera} has no time of exposure in which it gathers",
+                file=data.root,
+                key="camera.dark_current_electrons_per_s",
+                value=model.dark_current_electrons_per_s,
+                remedy="Give the camera a shutter with exposure_s in the scene and `run` it anew, or "
+                "leave the dark current out of the profile.",
+            )
         gains = np.array(list(data.gains(WATER, camera).values()))
         if model.electrons_per_dn is not None and seconds and np.ptp(gains) > 1e-9 * gains.max():
             alike = model.electrons_per_dn * image_noise.levels(model) * np.median(gains)
-            raise InputError(f"takes the gain of a frame for its time of exposure, but camera {camera} is exposed for "
-                             f"{seconds:g} s in every frame, and its gains differ ({gains.min():.3g} to "
-                             f"{gains.max():.3g})", file=data.root, key="camera.electrons_per_dn",
-                             value=model.electrons_per_dn,
-                             remedy=f"Say electrons_per_radiance: {alike:.4g} instead in a profile of your own: as "
-                                    "many electrons at the middle gain, which is then an amplifier's. Or render with "
-                                    "render.exposure.A: constant.")
+            raise InputError(
+                f"takes the gain of a frame for its time of exposure, but camera {camera} is exposed for "
+                f"{seconds:g} s in every frame, and its gains differ ({gains.min():.3g} to "
+                f"{gains.max():.3g})",
+                file=data.root,
+                key="camera.electrons_per_dn",
+                value=model.electrons_per_dn,
+                remedy=f"Say electrons_per_radiance: {alike:.4g} instead in a profile of your own: as "
+                "many electrons at the middle gain, which is then an amplifier's. Or render with "
+                "render.exposure.A: constant.",
+            )
 
 
 # -------------------------------------------------------------------------------------------------------------- files
@@ -189,8 +223,9 @@ def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> N
         if target.parts[0] not in LEFT_OUT:
             value = sha256(path)
             if known.get(name, value) != value:
-                raise InputError("is not as it was written: its checksum differs", file=path,
-                                 remedy="`run` again to make it anew.")
+                raise InputError(
+                    "is not as it was written: its checksum differs", file=path, remedy="`run` again to make it anew."
+                )
             record.vouch(target.as_posix(), value)
 
     paths = [path for path in files.visible(data.root) if path not in left_out and not path.match(f"log/{NOTES}")]

@@ -39,10 +39,12 @@ def encode(pixels: np.ndarray) -> bytes:
     pixel = rows.shape[1] // width
     filtered = np.empty((height, 1 + rows.shape[1]), np.uint8)
     filtered[:, 0] = _SUB
-    filtered[:, 1:1 + pixel] = rows[:, :pixel]
-    np.subtract(rows[:, pixel:], rows[:, :-pixel], out=filtered[:, 1 + pixel:])
-    return _SIGNATURE + b"".join(_chunk(name, data) for name, data in (
-        (b"IHDR", header), (b"IDAT", _packed(filtered.reshape(-1).data)), (b"IEND", b"")))
+    filtered[:, 1 : 1 + pixel] = rows[:, :pixel]
+    np.subtract(rows[:, pixel:], rows[:, :-pixel], out=filtered[:, 1 + pixel :])
+    return _SIGNATURE + b"".join(
+        _chunk(name, data)
+        for name, data in ((b"IHDR", header), (b"IDAT", _packed(filtered.reshape(-1).data)), (b"IEND", b""))
+    )
 
 
 def _packed(data: memoryview) -> bytes:
@@ -54,8 +56,14 @@ def _packed(data: memoryview) -> bytes:
     from isal import isal_zlib
 
     packer = isal_zlib.compressobj(1)
-    return b"".join((packer.compress(data[:ALONE]), packer.flush(isal_zlib.Z_SYNC_FLUSH),
-                     packer.compress(data[ALONE:]), packer.flush()))
+    return b"".join(
+        (
+            packer.compress(data[:ALONE]),
+            packer.flush(isal_zlib.Z_SYNC_FLUSH),
+            packer.compress(data[ALONE:]),
+            packer.flush(),
+        )
+    )
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
@@ -95,9 +103,9 @@ def decode(path: Path) -> np.ndarray:
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     at = len(_SIGNATURE)
     while at < len(data):
-        length, = struct.unpack(">I", data[at:at + 4])
-        name, content = data[at + 4:at + 8], data[at + 8:at + 8 + length]
-        check, = struct.unpack(">I", data[at + 8 + length:at + 12 + length])
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        name, content = data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        (check,) = struct.unpack(">I", data[at + 8 + length : at + 12 + length])
         if check != zlib.crc32(name + content):
             raise ValueError("a checksum of it is wrong")
         yield name, content

@@ -47,11 +47,24 @@ POLL_SECONDS = 0.1
 KEPT_ORIGIN_M = 100.0
 """A course that moves farther has its geometry uploaded anew, around a nearer origin."""
 
-NOT_SOLID = {"name", "sequence", "water", "particles", "surface_depth_m", "gravity", "current", "vehicle",
-             "trajectory", "render", "vehicles", "observer"}
+NOT_SOLID = {
+    "name",
+    "sequence",
+    "water",
+    "particles",
+    "surface_depth_m",
+    "gravity",
+    "current",
+    "vehicle",
+    "trajectory",
+    "render",
+    "vehicles",
+    "observer",
+}
 """Blocks that terrain, objects and materials do not depend on."""
 NOT_MOVING: dict[str, Any] = dict.fromkeys(
-    ("name", "sequence", "terrain", "objects", "scatter", "growth", "materials", "water", "particles"), True)
+    ("name", "sequence", "terrain", "objects", "scatter", "growth", "materials", "water", "particles"), True
+)
 NOT_MOVING["vehicle"] = {"lights", "cameras"}
 """Blocks that the course does not depend on."""
 
@@ -62,8 +75,9 @@ def _solid(scene: Scene) -> dict[str, Any]:
     if scene.growth or any(isinstance(material, Layered) for material in scene.materials.values()):
         # as fine as the course comes near, and none of what it does not come near to
         solid["max_triangles"], solid["current"] = scene.render.max_triangles, scene.current.velocity
-        solid["seen"] = scene.model_dump(include={"surface_depth_m": True, "trajectory": True, "vehicles": True,
-                                                  "vehicle": {"cameras"}})
+        solid["seen"] = scene.model_dump(
+            include={"surface_depth_m": True, "trajectory": True, "vehicles": True, "vehicle": {"cameras"}}
+        )
         solid["segments"] = scene.render.segments
     if bodies := [vehicle.body.model_dump() for vehicle in scene.companions.values() if vehicle.body]:
         solid["bodies"] = bodies
@@ -99,12 +113,23 @@ class View(NamedTuple):
 
     def render(self, letter: str, **options) -> Any:
         """An image of some type."""
-        return getattr(self.renderer.render(self.T_w_v, self.camera, letter, motion=self.motion, time_ns=self.time_ns,
-                                            **options), letter)
+        return getattr(
+            self.renderer.render(self.T_w_v, self.camera, letter, motion=self.motion, time_ns=self.time_ns, **options),
+            letter,
+        )
 
 
-def preview(path: Path, screen, viewpoint: Viewpoint = Viewpoint(), *, spp: int | None = None, device: str = "auto",
-            overrides: Iterable[str | tuple[str, str]] = (), once: bool = False, quiet: bool = False) -> None:
+def preview(
+    path: Path,
+    screen,
+    viewpoint: Viewpoint = Viewpoint(),
+    *,
+    spp: int | None = None,
+    device: str = "auto",
+    overrides: Iterable[str | tuple[str, str]] = (),
+    once: bool = False,
+    quiet: bool = False,
+) -> None:
     """Show a scene, and again whenever one of its files is saved, until the user interrupts it.
 
     A scene that cannot be loaded any more is told of, and the last image stays.
@@ -147,8 +172,9 @@ def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Cons
     snow = view.render(SNOW) if scene.particles else None
     for image in refined(lambda **how: view.render(WATER, integrator="path", snow=False, **how), most):
         shown = denoise_image(image, scene.render.denoise)
-        pixels, gain = developed(WATER, shown if snow is None else np.maximum(snow.over(shown), 0.0), scene,
-                                 view.camera)
+        pixels, gain = developed(
+            WATER, shown if snow is None else np.maximum(snow.over(shown), 0.0), scene, view.camera
+        )
         screen.show(WATER, pixels)
         seconds = time.monotonic() - edited.since
         count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
@@ -208,15 +234,29 @@ def added(mean: RadianceImage, image: RadianceImage) -> RadianceImage:
         return sum(share**power * getattr(part, name) for share, part in zip(shares, (mean, image), strict=True))
 
     variance = sum((share * part.stderr) ** 2 for share, part in zip(shares, (mean, image), strict=True))
-    return replace(mean, radiance=blended("radiance"), stderr=np.sqrt(variance), correction=blended("correction"),
-                   base_variance=blended("base_variance", 2), spp=total, layers={}, block_error=None)
+    return replace(
+        mean,
+        radiance=blended("radiance"),
+        stderr=np.sqrt(variance),
+        correction=blended("correction"),
+        base_variance=blended("base_variance", 2),
+        spp=total,
+        layers={},
+        block_error=None,
+    )
 
 
 class _EditedScene:
     """A scene file at work, and what was made of it so far."""
 
-    def __init__(self, path: Path, viewpoint: Viewpoint, device: str, overrides: tuple[str | tuple[str, str], ...],
-                 console: Console):
+    def __init__(
+        self,
+        path: Path,
+        viewpoint: Viewpoint,
+        device: str,
+        overrides: tuple[str | tuple[str, str], ...],
+        console: Console,
+    ):
         self.path, self.viewpoint, self.device, self.overrides = path, viewpoint, device, overrides
         self.console = console
         self.since = time.monotonic()
@@ -265,8 +305,11 @@ class _EditedScene:
     def _uploaded(self, scene: Scene) -> FrameRenderer:
         solid = _solid(scene)
         old = self._renderer
-        if old is None or solid != self._solid or np.abs(
-                local_origin(scene, old.parts) - old.world.origin).max() > KEPT_ORIGIN_M:
+        if (
+            old is None
+            or solid != self._solid
+            or np.abs(local_origin(scene, old.parts) - old.world.origin).max() > KEPT_ORIGIN_M
+        ):
             self.console.tell("loading terrain, objects and textures ...")
             self._renderer = FrameRenderer(scene, self.device)
             self._solid = solid
@@ -320,11 +363,16 @@ def _pose(viewpoint: Viewpoint, simulation, stays_open_ns: int) -> tuple[int, np
     if time_s is not None:
         end_ns = int(trajectory.time_ns[-1]) - stays_open_ns
         if not 0.0 <= time_s <= 1e-9 * end_ns:
-            raise InputError("is not on the course", key="--time", value=time_s,
-                             remedy=f"It lasts {1e-9 * end_ns:g} s.")
+            raise InputError(
+                "is not on the course", key="--time", value=time_s, remedy=f"It lasts {1e-9 * end_ns:g} s."
+            )
         time_ns = min(round(1e9 * time_s), end_ns)
         return time_ns, trajectory.at([time_ns]).T_w_v(0)
     if not 0 <= frame < len(simulation.frames):
-        raise InputError("there is no such frame", key="--frame", value=frame,
-                         remedy=f"The sequence has frames 0 to {len(simulation.frames) - 1}.")
+        raise InputError(
+            "there is no such frame",
+            key="--frame",
+            value=frame,
+            remedy=f"The sequence has frames 0 to {len(simulation.frames) - 1}.",
+        )
     return int(simulation.frames.time_ns[frame]), simulation.frames.T_w_v(frame)

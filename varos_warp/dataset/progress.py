@@ -22,8 +22,14 @@ class Progress:
         also: Told of the steps, too.
     """
 
-    def __init__(self, label: str, total: int, unit: str = "frames", quiet: bool = False,
-                 also: Callable[[int], None] = lambda steps: None):
+    def __init__(
+        self,
+        label: str,
+        total: int,
+        unit: str = "frames",
+        quiet: bool = False,
+        also: Callable[[int], None] = lambda steps: None,
+    ):
         self.label, self.total, self.unit, self.quiet, self.also = label, total, unit, quiet, also
         self.done = self._at_first = 0
         self._bar = None
@@ -47,8 +53,16 @@ class Progress:
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
 
-        return Bar("{task.description}", BarColumn(), TextColumn("{task.fields[rate]}"), "elapsed",
-                   TimeElapsedColumn(), "left", TimeRemainingColumn(), console=Terminal(stderr=True))
+        return Bar(
+            "{task.description}",
+            BarColumn(),
+            TextColumn("{task.fields[rate]}"),
+            "elapsed",
+            TimeElapsedColumn(),
+            "left",
+            TimeRemainingColumn(),
+            console=Terminal(stderr=True),
+        )
 
     @property
     def rate(self) -> float:
@@ -97,8 +111,7 @@ class NamedSteps(Progress):
         now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, completed=self.names.index(name) + share, description=f"{self.label}: {name}")
-        elif not self.quiet and now - self._start >= 1.0 and (
-                name != self._said or now - self._last >= LINE_SECONDS):
+        elif not self.quiet and now - self._start >= 1.0 and (name != self._said or now - self._last >= LINE_SECONDS):
             self._said, self._last = name, now
             done = f" {share:.0%}" if share > 0.0 else ""
             print(f"{self.label}: {name}{done} after {_clock(now - self._start)}", file=sys.stderr, flush=True)

@@ -24,8 +24,9 @@ class FolderScreen:
 
     def __init__(self, folder: Path):
         if (folder / "dataset.json").exists():
-            raise InputError("is a dataset, which holds its own files alone", file=folder, key="-o",
-                             remedy="Name another folder.")
+            raise InputError(
+                "is a dataset, which holds its own files alone", file=folder, key="-o", remedy="Name another folder."
+            )
         self.file = folder / "preview.png"
 
     def place(self, view) -> None:
@@ -66,10 +67,19 @@ class RerunScreen:
         T, origin = camera_pose(camera, view.T_w_v), moved_by(view.course)
         self.stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self.stream.log("world/course", rr.LineStrips3D([view.course - origin], colors=[240, 180, 60]))
-        self.stream.log("world/camera", rr.Transform3D(
-            translation=T[:3, 3] - origin, quaternion=Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)),
-            rr.Pinhole(image_from_camera=intrinsics(camera), width=camera.resolution[0], height=camera.resolution[1],
-                       camera_xyz=rr.ViewCoordinates.RDF, image_plane_distance=0.5))
+        self.stream.log(
+            "world/camera",
+            rr.Transform3D(
+                translation=T[:3, 3] - origin, quaternion=Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+            ),
+            rr.Pinhole(
+                image_from_camera=intrinsics(camera),
+                width=camera.resolution[0],
+                height=camera.resolution[1],
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.5,
+            ),
+        )
         self.tell("")
 
     def show(self, letter: str, pixels: np.ndarray) -> None:
@@ -85,9 +95,14 @@ def _blueprint():
     """The images at the left, the world and what is wrong with the scene at the right."""
     import rerun.blueprint as rrb
 
-    images = [rrb.Spatial2DView(origin=f"world/camera/{letter}", name=f"{letter}: {OUTPUTS[letter].content}")
-              for letter in RerunScreen.outputs]
+    images = [
+        rrb.Spatial2DView(origin=f"world/camera/{letter}", name=f"{letter}: {OUTPUTS[letter].content}")
+        for letter in RerunScreen.outputs
+    ]
     world = rrb.Spatial3DView(origin="world", name="World", contents=["+ $origin/**", "- $origin/camera/B"])
     others = rrb.Vertical(images[1], world, rrb.TextDocumentView(origin="message"), row_shares=[3, 3, 1])
-    return rrb.Blueprint(rrb.Horizontal(images[0], others, column_shares=[2, 1]),
-                         rrb.TimePanel(state="collapsed", timeline="save"), collapse_panels=True)
+    return rrb.Blueprint(
+        rrb.Horizontal(images[0], others, column_shares=[2, 1]),
+        rrb.TimePanel(state="collapsed", timeline="save"),
+        collapse_panels=True,
+    )

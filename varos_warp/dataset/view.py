@@ -76,8 +76,11 @@ def load_rerun(verb: str, instead: str = ""):
     try:
         import rerun
     except ImportError as error:
-        raise InputError("the viewer Rerun is not installed", key=verb,
-                         remedy=f'Install it with `pip install "varos_warp[view]"`{instead}.') from error
+        raise InputError(
+            "the viewer Rerun is not installed",
+            key=verb,
+            remedy=f'Install it with `pip install "varos_warp[view]"`{instead}.',
+        ) from error
     return rerun
 
 
@@ -93,8 +96,11 @@ def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
     try:
         stream.spawn(default_blueprint=blueprint)
     except RuntimeError as error:
-        raise InputError("the viewer Rerun cannot be opened: " + str(error).strip().splitlines()[0].rstrip("."),
-                         key=verb, remedy=f"Activate the environment that it is installed in. {remedy}") from error
+        raise InputError(
+            "the viewer Rerun cannot be opened: " + str(error).strip().splitlines()[0].rstrip("."),
+            key=verb,
+            remedy=f"Activate the environment that it is installed in. {remedy}",
+        ) from error
 
 
 def _is_open() -> bool:
@@ -110,9 +116,13 @@ def _select(data: Dataset, frames: slice) -> list[int]:
     wanted = range(*frames.indices(data.meta["frames"]["of"]))
     numbers = [number for number in data.frames if number in wanted]
     if not numbers:
-        raise InputError("there are no such frames", file=data.root, key="--frames",
-                         remedy=f"The dataset has {counted(len(data), 'frame')}"
-                                + (f", {data.frames[0]} to {data.frames[-1]}." if data.frames else "."))
+        raise InputError(
+            "there are no such frames",
+            file=data.root,
+            key="--frames",
+            remedy=f"The dataset has {counted(len(data), 'frame')}"
+            + (f", {data.frames[0]} to {data.frames[-1]}." if data.frames else "."),
+        )
     return numbers
 
 
@@ -162,8 +172,9 @@ class _Recorder:
 
     def poses(self, T: np.ndarray):
         """Poses [N, 4, 4] as columns, moved by the origin."""
-        return self.rr.Transform3D.columns(translation=T[:, :3, 3] - self.origin,
-                                           quaternion=Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True))
+        return self.rr.Transform3D.columns(
+            translation=T[:, :3, 3] - self.origin, quaternion=Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
+        )
 
     def axes(self, entity: str, name: str) -> np.ndarray:
         """Axes that move along the course of something in the dataset; returns its poses [N, 4, 4]."""
@@ -187,8 +198,10 @@ class _Recorder:
             self.axes(entity, entry["key"])
             if "box_m" in entry:
                 low, high = np.array(entry["box_m"])
-                self.fix(f"{entity}/box", self.rr.Boxes3D(centers=[(low + high) / 2], half_sizes=[(high - low) / 2],
-                                                          labels=[entry["key"]]))
+                self.fix(
+                    f"{entity}/box",
+                    self.rr.Boxes3D(centers=[(low + high) / 2], half_sizes=[(high - low) / 2], labels=[entry["key"]]),
+                )
 
     def camera(self, camera: str, numbers: list[int]) -> None:
         """Poses of a camera at its frames, its frustum, and the exposure of its images."""
@@ -197,14 +210,24 @@ class _Recorder:
         rows = np.searchsorted(data.frames, numbers)
         indexes = [*self.times(time_ns[rows]), rr.TimeColumn("frame", sequence=numbers)]
         self.stream.send_columns(entity, indexes, self.poses(T_w_c[rows]))
-        self.fix(entity, rr.Pinhole(image_from_camera=data.intrinsics(camera), width=about["width"],
-                                    height=about["height"], camera_xyz=rr.ViewCoordinates.RDF,
-                                    image_plane_distance=0.5))
+        self.fix(
+            entity,
+            rr.Pinhole(
+                image_from_camera=data.intrinsics(camera),
+                width=about["width"],
+                height=about["height"],
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.5,
+            ),
+        )
         for output in (output for output in data.outputs if OUTPUTS[output].is_color):
             gains = data.gains(output, camera)
             if all(number in gains for number in numbers):
-                self.stream.send_columns(f"exposure/cam{camera}/{output}", indexes,
-                                         rr.Scalars.columns(scalars=[gains[number] for number in numbers]))
+                self.stream.send_columns(
+                    f"exposure/cam{camera}/{output}",
+                    indexes,
+                    rr.Scalars.columns(scalars=[gains[number] for number in numbers]),
+                )
 
     def sensors(self) -> None:
         """The curves that each sensor has here: three of a vector."""
@@ -244,11 +267,15 @@ class _Recorder:
         """D along the camera's axis; 0, which Rerun takes for none, where there is none."""
         start, end = self.data.meta["depth"]["range_m"]
         if self.data.meta["depth"]["kind"] == "z" and start == 0:
-            return self.rr.DepthImage(np.where(pixels == DEPTH_LEVELS, 0, pixels).astype(np.uint16),
-                                      meter=DEPTH_LEVELS / end, depth_range=[0, DEPTH_LEVELS - 1])
+            return self.rr.DepthImage(
+                np.where(pixels == DEPTH_LEVELS, 0, pixels).astype(np.uint16),
+                meter=DEPTH_LEVELS / end,
+                depth_range=[0, DEPTH_LEVELS - 1],
+            )
         depth = self.data.planar_depth(number, camera)
-        return self.rr.DepthImage(np.where(np.isfinite(depth), depth, 0).astype(np.float32), meter=1.0,
-                                  depth_range=[0, end])
+        return self.rr.DepthImage(
+            np.where(np.isfinite(depth), depth, 0).astype(np.float32), meter=1.0, depth_range=[0, end]
+        )
 
 
 def _viewed(data: Dataset) -> Iterator[tuple[SensorProduct, Curve]]:
@@ -262,14 +289,25 @@ def _blueprint(data: Dataset):
     import rerun.blueprint as rrb
 
     camera = f"world/cam{data.cameras[0]}"
-    images = [rrb.Spatial2DView(origin=f"{camera}/{output}", name=f"{output}: {OUTPUTS[output].content}")
-              for output in data.outputs]
-    others = [f"- $origin/cam{camera}/{output}" for camera in data.cameras for output in data.outputs
-              if output not in (WATER, DEPTH)]  # A is on the frustum's far side, D is a cloud
+    images = [
+        rrb.Spatial2DView(origin=f"{camera}/{output}", name=f"{output}: {OUTPUTS[output].content}")
+        for output in data.outputs
+    ]
+    others = [
+        f"- $origin/cam{camera}/{output}"
+        for camera in data.cameras
+        for output in data.outputs
+        if output not in (WATER, DEPTH)
+    ]  # A is on the frustum's far side, D is a cloud
     world = rrb.Spatial3DView(origin="world", name="World", contents=["+ $origin/**", *others])
-    origins = [*((f"{sensor.id}/{drawn.quantity}", drawn.viewed) for sensor, drawn in _viewed(data)),
-               ("exposure", "exposure gain")]
+    origins = [
+        *((f"{sensor.id}/{drawn.quantity}", drawn.viewed) for sensor, drawn in _viewed(data)),
+        ("exposure", "exposure gain"),
+    ]
     curves = [rrb.TimeSeriesView(origin=entity, name=name) for entity, name in origins]
     top = rrb.Horizontal(world, rrb.Grid(*images, grid_columns=2), column_shares=[1, 1]) if images else world
-    return rrb.Blueprint(rrb.Vertical(top, rrb.Horizontal(*curves), row_shares=[3, 1]),
-                         rrb.TimePanel(state="collapsed", timeline="time"), collapse_panels=True)
+    return rrb.Blueprint(
+        rrb.Vertical(top, rrb.Horizontal(*curves), row_shares=[3, 1]),
+        rrb.TimePanel(state="collapsed", timeline="time"),
+        collapse_panels=True,
+    )

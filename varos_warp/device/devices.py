@@ -50,8 +50,9 @@ def resolve_device(name: str = "auto") -> str:
         return next((device for device in known if device.startswith("cuda")), "cpu")
     found = "cuda:0" if name == "cuda" else name
     if found not in known:
-        raise InputError("no such device here", key="--device", value=name,
-                         remedy=f"Use auto or one of: {', '.join(known)}.")
+        raise InputError(
+            "no such device here", key="--device", value=name, remedy=f"Use auto or one of: {', '.join(known)}."
+        )
     return found
 
 

@@ -39,8 +39,15 @@ def in_order(kernel: wp.Kernel, arguments: Mapping[str, Any]) -> list:
     return [arguments[name] for name in names]
 
 
-def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: str, *, rows: int = TILE_ROWS,
-                threads: int | None = None) -> None:
+def launch_rows(
+    kernel: wp.Kernel,
+    dim,
+    arguments: Mapping[str, Any],
+    device: str,
+    *,
+    rows: int = TILE_ROWS,
+    threads: int | None = None,
+) -> None:
     """Run a kernel that takes the first row of its tile as `FIRST_ROW`.
 
     Args:
@@ -68,8 +75,12 @@ def launch_rows(kernel: wp.Kernel, dim, arguments: Mapping[str, Any], device: st
     def tile(row):
         with gate.passed() as is_open:
             if is_open:
-                wp.launch(kernel, dim=(min(rows, dim[0] - row), *dim[1:]), device=device,
-                          inputs=[*inputs[:at], row, *inputs[at + 1:]])
+                wp.launch(
+                    kernel,
+                    dim=(min(rows, dim[0] - row), *dim[1:]),
+                    device=device,
+                    inputs=[*inputs[:at], row, *inputs[at + 1 :]],
+                )
 
     with ThreadPoolExecutor(threads or usable_cores()) as pool, gate:
         list(pool.map(tile, starts))

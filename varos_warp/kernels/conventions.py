@@ -22,8 +22,9 @@ ALL = 1 << 30
 BLOCK_DIM = 128
 """Threads per block of a launch on a GPU, for kernels that have no launch bounds of their own."""
 
-CPU_FLAGS = " ".join([wp.config.cpu_compiler_flags or "", "-fno-slp-vectorize", "-menable-no-nans",
-                      "-Wno-nan-infinity-disabled"])
+CPU_FLAGS = " ".join(
+    [wp.config.cpu_compiler_flags or "", "-fno-slp-vectorize", "-menable-no-nans", "-Wno-nan-infinity-disabled"]
+)
 """Compiler flags of long kernels on a CPU. Vectorising their scalars costs 5 to 10 % of the time on an EPYC. Rays are
 tested against boxes by minima and maxima, which are one instruction each where they need not provide for NaN: an eighth
 of the time. ``wp.isfinite`` still finds it, as code of a library that is compiled apart."""

@@ -79,7 +79,7 @@ def make_gauss_legendre(count: int):
     """
     half = wp.types.vector(count // 2, float)
     x, w = np.polynomial.legendre.leggauss(count)
-    nodes, weights = (half(*(0.5 * values[:count // 2]).tolist()) for values in (1.0 + x, w))
+    nodes, weights = (half(*(0.5 * values[: count // 2]).tolist()) for values in (1.0 + x, w))
 
     @wp.func
     def node(k: int):

@@ -89,8 +89,9 @@ class LightKernels(NamedTuple):
     guides: wp.Kernel | None = None
 
 
-def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, integrator: str, moves: bool
-                  ) -> LightKernels | None:
+def water_kernels(
+    scene: Scene, spec: SceneSpec, view: Camera, options: RenderOptions, integrator: str, moves: bool
+) -> LightKernels | None:
     """Kernels of A, or of P for its camera; None if it is black: nothing could send light there, or there is none.
 
     Args:
@@ -104,21 +105,33 @@ def water_kernels(scene: Scene, spec: SceneSpec, view: Camera, options: RenderOp
     if not (spec.surfaces or spec.medium) or not scene.lights:
         return None
     layers = {layer: layer in options.layers for layer in LAYERS}
-    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
-                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0, **layers)
+    spec = replace(
+        spec,
+        optics=optics_spec(view),
+        varies=moves or lights_vary(scene.lights),
+        disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0,
+        **layers,
+    )
     if integrator == "reference":
         return LightKernels(samples=make_reference_kernel(spec))
     with_field, kinds = integrator == "field", []
-    of_paths = replace(spec, medium=spec.medium and options.max_scatterings != 0, field=with_field,
-                       camera_field=with_field and along_camera(scene, view))
+    of_paths = replace(
+        spec,
+        medium=spec.medium and options.max_scatterings != 0,
+        field=with_field,
+        camera_field=with_field and along_camera(scene, view),
+    )
     if camera := of_paths.camera():
         kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
     if subpaths := of_paths.subpaths():
         kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
     # without the field the base is too noisy to guide
     guided = with_field and spec.surfaces and options.denoise in (None, "oidn")
-    return LightKernels(tuple(kinds), guides=make_guides_kernel(replace(spec, varies=moves)) if guided else None,
-                        virtual_lights=make_virtual_lights_kernel(spec) if subpaths and spec.surfaces else None)
+    return LightKernels(
+        tuple(kinds),
+        guides=make_guides_kernel(replace(spec, varies=moves)) if guided else None,
+        virtual_lights=make_virtual_lights_kernel(spec) if subpaths and spec.surfaces else None,
+    )
 
 
 def ambient_kernels(spec: SceneSpec, view: Camera, denoiser: str, moves: bool) -> LightKernels | None:
@@ -158,11 +171,17 @@ class ParticleKernels(NamedTuple):
 def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, field: bool) -> ParticleKernels:
     """Kernels of bodies in the water, which the ``field`` lights; ``moves``: the vehicle does so."""
     moves = moves and view.shutter is not None
-    spec = replace(spec, optics=optics_spec(view), varies=moves or lights_vary(scene.lights),
-                   rolling=is_rolling(view) and (moves or lights_vary(scene.lights)),
-                   disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0, field=field)
-    return ParticleKernels(make_draw_kernel(spec), make_expected_kernel(spec),
-                           make_field_light_kernel(spec) if spec.field else None)
+    spec = replace(
+        spec,
+        optics=optics_spec(view),
+        varies=moves or lights_vary(scene.lights),
+        rolling=is_rolling(view) and (moves or lights_vary(scene.lights)),
+        disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0,
+        field=field,
+    )
+    return ParticleKernels(
+        make_draw_kernel(spec), make_expected_kernel(spec), make_field_light_kernel(spec) if spec.field else None
+    )
 
 
 def lit_by_field(scene: Scene) -> bool:
@@ -173,8 +192,9 @@ def lit_by_field(scene: Scene) -> bool:
     return field_by_old_name(scene.render.integrator) in ("auto", "field") and unavailable(scene) is None
 
 
-def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
-                   ) -> list[wp.Kernel]:
+def kernels_needed(
+    scene: Scene, spec: SceneSpec, letters: Iterable[str], integrator: str | None = None
+) -> list[wp.Kernel]:
     """What images of the scene's cameras will need, of a vehicle under way: one kernel of each module, longest first.
 
     Args:
@@ -200,10 +220,13 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
             bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
-            hits += [gather_splats, *([tabulate_expected] if along_camera(scene, view) else []),
-                     *(kernel for kernel in bodies if kernel)]
+            hits += [
+                gather_splats,
+                *([tabulate_expected] if along_camera(scene, view) else []),
+                *(kernel for kernel in bodies if kernel),
+            ]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
-            hits += (hit_kernels(spec, view, is_rolling(view)) or ())[:1 + (Source.NEXT_FRAME in sources)]
+            hits += (hit_kernels(spec, view, is_rolling(view)) or ())[: 1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:
             hits.append(purity_kernel(spec, view, view.shutter is not None, is_rolling(view)))
     made = [image for image in images if image]
@@ -219,8 +242,9 @@ def kernels_needed(scene: Scene, spec: SceneSpec, letters: Iterable[str], integr
 
 
 @contextmanager
-def compiling_foretold(scene: Scene, device: str, letters: Iterable[str], integrator: str | None = None
-                       ) -> Iterator[None]:
+def compiling_foretold(
+    scene: Scene, device: str, letters: Iterable[str], integrator: str | None = None
+) -> Iterator[None]:
     """A ``with`` statement during which threads compile what loading a scene and its images will need.
 
     As far as the scene file tells; arguments as for `kernels_needed`.

@@ -39,13 +39,17 @@ def checked_motion(name: str, motion: Motion | None) -> Motion | None:
     if motion is None:
         return None
     if not callable(motion):
-        raise InputError("is no function", key=name, remedy="Give one of times [ns] that returns poses [N, 4, 4], such "
-                         "as Simulation.motion(time_ns).")
+        raise InputError(
+            "is no function",
+            key=name,
+            remedy="Give one of times [ns] that returns poses [N, 4, 4], such as Simulation.motion(time_ns).",
+        )
     return lambda offset_ns: checked_poses(name, motion(offset_ns), len(offset_ns))
 
 
-def moments_of(world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, pinhole: bool,
-               lit: bool = True) -> Moments:
+def moments_of(
+    world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, pinhole: bool, lit: bool = True
+) -> Moments:
     """The moments of an image.
 
     Args:

@@ -47,13 +47,22 @@ class RenderOptions:
     that takes instead. Absent: all. On a GPU, copying all takes longer than denoising; on a CPU it fills memory."""
 
     def __post_init__(self):
-        for key, known in (("layers", LAYERS), ("integrator", INTEGRATORS), ("denoise", METHODS),
-                           ("denoise_b", METHODS), ("copied", ("radiance", "denoised"))):
+        for key, known in (
+            ("layers", LAYERS),
+            ("integrator", INTEGRATORS),
+            ("denoise", METHODS),
+            ("denoise_b", METHODS),
+            ("copied", ("radiance", "denoised")),
+        ):
             names = getattr(self, key)
             if names is not None:
                 check_names(key, names if key in ("layers", "copied") else [field_by_old_name(names)], known)
-        for key, least, most in (("spp", 1, MOST_SPP), ("spp_b", 1, MOST_SPP), ("max_scatterings", 0, math.inf),
-                                 ("max_bounces", 0, math.inf)):
+        for key, least, most in (
+            ("spp", 1, MOST_SPP),
+            ("spp_b", 1, MOST_SPP),
+            ("max_scatterings", 0, math.inf),
+            ("max_bounces", 0, math.inf),
+        ):
             number = getattr(self, key)
             if number is not None and number < least:
                 raise InputError(f"must be at least {least}", key=key, value=number)
@@ -78,8 +87,7 @@ def of_run(device: str, denoisers: Mapping[str, str | None], linear_exr: bool) -
         denoisers: Of A and B.
         linear_exr: Whether A is written before denoising, too.
     """
-    there = {key: "oidn" for letter, key in DENOISE_KEYS.items()
-             if device != "cpu" and denoisers[letter] == "oidn"}
+    there = {key: "oidn" for letter, key in DENOISE_KEYS.items() if device != "cpu" and denoisers[letter] == "oidn"}
     return there | {"copied": None if linear_exr else ["denoised"]}
 
 
@@ -123,6 +131,10 @@ def resolve_integrator(name: str, max_scatterings: int | None, no_field: Callabl
     if max_scatterings is not None:
         why = f"it holds all orders of scattering, and max_scatterings is {max_scatterings}"
     if name == "field" and why:
-        raise InputError(f"the field cannot be used: {why}", key="render.integrator", value=name,
-                         remedy="Use integrator path, or auto.")
+        raise InputError(
+            f"the field cannot be used: {why}",
+            key="render.integrator",
+            value=name,
+            remedy="Use integrator path, or auto.",
+        )
     return "path" if why else "field"

@@ -182,10 +182,20 @@ class RadianceRenderer:
     def _by_reference(self, shot: Shot, bounds: PathBounds, kernel: wp.Kernel) -> Taken:
         film, spp = self.films.black(shot.view.resolution), shot.options.spp
         seen = self._seen(shot.world, shot.view, shot.T_w_v, shot.motion)
-        self.films.take(film, kernel, {
-            "scene": shot.world.lit(shot.T_w_v), "camera": seen.camera, "moments": seen.moments,
-            "max_scatterings": bounds.scatterings, "max_bounces": bounds.bounces, "key": wp.uint32(shot.key)}, spp,
-            share=self.share(shot.view))
+        self.films.take(
+            film,
+            kernel,
+            {
+                "scene": shot.world.lit(shot.T_w_v),
+                "camera": seen.camera,
+                "moments": seen.moments,
+                "max_scatterings": bounds.scatterings,
+                "max_bounces": bounds.bounces,
+                "key": wp.uint32(shot.key),
+            },
+            spp,
+            share=self.share(shot.view),
+        )
         return self._developed([film])
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> Taken:
@@ -241,12 +251,24 @@ class RadianceRenderer:
         samples = OF_SAMPLES * shot.options.spp * np.prod(shot.view.resolution)
         count = int(np.clip(1 << int(samples).bit_length(), *VIRTUAL_LIGHTS))
         lights = wp.empty((2 * groups, count // (2 * groups)), dtype=VirtualLight, device=self.device)
-        self.launcher.rows(kernel, (lights.size,), {
-            "scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights}, tile_rows=1024)
+        self.launcher.rows(
+            kernel,
+            (lights.size,),
+            {"scene": scene, "moments": seen.moments, "key": wp.uint32(key), "points": lights},
+            tile_rows=1024,
+        )
         return lights
 
-    def _seen(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, *,
-              pinhole: bool = False, lit: bool = True) -> Seen:
+    def _seen(
+        self,
+        world: DeviceScene,
+        view: Camera,
+        T_w_v: np.ndarray,
+        motion: Motion | None,
+        *,
+        pinhole: bool = False,
+        lit: bool = True,
+    ) -> Seen:
         """Camera and moments of an image; with ``pinhole``, without depth of field, and of the camera only.
 
         Unless ``lit``, the time in which no light is on counts too.
@@ -272,23 +294,28 @@ class RadianceRenderer:
             return None
         film = self.films.black(shot.view.resolution)
         seen = self._seen(world, shot.view, shot.T_w_v, shot.motion, pinhole=True, lit=False)
-        self.films.take(film, kernels.samples, {
-            "scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
-            shot.options.spp_b)
+        self.films.take(
+            film,
+            kernels.samples,
+            {"scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
+            shot.options.spp_b,
+        )
         taken = self._developed([film])
         guides = shot.guides(kernels.guides) if kernels.guides else {}
         if guides and not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
             guides = guides | {"albedo": taken.images["direct"]}
         return taken._replace(guides=guides)
 
-    def trace_guides(self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool,
-                     kernel: wp.Kernel) -> dict[str, wp.array]:
+    def trace_guides(
+        self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool, kernel: wp.Kernel
+    ) -> dict[str, wp.array]:
         """Albedo and normals at the centres of the pixels; means over an exposure, or what is ``lit`` of it."""
         seen = self._seen(world, view, T_w_v, motion, pinhole=True, lit=lit)
         shape = view.resolution[::-1]
         guides = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("albedo", "normal")}
-        self.launcher.rows(kernel, shape, {
-            "scene": world.data, "camera": seen.camera, "moments": seen.moments, **guides})
+        self.launcher.rows(
+            kernel, shape, {"scene": world.data, "camera": seen.camera, "moments": seen.moments, **guides}
+        )
         return guides
 
     def _weighed(self, guides: dict[str, wp.array], images: dict[str, wp.array]) -> dict[str, wp.array]:
@@ -334,19 +361,19 @@ class RadianceRenderer:
         if blocks:
             pixels, parts = tile_pixels(*shape), zip(variances, (weights for _, weights in taken.blocks), strict=True)
             on_host["block_error"] = sum(
-                (added_errors(block_error(values, pixels), weights) for values, weights in parts), np.float32(0.0))
+                (added_errors(block_error(values, pixels), weights) for values, weights in parts), np.float32(0.0)
+            )
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in on_host}
         return self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method)
 
-    def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None
-                  ) -> RadianceImage:
+    def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None) -> RadianceImage:
         """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
         if method is None:
             return image
         if not on_device or not self._denoises(method):
             return replace(image, denoised=denoise_image(image, method))
         check_finite(image.radiance)
-        denoised, = self.launcher.fetch(self._device_denoiser.denoise(**on_device))
+        (denoised,) = self.launcher.fetch(self._device_denoiser.denoise(**on_device))
         return replace(image, denoised=denoised)
 
     def _denoises(self, method: str | None) -> bool:
@@ -365,16 +392,19 @@ class RadianceRenderer:
             return None
 
 
-def _facts_of_samples(counted: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]
-                      ) -> dict[str, float]:
+def _facts_of_samples(
+    counted: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]
+) -> dict[str, float]:
     """How many samples were lost, which is told, and samples per pixel: as many as cost as much.
 
     That is a mean over the image, and over the images whose sum it is.
     """
     lost, counts = sum(int(number[0]) for number in counted[::2]), counted[1::2]
     if lost:
-        warn(f"at least {lost} samples of an image were infinite or not a number; they count as black, "
-             "and the image is darker there")
+        warn(
+            f"at least {lost} samples of an image were infinite or not a number; they count as black, "
+            "and the image is darker there"
+        )
     area = tile_pixels(*shape) / np.prod(shape)
     spent = sum(kind.cost * float((count.mean(0) * area).sum()) for count, kind in zip(counts, kinds, strict=True))
     return {"lost_samples": lost, "spp": round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6)}

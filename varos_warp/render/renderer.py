@@ -45,8 +45,21 @@ from varos_warp.scene.optics.shutter import in_ns, is_rolling, row_offsets_s
 from varos_warp.sim.companions import companions
 from varos_warp.sim.poses import poses_of_moving
 
-__all__ = ["INTEGRATORS", "LAYERS", "DepthImage", "FlowImage", "Frame", "FrameRenderer", "NextFrame", "NormalImage",
-           "RadianceImage", "Rays", "SegmentImage", "resolve_integrator", "stream_key"]
+__all__ = [
+    "INTEGRATORS",
+    "LAYERS",
+    "DepthImage",
+    "FlowImage",
+    "Frame",
+    "FrameRenderer",
+    "NextFrame",
+    "NormalImage",
+    "RadianceImage",
+    "Rays",
+    "SegmentImage",
+    "resolve_integrator",
+    "stream_key",
+]
 
 
 def stream_key(seed: int, frame: int, camera: str, output: str) -> int:
@@ -64,8 +77,11 @@ def _points(points: ArrayLike, size: int) -> np.ndarray:
     """Points [..., size] that a caller gives, as float64."""
     array = numeric("points", points, f"Give an array [..., {size}].")
     if not array.ndim or array.shape[-1] != size:
-        raise InputError(f"has the shape {array.shape}, not [..., {size}]", key="points",
-                         remedy="Image points have two numbers, points of the world three.")
+        raise InputError(
+            f"has the shape {array.shape}, not [..., {size}]",
+            key="points",
+            remedy="Image points have two numbers, points of the world three.",
+        )
     return array
 
 
@@ -108,8 +124,13 @@ class FrameRenderer:
         threads: CPU threads; absent: all that the process may use. Does not change a byte of the result.
     """
 
-    def __init__(self, scene: Scene, device: str = "auto", parts: list[Part | Instances] | None = None,
-                 threads: int | None = None):
+    def __init__(
+        self,
+        scene: Scene,
+        device: str = "auto",
+        parts: list[Part | Instances] | None = None,
+        threads: int | None = None,
+    ):
         self.scene = scene
         self.device = resolve_device(device)
         self.device_name = wp.get_device(self.device).name
@@ -159,13 +180,24 @@ class FrameRenderer:
             outputs: Letters of the images.
             integrator: Of A and P; absent: the scene's.
         """
-        kernels = kernels_needed(self.world.scene, replace(self.world.spec, bands=self.scene.is_spectral), outputs,
-                                 integrator)
+        kernels = kernels_needed(
+            self.world.scene, replace(self.world.spec, bands=self.scene.is_spectral), outputs, integrator
+        )
         return compiling(kernels, self.device)
 
-    def render(self, T_w_v: ArrayLike, camera: str | Camera | None = None, outputs: Iterable[str] = "ABCD", *,
-               following: NextFrame | None = None, motion: Motion | None = None, time_ns: int = 0,
-               seed: int | None = None, frame: int = 0, **options: Any) -> Frame:
+    def render(
+        self,
+        T_w_v: ArrayLike,
+        camera: str | Camera | None = None,
+        outputs: Iterable[str] = "ABCD",
+        *,
+        following: NextFrame | None = None,
+        motion: Motion | None = None,
+        time_ns: int = 0,
+        seed: int | None = None,
+        frame: int = 0,
+        **options: Any,
+    ) -> Frame:
         """Render the ``outputs`` of one camera for the vehicle at ``T_w_v`` [4, 4].
 
         Several threads may render: one uses the device while others wait for what it computes.
@@ -188,29 +220,48 @@ class FrameRenderer:
         """
         check_names("outputs", outputs, OUTPUTS)
         if FLOW in outputs and following is None:
-            raise InputError("F, the flow to the next frame, needs the vehicle's pose there", key="following",
-                             remedy="Give it, or leave F out of the outputs.")
+            raise InputError(
+                "F, the flow to the next frame, needs the vehicle's pose there",
+                key="following",
+                remedy="Give it, or leave F out of the outputs.",
+            )
         how = options_of(self.scene, options)
         view, T_w_v = self._camera(camera), checked_pose("T_w_v", T_w_v)
         motion = checked_motion("motion", motion)
         if following is not None:
-            following = following._replace(T_w_v=checked_pose("following.T_w_v", following.T_w_v),
-                                           motion=checked_motion("following.motion", following.motion))
+            following = following._replace(
+                T_w_v=checked_pose("following.T_w_v", following.T_w_v),
+                motion=checked_motion("following.motion", following.motion),
+            )
         seed = self.scene.seed if seed is None else seed
         with self.launcher.turn:
-            return self._rendered(self._exposed(view, T_w_v, motion, time_ns), outputs, how, following,
-                                  lambda letter: stream_key(seed, frame, view.id, OUTPUTS[letter].settings))
+            return self._rendered(
+                self._exposed(view, T_w_v, motion, time_ns),
+                outputs,
+                how,
+                following,
+                lambda letter: stream_key(seed, frame, view.id, OUTPUTS[letter].settings),
+            )
 
-    def _rendered(self, here: Exposed, outputs: Iterable[str], how: RenderOptions, following: NextFrame | None,
-                  key_of: Callable[[str], int]) -> Frame:
+    def _rendered(
+        self,
+        here: Exposed,
+        outputs: Iterable[str],
+        how: RenderOptions,
+        following: NextFrame | None,
+        key_of: Callable[[str], int],
+    ) -> Frame:
         """Render the ``outputs``, each with the random numbers of its key, by the thread whose turn it is."""
         view, T_w_v, motion = here.view, here.T_w_v, here.motion
         there = self._following(following, here) if following is not None else None
         # what is taken out of A for the bodies is light scattered once
         shows_bodies = how.snow and self.scene.particles and "single" in (how.layers or ()) and how.max_scatterings != 0
         whole = how.copied is None or any(OUTPUTS[letter].source is Source.PARTICLES for letter in outputs)
-        bodies = functools.cache(lambda seen, moved, key: self.snow.render(
-            here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there, whole))
+        bodies = functools.cache(
+            lambda seen, moved, key: self.snow.render(
+                here._replace(view=seen, motion=moved), key, self.radiance.share(seen), there, whole
+            )
+        )
         guides = functools.cache(lambda *seen: self.radiance.trace_guides(here.world, seen[0], T_w_v, *seen[1:]))
         # else all of an exposure is lit
         flashes = motion is not None and all(light.strobe for light in self.scene.lights)
@@ -229,26 +280,36 @@ class FrameRenderer:
                 shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
                 drawn = functools.partial(bodies, seen, moved, key_of(letter)) if shows_bodies else None
                 images[letter] = make[product.source](
-                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved, drawn))
+                    Shot(seen, T_w_v, how, key_of(letter), shown, here.world, moved, drawn)
+                )
         planes = {plane for image in asked.values() for plane in image.planes}
         planes |= {"instance"} if FLOW in asked and self.world.moving else set()
         if planes:
             keys = [key_of(letter) for letter, image in asked.items() if image.rays]
             hits = self._render_first_hits(here, planes, *keys)
-            images |= {letter: image.of_hits(hits) for letter, image in asked.items()
-                       if image.source is Source.FIRST_HITS}
+            images |= {
+                letter: image.of_hits(hits) for letter, image in asked.items() if image.source is Source.FIRST_HITS
+            }
         if FLOW in asked and there is not None:
             images[FLOW] = self._render_flow(here, there, hits)
         return Frame(**images)
 
     def _following(self, following: NextFrame, here: Exposed) -> Exposed:
         """The camera at the next frame."""
-        return self._exposed(self._camera(following.camera) if following.camera else here.view,
-                             np.asarray(following.T_w_v), following.motion,
-                             here.time_ns if following.time_ns is None else following.time_ns)
+        return self._exposed(
+            self._camera(following.camera) if following.camera else here.view,
+            np.asarray(following.T_w_v),
+            following.motion,
+            here.time_ns if following.time_ns is None else following.time_ns,
+        )
 
-    def rays(self, T_w_v: ArrayLike, camera: str | Camera | None = None, points: ArrayLike | None = None,
-             channel: str = "green") -> Rays:
+    def rays(
+        self,
+        T_w_v: ArrayLike,
+        camera: str | Camera | None = None,
+        points: ArrayLike | None = None,
+        channel: str = "green",
+    ) -> Rays:
         """Rays in the water, world axes, float64: ``origin``, ``direction`` [..., 3] and ``weight`` [...].
 
         Args:
@@ -269,8 +330,9 @@ class FrameRenderer:
         image = pixel_centres(*view.resolution) if points is None else _points(points, 2)
         return camera_model(view).rays(image, number).moved(camera_pose(view, checked_pose("T_w_v", T_w_v)))
 
-    def project(self, points: ArrayLike, T_w_v: ArrayLike, camera: str | Camera | None = None,
-                channel: str = "green") -> np.ndarray:
+    def project(
+        self, points: ArrayLike, T_w_v: ArrayLike, camera: str | Camera | None = None, channel: str = "green"
+    ) -> np.ndarray:
         """Image points [..., 2] [pixels] of points [..., 3] of the world; NaN where the camera cannot see them.
 
         What lies between is not looked at, and image points may lie outside of the image. Arguments as for `rays`.
@@ -292,6 +354,7 @@ class FrameRenderer:
 
     def _exposed(self, view: Camera, T_w_v: np.ndarray, motion: Motion | None, time_ns: int) -> Exposed:
         """A camera, the vehicle and what moves at a time."""
+
         def poses(offset_ns: np.ndarray) -> dict[str, np.ndarray]:
             return poses_of_moving(self.world.moving, time_ns + offset_ns, self.companions)
 
@@ -315,9 +378,19 @@ class FrameRenderer:
         instance = wp.zeros(shape, dtype=wp.int32, device=self.device)
         if kernels := hit_kernels(self.world.spec, view, here.rolls):
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            self.launcher.rows(kernels.first_hits, shape, {
-                "scene": here.world.data, "camera": camera, "of_rows": self._rows(here), "normal": normal,
-                "depth": depth, "distance": distance, "instance": instance})
+            self.launcher.rows(
+                kernels.first_hits,
+                shape,
+                {
+                    "scene": here.world.data,
+                    "camera": camera,
+                    "of_rows": self._rows(here),
+                    "normal": normal,
+                    "depth": depth,
+                    "distance": distance,
+                    "instance": instance,
+                },
+            )
         arrays = {"normal": normal, "depth": depth, "distance": distance, "instance": instance}
         if "purity" in planes:
             arrays["purity"] = self._trace_purity(here, key)
@@ -336,11 +409,20 @@ class FrameRenderer:
         if kernel := purity_kernel(world.spec, view, moves, here.rolls):
             if moves:
                 moments = moments_of(world, view, here.T_w_v, here.motion, pinhole=False)
-            self.launcher.rows(kernel, purity.shape, {
-                "scene": world.data, "camera": world.camera(view, here.T_w_v),
-                "pinhole": world.camera(view, here.T_w_v, pinhole=True), "of_rows": self._rows(here),
-                "moments": moments, "key": wp.uint32(key), "purity": purity,
-                "numbers": wp.array(world.segment_of, dtype=wp.int32, device=self.device)})
+            self.launcher.rows(
+                kernel,
+                purity.shape,
+                {
+                    "scene": world.data,
+                    "camera": world.camera(view, here.T_w_v),
+                    "pinhole": world.camera(view, here.T_w_v, pinhole=True),
+                    "of_rows": self._rows(here),
+                    "moments": moments,
+                    "key": wp.uint32(key),
+                    "purity": purity,
+                    "numbers": wp.array(world.segment_of, dtype=wp.int32, device=self.device),
+                },
+            )
         return purity
 
     def _render_flow(self, here: Exposed, following: Exposed, hits: FirstHits) -> FlowImage:
@@ -364,11 +446,21 @@ class FrameRenderer:
                 row = np.nan_to_num(before[1][..., 1] + moved.flow[..., 1])
                 self.launcher.upload(np.clip(row, 0, following.view.resolution[1] - 1).astype(np.int32), next_row)
             camera = self.world.camera(view, here.T_w_v, pinhole=True)
-            self.launcher.rows(kernels.hidden, distance.shape, {
-                "scene": here.world.data, "camera": camera, "of_rows": self._rows(here),
-                "next_scene": following.world.data, "next_moving": following.world.moving_at(following.row_times()),
-                "eyes": eyes, "next_row": next_row, "hidden": hidden})
-        on_host, = self.launcher.fetch(hidden)
+            self.launcher.rows(
+                kernels.hidden,
+                distance.shape,
+                {
+                    "scene": here.world.data,
+                    "camera": camera,
+                    "of_rows": self._rows(here),
+                    "next_scene": following.world.data,
+                    "next_moving": following.world.moving_at(following.row_times()),
+                    "eyes": eyes,
+                    "next_row": next_row,
+                    "hidden": hidden,
+                },
+            )
+        (on_host,) = self.launcher.fetch(hidden)
         return FlowImage(moved.flow.astype(np.float32), on_host.astype(bool), moved.motion.astype(np.float32))
 
     def _moving_parts(self, here: Exposed, following: Exposed, hits: FirstHits) -> list[MovingPart]:

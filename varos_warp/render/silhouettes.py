@@ -34,8 +34,14 @@ class Silhouettes:
         device: ``auto``, ``cpu`` or ``cuda:N``.
     """
 
-    def __init__(self, scene: Scene, parts: list[Part | Instances], numbers: dict[str, int],
-                 origin: np.ndarray, device: str = "auto"):
+    def __init__(
+        self,
+        scene: Scene,
+        parts: list[Part | Instances],
+        numbers: dict[str, int],
+        origin: np.ndarray,
+        device: str = "auto",
+    ):
         self.device = resolve_device(device)
         kept = [part for part in parts if part.name != SURFACE]
         if scene.render.segments != "fine":
@@ -47,8 +53,9 @@ class Silhouettes:
             of_names = np.array([0, *(numbers[name] for name in self.world.part_names)])
             self._number_of = of_names[self.world.segment_of]
 
-    def of(self, view: Camera, T_w_c: np.ndarray, poses: Poses, margin: tuple[int, int] = (0, 0)
-           ) -> dict[int, np.ndarray]:
+    def of(
+        self, view: Camera, T_w_c: np.ndarray, poses: Poses, margin: tuple[int, int] = (0, 0)
+    ) -> dict[int, np.ndarray]:
         """Pixels of each thing that has any, by its number: places in the flattened image, ascending, int64 [N].
 
         Args:
@@ -71,8 +78,9 @@ class Silhouettes:
         found, first = np.unique(numbers, return_index=True)
         return dict(zip(found.tolist(), np.split(pixels, first[1:]), strict=True)) if len(found) else {}
 
-    def _traced(self, view: Camera, T_w_c: np.ndarray, poses: Poses, margin: tuple[int, int]
-                ) -> tuple[np.ndarray, np.ndarray]:
+    def _traced(
+        self, view: Camera, T_w_c: np.ndarray, poses: Poses, margin: tuple[int, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Places of pixels and parts, for every instance that a pixel's ray meets."""
         rolls, (width, height) = is_rolling(view), view.resolution
         row_ns = in_ns(row_offsets_s(view)) if rolls else np.zeros(0, np.int64)
@@ -86,17 +94,26 @@ class Silhouettes:
         shape = height + 2 * margin[0], width + 2 * margin[1]
         counts = wp.zeros(shape, dtype=wp.int32, device=self.device)
         camera = camera_record(view, T_w_v.reshape(-1, 4, 4)[0], world.origin, pinhole=True)
-        arguments = {"scene": world.data, "camera": camera, "of_rows": rows, "margin": wp.vec2i(*margin),
-                     "counts": counts}
+        arguments = {
+            "scene": world.data,
+            "camera": camera,
+            "of_rows": rows,
+            "margin": wp.vec2i(*margin),
+            "counts": counts,
+        }
         nowhere = wp.empty((0, 0), dtype=wp.int64, device=self.device)
-        self.launcher.rows(kernel, shape, {**arguments, "starts": nowhere, "parts": wp.empty(
-            0, dtype=wp.int32, device=self.device)})
+        self.launcher.rows(
+            kernel, shape, {**arguments, "starts": nowhere, "parts": wp.empty(0, dtype=wp.int32, device=self.device)}
+        )
         on_host = self.launcher.fetch(counts)[0].copy()  # counts are written again
         ends = np.cumsum(on_host, dtype=np.int64).reshape(shape)
         parts = wp.empty(int(ends[-1, -1]), dtype=wp.int32, device=self.device)
         if len(parts):
-            self.launcher.rows(kernel, shape, {**arguments, "parts": parts, "starts": wp.array(
-                ends - on_host, dtype=wp.int64, device=self.device)})
+            self.launcher.rows(
+                kernel,
+                shape,
+                {**arguments, "parts": parts, "starts": wp.array(ends - on_host, dtype=wp.int64, device=self.device)},
+            )
         return np.repeat(np.arange(on_host.size), on_host.ravel()), self.launcher.fetch(parts)[0]
 
 
@@ -105,8 +122,16 @@ def _alone(part: Part | Instances, origin: np.ndarray) -> Part | Instances:
     if isinstance(part, Instances | Moving):
         return part
     group, _, number = part.name.rpartition(".")
-    return Instances(group, part.vertices - origin, part.faces, part.material, smooth_angle=part.smooth_angle,
-                     skin=part.skin, T_w_o=transform(position=origin)[None], numbers_in_block=np.array([int(number)]))
+    return Instances(
+        group,
+        part.vertices - origin,
+        part.faces,
+        part.material,
+        smooth_angle=part.smooth_angle,
+        skin=part.skin,
+        T_w_o=transform(position=origin)[None],
+        numbers_in_block=np.array([int(number)]),
+    )
 
 
 def _not_on_surface(group: Grown) -> Grown:

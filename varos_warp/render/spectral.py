@@ -40,7 +40,8 @@ class SpectralRenderer(RadianceRenderer):
         if view.response not in self._passes:
             self._passes[view.response] = [
                 (one, RadianceRenderer(one.scene, self.world.relit(one.scene, one), self.films))
-                for one in passes(self._whole, view)]
+                for one in passes(self._whole, view)
+            ]
         return self._passes[view.response]
 
     def lets_through(self, view: Camera) -> BandWater:
@@ -57,8 +58,12 @@ class SpectralRenderer(RadianceRenderer):
         """Take the samples of B, in light of the colour of the first lamp; None if all is white."""
         return self._summed(shot, RadianceRenderer.take_ambient, lambda one: one.of_ambient)
 
-    def _summed(self, shot: Shot, take: Callable[[RadianceRenderer, Shot], Taken | None],
-                weights_of: Callable[[BandPass], np.ndarray]) -> Taken | None:
+    def _summed(
+        self,
+        shot: Shot,
+        take: Callable[[RadianceRenderer, Shot], Taken | None],
+        weights_of: Callable[[BandPass], np.ndarray],
+    ) -> Taken | None:
         """All passes in the channels of the camera, but for those that are known without samples; None: all are."""
         total, of_passes = None, self.passes(shot.view)
         for one, renderer in of_passes:
@@ -75,8 +80,9 @@ class SpectralRenderer(RadianceRenderer):
     @staticmethod
     def _black(like: Taken) -> Taken:
         """The sum of no pass."""
-        images, guides = ({name: wp.zeros_like(image) for name, image in images.items()}
-                          for images in (like.images, like.guides))
+        images, guides = (
+            {name: wp.zeros_like(image) for name, image in images.items()} for images in (like.images, like.guides)
+        )
         return Taken(images, [], [], [], guides)
 
     def _added(self, total: Taken, taken: Taken, weights: np.ndarray, share: float) -> Taken:
@@ -96,8 +102,9 @@ class SpectralRenderer(RadianceRenderer):
         for name, guide in guides.items():
             self._add(add_weighted, taken.guides[name], mean, guide)
         blocks = [(variances, weights @ own) for variances, own in taken.blocks]
-        return Taken(total.images, total.blocks + blocks, total.counted + taken.counted,
-                     [*total.kinds, *taken.kinds], guides)
+        return Taken(
+            total.images, total.blocks + blocks, total.counted + taken.counted, [*total.kinds, *taken.kinds], guides
+        )
 
     def _add(self, kernel: wp.Kernel, image: wp.array, weights: wp.mat33d, total: wp.array) -> None:
         """Add an image to a sum by a kernel."""

@@ -38,14 +38,27 @@ class CsvFile:
         """
         missing = [name for name in columns if name not in self.names]
         if missing:
-            raise InputError(f"has no column {' and '.join(missing)}", file=self.path, key=self.key,
-                             remedy=f"Its first line names the columns: {','.join(columns)}.")
+            raise InputError(
+                f"has no column {' and '.join(missing)}",
+                file=self.path,
+                key=self.key,
+                remedy=f"Its first line names the columns: {','.join(columns)}.",
+            )
         at = [self.names.index(name) for name in columns]
-        rows = [[_number(self.path, self.key, line, name, row[i] if i < len(row) else "")
-                 for name, i in zip(columns, at, strict=True)] for line, row in self.lines[1:]]
+        rows = [
+            [
+                _number(self.path, self.key, line, name, row[i] if i < len(row) else "")
+                for name, i in zip(columns, at, strict=True)
+            ]
+            for line, row in self.lines[1:]
+        ]
         if len(rows) < 2:
-            raise InputError(f"has {counted(len(rows), 'row')} of numbers", file=self.path, key=self.key,
-                             remedy=f"A {self.what} has two at least.")
+            raise InputError(
+                f"has {counted(len(rows), 'row')} of numbers",
+                file=self.path,
+                key=self.key,
+                remedy=f"A {self.what} has two at least.",
+            )
         return np.array(rows), [line for line, _ in self.lines[1:]]
 
 
@@ -61,8 +74,11 @@ def read_csv(path: Path, key: str, what: str) -> CsvFile:
         InputError: The file is missing, or is no CSV file.
     """
     text = read_text(path, what, "Paths are relative to the scene file; export it as CSV.", key)
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1)
-             if line.strip(", \t") and not line.startswith("#")]
+    lines = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), start=1)
+        if line.strip(", \t") and not line.startswith("#")
+    ]
     try:
         return CsvFile(path, key, what, [(i, next(csv.reader([line]))) for i, line in lines])
     except csv.Error as error:
@@ -105,8 +121,12 @@ class AngleTable:
         """Angles increase within 0 to 180 degrees; values are not negative, and not all 0."""
         falls = np.concatenate([[False], np.diff(angle_deg) <= 0.0])
         for wrong, found, problem, remedy in (
-            ((angle_deg < 0.0) | (angle_deg > 180.0), angle_deg, "angle_deg is not between 0 and 180",
-             "Give the angle in degrees; 0 is straight on."),
+            (
+                (angle_deg < 0.0) | (angle_deg > 180.0),
+                angle_deg,
+                "angle_deg is not between 0 and 180",
+                "Give the angle in degrees; 0 is straight on.",
+            ),
             (falls, angle_deg, "angle_deg does not increase", "Sort the rows by angle, each angle once."),
             (values < 0.0, values, f"{self.column} is negative", self.not_negative),
         ):
@@ -125,6 +145,7 @@ def _number(path: Path, key: str, line: int, column: str, cell: str) -> float:
         number = np.nan
     if not np.isfinite(number):
         problem = f"{column} is missing" if cell.strip().lower() in ("", "nan") else f"{column} is not a number"
-        raise InputError(problem, file=path, line=line, key=key, value=cell.strip(),
-                         remedy="Give a number, or leave the row out.")
+        raise InputError(
+            problem, file=path, line=line, key=key, value=cell.strip(), remedy="Give a number, or leave the row out."
+        )
     return number

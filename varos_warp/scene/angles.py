@@ -36,12 +36,16 @@ def check_angles(scene: Scene) -> list[str]:
     warnings = []
     for (key, value), *more in like.values():
         others = f" and {len(more)} more" if more else ""
-        warnings.append(f"{key}{others}: {_text(value)} looks like radians; keys that end in _deg are in degrees, "
-                        f"where that would be {_text(np.degrees(value).round())}")
+        warnings.append(
+            f"{key}{others}: {_text(value)} looks like radians; keys that end in _deg are in degrees, "
+            f"where that would be {_text(np.degrees(value).round())}"
+        )
     for i, light in enumerate(scene.vehicle.lights):
         if light.kind == "spot" and light.cone_deg < NARROWEST_DEG and not _is_in_radians(light.cone_deg):
-            warnings.append(f"vehicle.lights.{i}.cone_deg: {light.cone_deg:g} degrees is a very narrow cone; it is the "
-                            "full angle, in degrees")
+            warnings.append(
+                f"vehicle.lights.{i}.cone_deg: {light.cone_deg:g} degrees is a very narrow cone; it is the "
+                "full angle, in degrees"
+            )
     imu = scene.vehicle.imu
     if imu is not None and imu.noise is not None and (words := odd_gyroscope(imu.noise)):
         warnings.append(f"vehicle.imu.noise.{words}")
@@ -59,8 +63,11 @@ def _check_tables(scene: Scene) -> list[str]:
     for part in [each for _, each in phase.parts] if isinstance(phase, Mixture) else [phase]:
         if isinstance(part, Tabulated):
             ends[f"water: {part.name}"] = part.last_deg
-    return [f"{key}: its angles are {end:.4g} degrees at most, which looks like radians; the file is read in degrees"
-            for key, end in ends.items() if end <= HALF_TURN]
+    return [
+        f"{key}: its angles are {end:.4g} degrees at most, which looks like radians; the file is read in degrees"
+        for key, end in ends.items()
+        if end <= HALF_TURN
+    ]
 
 
 def odd_gyroscope(noise: ImuNoise) -> str | None:
@@ -68,8 +75,10 @@ def odd_gyroscope(noise: ImuNoise) -> str | None:
     density = noise.gyroscope_noise_density
     if density <= NOISIEST_GYROSCOPE:
         return None
-    return (f"gyroscope_noise_density: {density:.3g} rad/s/sqrt(Hz) is {np.degrees(density):.3g} degrees/s/sqrt(Hz), "
-            f"more than gyroscopes have; if it is in degrees, give {np.radians(density):.3g}")
+    return (
+        f"gyroscope_noise_density: {density:.3g} rad/s/sqrt(Hz) is {np.degrees(density):.3g} degrees/s/sqrt(Hz), "
+        f"more than gyroscopes have; if it is in degrees, give {np.radians(density):.3g}"
+    )
 
 
 def _is_in_radians(value: Any) -> bool:
@@ -101,7 +110,8 @@ def _angles(block: Any, key: str) -> Iterator[tuple[str, Any]]:
         inner = enumerate(block)
     for name, value in inner:
         if str(name).endswith("_deg") and (
-                isinstance(value, float) or (isinstance(value, tuple) and all(isinstance(x, float) for x in value))):
+            isinstance(value, float) or (isinstance(value, tuple) and all(isinstance(x, float) for x in value))
+        ):
             yield f"{key}.{name}", value
         else:
             yield from _angles(value, f"{key}.{name}")

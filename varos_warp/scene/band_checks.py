@@ -53,7 +53,8 @@ def check_bands(scene: Scene, parts: list[Part | Instances], poses: np.ndarray) 
                 f"vehicle.cameras.{i} ({camera.id}): light goes {low:.2g} to {high:.2g} m from lamps over surfaces to "
                 f"it, and its bands are chosen for {near:g} to {far:g} m: over those ways their error is "
                 f"{100 * error:.2g} % (root mean square of the worst channel); give render.bands_range_m: "
-                f"[{low:.2g}, {high:.2g}]")
+                f"[{low:.2g}, {high:.2g}]"
+            )
     return warnings
 
 
@@ -63,9 +64,11 @@ def _grey(scene: Scene) -> Iterator[str]:
         if camera.color_matrix == "auto":
             rank = np.linalg.matrix_rank(color_matrix(scene, camera), tol=LEAST_COLOUR)
             if rank < 3:
-                yield (f"vehicle.cameras.{i}.color_matrix (camera {camera.id}): auto: the channels of its response see "
-                       f"alike, and the matrix that is fitted to them has rank {rank}, so that images are "
-                       f"{'grey' if rank == 1 else 'of two colours'}; leave it out, or give its rows")
+                yield (
+                    f"vehicle.cameras.{i}.color_matrix (camera {camera.id}): auto: the channels of its response see "
+                    f"alike, and the matrix that is fitted to them has rank {rank}, so that images are "
+                    f"{'grey' if rank == 1 else 'of two colours'}; leave it out, or give its rows"
+                )
 
 
 def _backscatter(scene: Scene) -> Iterator[str]:
@@ -75,13 +78,16 @@ def _backscatter(scene: Scene) -> Iterator[str]:
     for i, camera in enumerate(scene.vehicle.cameras):
         error, bands = float(backscatter_error(scene, camera).max()), scene_bands(scene, camera)
         if error > WORSE * max(float(bands.rms.max()), scene.render.tolerance):
-            yield (f"vehicle.cameras.{i} ({camera.id}): backscattered light is off by up to {100 * error:.2g} % with "
-                   f"{len(bands.wavelength_nm)} bands, for three at a time share a phase function; raise render.bands, "
-                   "or leave it to auto")
+            yield (
+                f"vehicle.cameras.{i} ({camera.id}): backscattered light is off by up to {100 * error:.2g} % with "
+                f"{len(bands.wavelength_nm)} bands, for three at a time share a phase function; raise render.bands, "
+                "or leave it to auto"
+            )
 
 
-def ways_of_light(scene: Scene, camera: Camera, parts: list[Part | Instances], poses: np.ndarray
-                  ) -> tuple[float, float] | None:
+def ways_of_light(
+    scene: Scene, camera: Camera, parts: list[Part | Instances], poses: np.ndarray
+) -> tuple[float, float] | None:
     """Shortest and longest way [m] from the vehicle's lamps over surfaces to a camera, but for 2 % at either end.
 
     Along a grid of the camera's rays, over the nearest lamp, at a few stops; ways on which hardly any light is left do

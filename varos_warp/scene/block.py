@@ -44,8 +44,9 @@ def plain_number(value: float) -> float:
     return int(value) if float(value).is_integer() else value
 
 
-AtLeastOne = Annotated[float, Field(ge=1.0), AfterValidator(plain_number),
-                       PlainSerializer(plain_number, return_type=Any)]
+AtLeastOne = Annotated[
+    float, Field(ge=1.0), AfterValidator(plain_number), PlainSerializer(plain_number, return_type=Any)
+]
 
 
 def _has_area(value):
@@ -63,6 +64,7 @@ def outside(low: float, high: float, problem: str) -> AfterValidator:
 
     Such are, for example, those that single precision takes for 0 but are not.
     """
+
     def check(value: float) -> float:
         if low < value < high:
             raise ValueError(problem)
@@ -109,6 +111,7 @@ def written_otherwise(left_out: Callable[[Any], Iterable[str]]) -> Any:
 
     Fields have their keys of the file, which differ for words of Python (`FILE_KEYS`).
     """
+
     def written(self, handler):
         out = left_out(self)
         return {FILE_KEYS.get(key, key): value for key, value in handler(self).items() if key not in out}
@@ -133,6 +136,7 @@ def kind_by_default(kind: str) -> BeforeValidator:
 
     So ``{file: x.dae}`` may be short for a mesh.
     """
+
     def with_kind(block: Any):
         return {"kind": kind, **block} if isinstance(block, dict) and "kind" not in block else block
 

@@ -41,8 +41,9 @@ def _check_view(camera):
     """Pixels that are not square though nobody measured them so, and fields of view that few cameras have."""
     warnings, K, measured = [], intrinsics(camera), camera.intrinsics is not None
     if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005 and not measured:
-        warnings.append(f"pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and sensor_mm "
-                        "differ in shape")
+        warnings.append(
+            f"pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and sensor_mm differ in shape"
+        )
     fov = camera_info(camera)["horizontal_fov_deg"]
     fisheye = camera.distortion is not None and camera.distortion.model in FISHEYES
     if not 5.0 <= fov <= (360.0 if fisheye else 130.0):
@@ -83,8 +84,10 @@ def _check_planar_depth(scene):
         x, y = np.meshgrid((np.arange(GRID) + 0.5) * width / GRID, (np.arange(GRID) + 0.5) * height / GRID)
         behind = camera_model(camera).rays(np.stack([x, y], -1)).direction[..., 2] <= 0.0
         if behind.any():
-            warnings.append(f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the "
-                            "lens, where planar depth is below 0 and D holds nothing; give render.depth_kind: range")
+            warnings.append(
+                f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the "
+                "lens, where planar depth is below 0 and D holds nothing; give render.depth_kind: range"
+            )
     return warnings
 
 
@@ -94,8 +97,10 @@ def _check_shutters(scene):
     for i, camera in enumerate(scene.vehicle.cameras):
         for name, seconds in camera.shutter or ():
             if seconds > period * (1.0 + 1e-9):
-                warnings.append(f"vehicle.cameras.{i} ({camera.id}): shutter.{name} = {seconds:g} is longer than the "
-                                f"{period:.4g} s from frame to frame, which no camera can do")
+                warnings.append(
+                    f"vehicle.cameras.{i} ({camera.id}): shutter.{name} = {seconds:g} is longer than the "
+                    f"{period:.4g} s from frame to frame, which no camera can do"
+                )
         warnings += _check_strobes(scene.vehicle.lights, camera)
     return warnings
 
@@ -111,11 +116,15 @@ def _check_strobes(lights, camera):
         seconds = np.minimum(offset + half, end) - np.maximum(offset - half, begin)
         rows = np.flatnonzero(seconds > 0.0 if half else (begin <= offset) & (offset < end))
         if not rows.size:
-            warnings.append(f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
-                            f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} "
-                            "s: it never sees it")
+            warnings.append(
+                f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
+                f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} "
+                "s: it never sees it"
+            )
         elif len(rows) < len(offset):
-            warnings.append(f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
-                            f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
-                            "times")
+            warnings.append(
+                f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
+                f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
+                "times"
+            )
     return warnings

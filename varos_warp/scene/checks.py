@@ -23,8 +23,15 @@ from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
-OF_WAYPOINTS = ("speed", "max_angular_speed_deg", "max_acceleration", "overlap", "handover_radius_m",
-                "handover_timeout_s", "dwell_s")
+OF_WAYPOINTS = (
+    "speed",
+    "max_angular_speed_deg",
+    "max_acceleration",
+    "overlap",
+    "handover_radius_m",
+    "handover_timeout_s",
+    "dwell_s",
+)
 """Keys of a trajectory that only tell how waypoints are followed."""
 NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
@@ -59,12 +66,26 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
     solids = _gather(scene, still, poses, path)
     at_stops, told = _check_stops(scene, solids, stops)
     on_the_way = [] if path is None else _check_path(scene, solids, path, told)
-    found = [*made, *check_angles(scene), *_check_trajectory(scene.trajectory), *_check_water(scene),
-             *_check_sizes(scene, parts), *_check_reach(scene, parts), *_check_mounts(scene), *check_cameras(scene),
-             *_check_exposure(scene), *_check_lights(scene, poses), *_check_inside(scene, solids, poses),
-             *_check_carried_inside(scene, solids, poses), *_check_starts(parts),
-             *_check_lamps_in_bodies(scene, parts), *at_stops, *_check_sight(scene, parts, poses),
-             *check_bands(scene, parts, poses), *on_the_way]
+    found = [
+        *made,
+        *check_angles(scene),
+        *_check_trajectory(scene.trajectory),
+        *_check_water(scene),
+        *_check_sizes(scene, parts),
+        *_check_reach(scene, parts),
+        *_check_mounts(scene),
+        *check_cameras(scene),
+        *_check_exposure(scene),
+        *_check_lights(scene, poses),
+        *_check_inside(scene, solids, poses),
+        *_check_carried_inside(scene, solids, poses),
+        *_check_starts(parts),
+        *_check_lamps_in_bodies(scene, parts),
+        *at_stops,
+        *_check_sight(scene, parts, poses),
+        *check_bands(scene, parts, poses),
+        *on_the_way,
+    ]
     found.sort(key=lambda words: ": all " not in words)  # what spoils everything comes first
     return [scene.key_in_file(words) for words in found]
 
@@ -98,7 +119,8 @@ def _check_trajectory(trajectory):
     if idle:
         form = "poses" if trajectory.poses is not None else "file"
         yield f"trajectory.{idle[0]}: without effect beside {form}, which says when the vehicle is where" + (
-            f"; so are {', '.join(idle[1:])}" if idle[1:] else "")
+            f"; so are {', '.join(idle[1:])}" if idle[1:] else ""
+        )
 
 
 def looks_like_transmission(coefficients) -> bool:
@@ -121,8 +143,10 @@ def _check_water(scene):
     for name, values in (("sigma_a", water.sigma_a), ("sigma_s + sigma_a", water.sigma_t)):
         if looks_like_transmission(values):
             given, meant = (", ".join(f"{v:.3g}" for v in row) for row in (values, -np.log(values)))
-            return [f"water: {name} = [{given}] looks like a transmission per metre, which falls as exp(-c); "
-                    f"as a coefficient that would be [{meant}] 1/m"]
+            return [
+                f"water: {name} = [{given}] looks like a transmission per metre, which falls as exp(-c); "
+                f"as a coefficient that would be [{meant}] 1/m"
+            ]
     best = np.log(10.0) / water.sigma_t[water.sigma_t > 0.0].min()
     if water.sigma_t.all() and best < 0.5:
         return [f"water: a tenth of the light is left after {best:.2g} m in the clearest channel: nothing will be seen"]
@@ -140,8 +164,11 @@ def _check_sizes(scene, parts):
             continue
         only, unit, scale = ("only ", "kilometres", 1000) if size < smallest else ("", "millimetres", 0.001)
         given = _scale_of(scene, part.name)
-        how, remedy = (f" with scale: {given}", "check scale; parts are in metres") if given != 1.0 else (
-            "", f"if its file is in {unit}, give scale: {scale}")
+        how, remedy = (
+            (f" with scale: {given}", "check scale; parts are in metres")
+            if given != 1.0
+            else ("", f"if its file is in {unit}, give scale: {scale}")
+        )
         warnings.append(f"{part.name}: {only}{size:.4g} m across{how}; {remedy}")
     return warnings
 
@@ -163,9 +190,11 @@ def _check_reach(scene, parts):
     rounding, step = reach * 2.0**-24, (far - near) / 65535.0
     if rounding <= 0.5 * step:
         return []
-    return [f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "
-            f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several "
-            f"scenes{_from_a_map(scene, reach)}"]
+    return [
+        f"trajectory: goes {reach:.3g} m from its middle, where single precision rounds places by "
+        f"{1e3 * rounding:.2g} mm, more than half a step of D ({1e3 * step:.2g} mm); divide it into several "
+        f"scenes{_from_a_map(scene, reach)}"
+    ]
 
 
 def _from_a_map(scene, distance):
@@ -179,21 +208,29 @@ def _check_mounts(scene):
     """What would hang far outside of the vehicle: positions in millimetres."""
     vehicle, warnings = scene.vehicle, []
     reach = max(FARTHEST_MOUNT_M, FARTHEST_MOUNT * vehicle_radius(scene))
-    mounted = {f"vehicle.cameras.{i} ({camera.id})": camera for i, camera in enumerate(vehicle.cameras)
-               if camera.mount == "vehicle"}
+    mounted = {
+        f"vehicle.cameras.{i} ({camera.id})": camera
+        for i, camera in enumerate(vehicle.cameras)
+        if camera.mount == "vehicle"
+    }
     mounted |= {f"vehicle.lights.{i}": light for i, light in enumerate(vehicle.lights)}
     mounted |= {f"vehicle.{sensor.key}": block for sensor, block in sensors_on(vehicle)}
     for key, block in mounted.items():
         if (distance := np.linalg.norm(block.position)) > reach:
             example = next(abs(x) for x in block.position if x)
-            warnings.append(f"{key}: {distance:.3g} m from the vehicle's origin; positions are in metres "
-                            f"({example / 1000:g} for {example:g} mm)")
+            warnings.append(
+                f"{key}: {distance:.3g} m from the vehicle's origin; positions are in metres "
+                f"({example / 1000:g} for {example:g} mm)"
+            )
     return warnings
 
 
 def _check_exposure(scene):
-    return [f"render.exposure.{name}: a gain of {value:g} makes the picture black or white"
-            for name, value in scene.render.exposure if isinstance(value, float) and not 1e-4 <= value <= 1e4]
+    return [
+        f"render.exposure.{name}: a gain of {value:g} makes the picture black or white"
+        for name, value in scene.render.exposure
+        if isinstance(value, float) and not 1e-4 <= value <= 1e4
+    ]
 
 
 def _check_lights(scene, poses):
@@ -204,8 +241,10 @@ def _check_lights(scene, poses):
     for i, light in enumerate(lights):
         distribution(light, scene)  # or an error tells what is wrong with its file
         if scene.water != "none" and any((T @ (*light.position, 1.0))[2] > scene.surface_depth_m for T in poses):
-            warnings.append(f"vehicle.lights.{i}: is above the sea surface (z = {scene.surface_depth_m:g} m) on the "
-                            "way; light and camera are taken to be in water everywhere")
+            warnings.append(
+                f"vehicle.lights.{i}: is above the sea surface (z = {scene.surface_depth_m:g} m) on the "
+                "way; light and camera are taken to be in water everywhere"
+            )
         if light.kind != "point" and light.direction[1] < 0.0:
             warnings.append(f"vehicle.lights.{i}: shines backwards (the vehicle's forward axis is +y)")
     return warnings
@@ -219,8 +258,13 @@ def _check_inside(scene, parts, poses):
         points = np.array([camera_pose(camera, T)[:3, 3] for T in ([np.eye(4)] if fixed else poses)])
         found = [(_inside(part, points), _within(part), "") for part in parts]
         if scene.water != "none":
-            found.append((points[:, 2] > scene.surface_depth_m, f"above the sea surface (z = {scene.surface_depth_m:g} "
-                          "m)", "; surface_depth_m is the depth of world z = 0"))
+            found.append(
+                (
+                    points[:, 2] > scene.surface_depth_m,
+                    f"above the sea surface (z = {scene.surface_depth_m:g} m)",
+                    "; surface_depth_m is the depth of world z = 0",
+                )
+            )
         for wrong, what, remark in found:
             if wrong.any():
                 where = "" if fixed else f" at {_which(scene, wrong)}"
@@ -231,10 +275,14 @@ def _check_inside(scene, parts, poses):
 def _check_carried_inside(scene, parts, poses):
     """Lamps and sensors in rock or objects, where the vehicle itself is not: that is told of by itself."""
     warnings, T_w_v = [], np.array(poses)
-    carried = [(f"lights.{i}", light.position, "none of its light leaves it")
-               for i, light in enumerate(scene.vehicle.lights)]
-    carried += [(sensor.key, block.position, "its beams meet the far side of that")
-                for sensor, block in sensors_on(scene.vehicle) if sensor.needs_solids]
+    carried = [
+        (f"lights.{i}", light.position, "none of its light leaves it") for i, light in enumerate(scene.vehicle.lights)
+    ]
+    carried += [
+        (sensor.key, block.position, "its beams meet the far side of that")
+        for sensor, block in sensors_on(scene.vehicle)
+        if sensor.needs_solids
+    ]
     for part in parts:
         outside = ~_inside(part, T_w_v[:, :3, 3])
         for key, position, so in carried:
@@ -253,8 +301,10 @@ def _check_starts(parts):
         for other in single:
             if other is not part and (other.name, part.name) not in told and _inside(other, middle).any():
                 told.add((part.name, other.name))
-                warnings.append(f"{part.name}: the middle of it is {_within(other)} where it begins; nothing keeps "
-                                "what moves out of other things (move its first stop)")
+                warnings.append(
+                    f"{part.name}: the middle of it is {_within(other)} where it begins; nothing keeps "
+                    "what moves out of other things (move its first stop)"
+                )
                 break
     return warnings
 
@@ -266,8 +316,11 @@ def _check_lamps_in_bodies(scene, parts):
         if (body := bodies.get(vehicle.key)) is None or not vehicle.lights:
             continue
         within = _inside(body, np.array([light.position for light in vehicle.lights]) @ body.R_w_o.T + body.origin)
-        warnings += [f"vehicles.{i}.lights.{k}: is inside the body of its vehicle, so that no other vehicle sees its "
-                     "light (move it out, or make the body smaller)" for k in np.flatnonzero(within)]
+        warnings += [
+            f"vehicles.{i}.lights.{k}: is inside the body of its vehicle, so that no other vehicle sees its "
+            "light (move it out, or make the body smaller)"
+            for k in np.flatnonzero(within)
+        ]
     return warnings
 
 
@@ -282,8 +335,10 @@ def _check_stops(scene, parts, stops):
             lost = "; nothing of it is seen from there: raise the course, or lower the terrain" if under.all() else ""
             warnings.append(f"trajectory: {_which(scene, under)} {_are(under)} {_within(part)}{height}{lost}")
         if close.any():
-            warnings.append(f"trajectory: {_which(scene, close)} {_are(close)} nearer to {part.name} "
-                            f"than the vehicle's radius of {radius:.2f} m ({distance[close].min():.2f} m)")
+            warnings.append(
+                f"trajectory: {_which(scene, close)} {_are(close)} nearer to {part.name} "
+                f"than the vehicle's radius of {radius:.2f} m ({distance[close].min():.2f} m)"
+            )
         touching |= under | close
     return warnings, stops[touching]
 
@@ -314,11 +369,13 @@ def _check_sight(scene, parts, poses):
         if blind.all():
             lost[:] = True
         where = "" if fixed else f" at {_which(scene, lost)}"
-        warnings.append(f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
-                        f"{where}: D holds nothing there, A little but water; "
-                        f"{'' if fixed else f'at {_stop(scene)} {number} '}it is at {_place(first[:3, 3])}, "
-                        f"terrain and objects from {_place(low)} to {_place(high)}; "
-                        f"{_towards(scene, boxes, first, reach, fixed)}")
+        warnings.append(
+            f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
+            f"{where}: D holds nothing there, A little but water; "
+            f"{'' if fixed else f'at {_stop(scene)} {number} '}it is at {_place(first[:3, 3])}, "
+            f"terrain and objects from {_place(low)} to {_place(high)}; "
+            f"{_towards(scene, boxes, first, reach, fixed)}"
+        )
     return warnings
 
 
@@ -326,8 +383,11 @@ def _towards(scene, boxes, T_w_c, reach, fixed):
     """What brings things in boxes [N, 2, 3] into the sight of a camera: to go there, or to turn it."""
     beside = np.maximum(boxes[:, 0] - T_w_c[:3, 3], T_w_c[:3, 3] - boxes[:, 1]).clip(0.0)
     if (distance := np.linalg.norm(beside, axis=1).min()) > reach:
-        return "move the camera to them" if fixed else (
-            f"move the course to them, or them to the course{_from_a_map(scene, distance)}")
+        return (
+            "move the camera to them"
+            if fixed
+            else (f"move the course to them, or them to the course{_from_a_map(scene, distance)}")
+        )
     more = "" if fixed else ", or look_at of the trajectory"
     return f"turn the camera towards them (its rotation_euler_deg{more})"
 
@@ -370,13 +430,18 @@ def _check_path(scene, parts, path, told):
             distance[_runs_past(np.isfinite(distance), points, told, 2.0 * radius)] = np.inf
             if not np.isfinite(distance).any():
                 continue
-            order = np.argsort(distance, kind="stable")[:np.count_nonzero(np.isfinite(distance))]
+            order = np.argsort(distance, kind="stable")[: np.count_nonzero(np.isfinite(distance))]
             worst, nearest = order[0], order[:NEAREST]
             through = len(set(_inside(part, points[nearest]))) > 1
-            how = f"through {part.name}" if through else (
-                f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
-            warnings.append(f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
-                            f"{time_ns[worst] * 1e-9:.2f} s, {what} {how}")
+            how = (
+                f"through {part.name}"
+                if through
+                else (f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
+            )
+            warnings.append(
+                f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
+                f"{time_ns[worst] * 1e-9:.2f} s, {what} {how}"
+            )
             break
     return warnings
 

@@ -72,18 +72,26 @@ def foretold_spec(scene: Scene, device: str) -> SceneSpec:
     """
     blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
     blocks = [block for block in blocks if block is not None]
-    textured = [may_have_colours(block) if block.material is None
-                else not isinstance(scene.materials[block.material], Diffuse) for block in blocks]
+    textured = [
+        may_have_colours(block) if block.material is None else not isinstance(scene.materials[block.material], Diffuse)
+        for block in blocks
+    ]
     copies = bool(scene.scatter or scene.growth) and MOST_JOINED_FACES[kind_of(device)] == 0
     scatters = scene.is_spectral or bool(optical_properties(scene).sigma_s.any())
-    return SceneSpec(medium=scatters, surfaces=bool(blocks), bands=scene.is_spectral,
-                     instances=copies or bool(scene.moving), textures=any(textured) or bool(scene.growth))
+    return SceneSpec(
+        medium=scatters,
+        surfaces=bool(blocks),
+        bands=scene.is_spectral,
+        instances=copies or bool(scene.moving),
+        textures=any(textured) or bool(scene.growth),
+    )
 
 
 def _whole_first(shapes: list) -> list:
     """The surfaces, with what masks may cut as surfaces of its own at the end."""
-    divided = [some for shape in shapes for some in (
-        shape.divided(_smooth_normals(shape)) if shape.has_holes else [shape])]
+    divided = [
+        some for shape in shapes for some in (shape.divided(_smooth_normals(shape)) if shape.has_holes else [shape])
+    ]
     return sorted(divided, key=lambda shape: shape.has_holes)
 
 
@@ -117,8 +125,15 @@ class DeviceScene:
         joins_copies: Whether copies join the one mesh; absent: on a GPU, if they are few.
     """
 
-    def __init__(self, scene: Scene, parts: list[Part | Instances], device: str, *, origin: np.ndarray | None = None,
-                 joins_copies: bool | None = None):
+    def __init__(
+        self,
+        scene: Scene,
+        parts: list[Part | Instances],
+        device: str,
+        *,
+        origin: np.ndarray | None = None,
+        joins_copies: bool | None = None,
+    ):
         scene = as_kernels_know(scene)
         self.scene, self.device = scene, device
         self.kind = kind_of(device)
@@ -134,9 +149,12 @@ class DeviceScene:
         fit = copied_faces <= MOST_JOINED_FACES[self.kind]
         self.joins_copies = fit if joins_copies is None else joins_copies
         self.spec = SceneSpec(
-            medium=bool(self.water.sigma_s.any()), surfaces=bool(parts),
-            instances=not self.joins_copies or bool(self.moving), textures=any(is_textured(part) for part in parts),
-            masks=any(part.has_holes for part in parts))
+            medium=bool(self.water.sigma_s.any()),
+            surfaces=bool(parts),
+            instances=not self.joins_copies or bool(self.moving),
+            textures=any(is_textured(part) for part in parts),
+            masks=any(part.has_holes for part in parts),
+        )
         """What is present, for which kernels are compiled; of a camera's optics the images know."""
         self.data = SceneData()
         self.data.medium = medium_record(self.water, device)
@@ -235,13 +253,16 @@ class DeviceScene:
             names.insert(self.scene.number_of(own) - 1, own)
         return names
 
-    def _known_by_wavelength(self, shapes: list[Part | Instances], with_faces: list[Part | Instances]
-                             ) -> list[KnownSpectra]:
+    def _known_by_wavelength(
+        self, shapes: list[Part | Instances], with_faces: list[Part | Instances]
+    ) -> list[KnownSpectra]:
         """What reflects as it was measured, given shapes and what has their faces, one after another in arrays."""
         ends = np.cumsum([0] + [len(part.faces) for part in with_faces])
-        return [KnownSpectra(slice(*ends[k:k + 2]), self._numbers[shape.first_name], part.skin.spectra)
-                for k, (shape, part) in enumerate(zip(shapes, with_faces, strict=True))
-                if part.skin is not None and part.skin.spectra is not None]
+        return [
+            KnownSpectra(slice(*ends[k : k + 2]), self._numbers[shape.first_name], part.skin.spectra)
+            for k, (shape, part) in enumerate(zip(shapes, with_faces, strict=True))
+            if part.skin is not None and part.skin.spectra is not None
+        ]
 
     def _has_numbers(self, group: Instances) -> bool:
         """Whether S has a number for each copy; else each has that of its host."""
@@ -281,8 +302,11 @@ class DeviceScene:
         once = [shape for shape in shapes if self.joins_copies or isinstance(shape, Part)]
         in_mesh = [shape if isinstance(shape, Part) else shape.joined() for shape in once]
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
-            jobs = [pool.submit(self._upload_mesh, in_mesh), pool.submit(self._upload_materials, single, copied),
-                    pool.submit(self._upload_normals, [*shapes, *self.moving])]
+            jobs = [
+                pool.submit(self._upload_mesh, in_mesh),
+                pool.submit(self._upload_materials, single, copied),
+                pool.submit(self._upload_normals, [*shapes, *self.moving]),
+            ]
         for job in jobs:
             job.result()
         face_part = [np.repeat(self._numbers[shape.first_name], len(shape.faces)) for shape in once]
@@ -324,8 +348,10 @@ class DeviceScene:
         self.textures = Textures(self.scene, self.device)
         # of what moves, patterns are in the axes of its mesh
         origins = [part.origin if isinstance(part, Moving) else self.origin for part in placed]
-        materials = [device_material(part, self.scene, np.asarray(origin), self.textures)
-                     for part, origin in zip(placed, origins, strict=True)]
+        materials = [
+            device_material(part, self.scene, np.asarray(origin), self.textures)
+            for part, origin in zip(placed, origins, strict=True)
+        ]
         if own := self.scene.own_body:
             materials.insert(self.part_names.index(own), Material())
         which = list(range(len(materials)))
@@ -347,30 +373,37 @@ class DeviceScene:
         return self._mesh(vertices, faces), apart
 
     def _mesh(self, vertices: np.ndarray, faces: np.ndarray) -> wp.Mesh:
-        return wp.Mesh(points=self._array(vertices.astype(np.float32), wp.vec3), bvh_constructor=BUILDER[self.kind],
-                       indices=self._array(faces.ravel().astype(np.int32), wp.int32),
-                       bvh_leaf_size=LEAF_SIZE[self.kind])
+        return wp.Mesh(
+            points=self._array(vertices.astype(np.float32), wp.vec3),
+            bvh_constructor=BUILDER[self.kind],
+            indices=self._array(faces.ravel().astype(np.int32), wp.int32),
+            bvh_leaf_size=LEAF_SIZE[self.kind],
+        )
 
     def _upload_instances(self, groups: list[Instances], first_face: int):
         """The meshes of what stands there many times or moves, a record for each, and boxes around the copies."""
         in_own_axes = [part.vertices - part.origin for part in self.moving]
-        self.instanced_meshes = [self._meshes(vertices, shape.faces, shape.whole_faces) for vertices, shape in zip(
-            [*(group.vertices for group in groups), *in_own_axes], [*groups, *self.moving], strict=True)]
+        self.instanced_meshes = [
+            self._meshes(vertices, shape.faces, shape.whole_faces)
+            for vertices, shape in zip(
+                [*(group.vertices for group in groups), *in_own_axes], [*groups, *self.moving], strict=True
+            )
+        ]
         unplaced = []
         for shape, mesh in zip([*groups, *self.moving], self.instanced_meshes, strict=True):
             unplaced.append(self._record(mesh, first_face, int(self._numbers[shape.first_name][0])))
             first_face += len(shape.faces)
         blank = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
-        self.data.instances = self._array(self._copies(groups, blank[:len(groups)]), InstanceData)
+        self.data.instances = self._array(self._copies(groups, blank[: len(groups)]), InstanceData)
         self.copy_boxes = np.concatenate([np.zeros((0, 2, 3)), *(group.extents() - self.origin for group in groups)])
-        self._unplaced = blank[len(groups):]
+        self._unplaced = blank[len(groups) :]
         self._place(np.array([transform(part.R_w_o, part.origin) for part in self.moving]).reshape(1, -1, 4, 4))
 
     def _copies(self, groups: list[Instances], unplaced: np.ndarray) -> np.ndarray:
         """Records of all copies of groups, given one of each that is not placed yet."""
         records, start = np.repeat(unplaced, [len(group) for group in groups]), 0
         for group in groups:
-            own = records[start:start + len(group)]
+            own = records[start : start + len(group)]
             scale = group.scale
             own["part"], own["scale"] = self._numbers[group.first_name], scale
             own["R"], own["p"] = group.T_w_o[:, :3, :3] / scale[:, None, None], group.T_w_o[:, :3, 3] - self.origin
@@ -405,9 +438,12 @@ class DeviceScene:
             boxes.insert(k, np.stack([there.min(axis=(0, 1)), there.max(axis=(0, 1))])[None])
         low, high = np.moveaxis(np.concatenate(boxes), 1, 0)
         margin = 1e-6 * (1.0 + max(np.abs(low).max(), np.abs(high).max()))  # the rounding of float32, on the safe side
-        self.instance_bvh = wp.Bvh(self._array((low - margin).astype(np.float32), wp.vec3),
-                                   self._array((high + margin).astype(np.float32), wp.vec3),
-                                   constructor="sah", leaf_size=1)
+        self.instance_bvh = wp.Bvh(
+            self._array((low - margin).astype(np.float32), wp.vec3),
+            self._array((high + margin).astype(np.float32), wp.vec3),
+            constructor="sah",
+            leaf_size=1,
+        )
         self.data.instance_bvh = self.instance_bvh.id
         self.data.moving = self._array(self._placed(T_w_o[:1])[0], InstanceData)
 
@@ -415,8 +451,10 @@ class DeviceScene:
         smooth = [_smooth_normals(part) for part in parts]
         self.data.smooth_normals = self._per_corner(parts, smooth)
         if any(part.smooth_shading for part in parts):
-            lit = [normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
-                   for part, normals in zip(parts, smooth, strict=True)]
+            lit = [
+                normals if part.smooth_shading else np.repeat(face_normals(part.vertices, part.faces)[:, None], 3, 1)
+                for part, normals in zip(parts, smooth, strict=True)
+            ]
             self.data.shading_normals, self.data.has_shading_normals = self._per_corner(parts, lit), 1
 
     def _per_corner(self, parts: list[Part | Instances], normals: list[np.ndarray]) -> wp.array:
@@ -477,8 +515,9 @@ def optics_spec(camera: Camera) -> OpticsSpec:
     if camera.distortion is None and camera.port is None:
         return OpticsSpec()
     model = camera_model(camera)
-    ends = model.lens_ends_within(*camera.resolution) or not model.lens_settles(*camera.resolution, HALVINGS,
-                                                                                NEWTON_STEPS)
+    ends = model.lens_ends_within(*camera.resolution) or not model.lens_settles(
+        *camera.resolution, HALVINGS, NEWTON_STEPS
+    )
     spec = OpticsSpec(model.lens.model, ends=ends)
     if model.port is None:
         return spec

@@ -158,8 +158,9 @@ def checked_poses(name: str, T, count: int | None = None) -> np.ndarray:
     remedy = f"{MATRIX}; give one for each."
     poses = numeric(name, T, remedy)
     if poses.ndim != 3 or poses.shape != (len(poses) if count is None else count, 4, 4):
-        raise InputError(f"has the shape {poses.shape}, not ({'N' if count is None else count}, 4, 4)", key=name,
-                         remedy=remedy)
+        raise InputError(
+            f"has the shape {poses.shape}, not ({'N' if count is None else count}, 4, 4)", key=name, remedy=remedy
+        )
     for i in np.flatnonzero(~_are_rigid(poses))[:1]:
         problem, remedy = _flaw(poses[i])
         raise InputError(problem, key=f"{name}[{i}]", remedy=remedy)
@@ -182,13 +183,17 @@ def _flaw(T: np.ndarray) -> tuple[str, str] | None:
     if not np.isfinite(T).all():
         return "has numbers that are not finite", f"{MATRIX}."
     if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID:
-        return (f"has the last row {T[3].tolist()}, not 0 0 0 1",
-                "It maps columns, p_w = T_w_v @ p_v: transpose it if it maps rows.")
+        return (
+            f"has the last row {T[3].tolist()}, not 0 0 0 1",
+            "It maps columns, p_w = T_w_v @ p_v: transpose it if it maps rows.",
+        )
     R = T[:3, :3]
     lengths = np.linalg.norm(R, axis=0)
     if np.abs(lengths - 1.0).max() > RIGID:
-        return (f"scales: its axes have the lengths {lengths.round(6).tolist()}, not 1",
-                "Divide the first three columns by them; a scene file has the scale of objects.")
+        return (
+            f"scales: its axes have the lengths {lengths.round(6).tolist()}, not 1",
+            "Divide the first three columns by them; a scene file has the scale of objects.",
+        )
     if np.linalg.det(R) < 0.0:
         return "mirrors: its determinant is -1", "Axes are right-handed here; turn the sign of one column."
     return "has axes that are not at right angles", "Give a rotation, as scipy's Rotation.as_matrix makes them."
@@ -196,7 +201,9 @@ def _flaw(T: np.ndarray) -> tuple[str, str] | None:
 
 def _missing(shape: tuple[int, ...]) -> str:
     """What to do with numbers that are no matrix [4, 4]."""
-    return {(3, 4): "Add the last row 0 0 0 1.", (3, 3): "Add a position, and the last row 0 0 0 1.",
-            (4,): f"{MATRIX}; of a quaternion scipy's Rotation.from_quat(q).as_matrix() makes the rotation.",
-            (7,): f"{MATRIX}; of a quaternion scipy's Rotation.from_quat(q).as_matrix() makes the rotation.",
-            }.get(shape, f"{MATRIX}.")
+    return {
+        (3, 4): "Add the last row 0 0 0 1.",
+        (3, 3): "Add a position, and the last row 0 0 0 1.",
+        (4,): f"{MATRIX}; of a quaternion scipy's Rotation.from_quat(q).as_matrix() makes the rotation.",
+        (7,): f"{MATRIX}; of a quaternion scipy's Rotation.from_quat(q).as_matrix() makes the rotation.",
+    }.get(shape, f"{MATRIX}.")

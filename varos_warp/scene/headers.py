@@ -13,16 +13,17 @@ LENGTHS = {
     **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
     **dict.fromkeys(("ft", "foot", "feet", "international foot"), FOOT),
     **dict.fromkeys(("us survey foot", "us_ft", "us-ft", "ftus", "foot_us"), US_FOOT),
-    **dict.fromkeys(("in", "inch", "inches"), FOOT / 12), **dict.fromkeys(("yd", "yard", "yards"), 3 * FOOT),
+    **dict.fromkeys(("in", "inch", "inches"), FOOT / 12),
+    **dict.fromkeys(("yd", "yard", "yards"), 3 * FOOT),
     **dict.fromkeys(("fathom", "fathoms", "ftm"), 6 * FOOT),
     **dict.fromkeys(("dm", "decimetre", "decimeter", "decimetres", "decimeters"), 0.1),
     **dict.fromkeys(("cm", "centimetre", "centimeter", "centimetres", "centimeters"), 0.01),
     **dict.fromkeys(("mm", "millimetre", "millimeter", "millimetres", "millimeters"), 0.001),
     **dict.fromkeys(("km", "kilometre", "kilometer", "kilometres", "kilometers"), 1000.0),
-    **dict.fromkeys(("nmi", "nautical mile", "nautical miles"), 1852.0)}
+    **dict.fromkeys(("nmi", "nautical mile", "nautical miles"), 1852.0),
+}
 """Metres in a unit of length by its name."""
-NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "min": 60 * 10**9, "h": 3600 * 10**9,
-               "d": 86400 * 10**9}
+NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "min": 60 * 10**9, "h": 3600 * 10**9, "d": 86400 * 10**9}
 """Nanoseconds in a unit of time."""
 TIMES = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -30,12 +31,17 @@ TIMES = {
     **dict.fromkeys(("us", "usec", "usecs", "\xb5s", "\u03bcs", "micros", "microsecond", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"), "ns"),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), "min"),
-    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), "h"), **dict.fromkeys(("d", "day", "days"), "d")}
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), "h"),
+    **dict.fromkeys(("d", "day", "days"), "d"),
+}
 """Units of time, of `NANOSECONDS`, by their names."""
 ANGLES: dict[str, tuple[str, float]] = {
-    **dict.fromkeys(("rad", "rads", "radian", "radians"), ("rad", 1.0)), "mrad": ("rad", 1e-3),
-    **dict.fromkeys(("deg", "degs", "degree", "degrees", "\xb0", "\xba"), ("deg", 1.0)), "cdeg": ("deg", 0.01),
-    **dict.fromkeys(("gon", "gradian", "gradians"), ("deg", 0.9))}
+    **dict.fromkeys(("rad", "rads", "radian", "radians"), ("rad", 1.0)),
+    "mrad": ("rad", 1e-3),
+    **dict.fromkeys(("deg", "degs", "degree", "degrees", "\xb0", "\xba"), ("deg", 1.0)),
+    "cdeg": ("deg", 0.01),
+    **dict.fromkeys(("gon", "gradian", "gradians"), ("deg", 0.9)),
+}
 """Units of angle by their names: radians or degrees, and how many of them a unit is."""
 UNITS: dict[str, object] = {**LENGTHS, **TIMES, **ANGLES}
 """All units by their names, with what tells them apart."""
@@ -43,8 +49,26 @@ GEOGRAPHIC = {"lon", "long", "longitude", "lat", "latitude", "lng"}
 """Words in the names of coordinates that are angles."""
 NOT_BEHIND_A_SIGN = ("in",)
 """Names of units that are rather something else behind a sign."""
-UNSURE = {"in", "m", "s", "h", "hr", "hrs", "d", "us", "min", "mins", "foot", "second", "minute", "minutes", "hour",
-          "hours", "day", "days"}
+UNSURE = {
+    "in",
+    "m",
+    "s",
+    "h",
+    "hr",
+    "hrs",
+    "d",
+    "us",
+    "min",
+    "mins",
+    "foot",
+    "second",
+    "minute",
+    "minutes",
+    "hour",
+    "hours",
+    "day",
+    "days",
+}
 """Names of units that are other words, too: units only in brackets, or where a text says that one follows."""
 NO_UNIT = {"", "-", "1", "none", "unitless", "dimensionless"}
 """What stands in a row of units for a column that has none."""
@@ -58,8 +82,10 @@ LONG_TIMES = {"min", "mins", "minute", "minutes", "hour", "hours", "hr", "hrs", 
 PARTED = re.compile(r"\b(milli|centi|deci|kilo|micro|nano)[ -]+(?=met|sec)", re.IGNORECASE)
 """What stands apart from its unit."""
 WORD = re.compile(r"[^\W\d_]+|[\xb0\xba]")
-GLUED = re.compile(r"([tpq]?[xyz]|t|time|(time)?stamp|pos|position|north(ing)?|east(ing)?|down|up|depth|height"
-                   r"|elev(ation)?|alt(itude)?)(?P<unit>mm|cm|dm|km|ft|feet|ms|us|ns|msec|usec|nsec)")
+GLUED = re.compile(
+    r"([tpq]?[xyz]|t|time|(time)?stamp|pos|position|north(ing)?|east(ing)?|down|up|depth|height"
+    r"|elev(ation)?|alt(itude)?)(?P<unit>mm|cm|dm|km|ft|feet|ms|us|ns|msec|usec|nsec)"
+)
 """A usual name with a unit at its end and no sign between."""
 MARKS = "#%!/; \t"
 """What a remark begins with."""
@@ -116,13 +142,13 @@ def units_said(text: str) -> list[Said]:
     found = []
     text = PARTED.sub(r"\1", text[:LONGEST_REMARK])
     for match in WORD.finditer(text):
-        before, word = text[max(0, match.start() - 60):match.start()], match[0].lower()
+        before, word = text[max(0, match.start() - 60) : match.start()], match[0].lower()
         glued = GLUED.fullmatch(word)
         word = glued["unit"] if glued else word
         if word not in UNITS or RATE.match(text, match.end()):
             continue
         doubtful = bool(re.search(r"\d\s*$", before))
-        if not glued and not _is_surely_a_unit(match[0], before.lower(), text[match.end():match.end() + 60].lower()):
+        if not glued and not _is_surely_a_unit(match[0], before.lower(), text[match.end() : match.end() + 60].lower()):
             if word not in LONG_TIMES or not OF_TIMES.search(text.lower()):
                 continue
             doubtful = True
@@ -130,8 +156,9 @@ def units_said(text: str) -> list[Said]:
     return found
 
 
-def other_units(text: str, is_used: Callable[[Said], bool], is_near: Callable[[Said], bool] | None = None
-                ) -> Iterator[tuple[Said, bool]]:
+def other_units(
+    text: str, is_used: Callable[[Said], bool], is_near: Callable[[Said], bool] | None = None
+) -> Iterator[tuple[Said, bool]]:
     """Units that a remark says and that are not used, each with whether it surely means that numbers are in it.
 
     It may not where the unit is doubtful, or stands beside one of its kind that is used, or nearly that (``is_near``).
@@ -155,8 +182,11 @@ def _is_surely_a_unit(word: str, before: str, behind: str) -> bool:
         return bool(re.search(r"\bunits?\b[ :=]*$", before)) and not behind.strip(" .;")
     if word == "us" and (known == "US" or re.match(r"[ _-]*(survey|ft|feet|foot)", behind)):
         return False
-    return bool(UNIT_FOLLOWS.search(before) or (short and before[-1:] == "_")
-                or (word in TIMES and re.search(r"\b(t|time|stamp|timestamp)/$", before)))
+    return bool(
+        UNIT_FOLLOWS.search(before)
+        or (short and before[-1:] == "_")
+        or (word in TIMES and re.search(r"\b(t|time|stamp|timestamp)/$", before))
+    )
 
 
 def hidden_unit(name: str, units: Mapping[str, object]) -> str | None:

@@ -15,8 +15,12 @@ def displaced_volume(mass_kg: float, net_buoyancy: float, gravity: float) -> flo
     """
     mass = mass_kg + net_buoyancy / gravity
     if mass <= 0.0:
-        raise InputError("would leave the vehicle without volume", key="vehicle.net_buoyancy", value=net_buoyancy,
-                         remedy=f"It must be above -mass_kg * gravity = {-mass_kg * gravity:g} N")
+        raise InputError(
+            "would leave the vehicle without volume",
+            key="vehicle.net_buoyancy",
+            value=net_buoyancy,
+            remedy=f"It must be above -mass_kg * gravity = {-mass_kg * gravity:g} N",
+        )
     return mass / WATER_DENSITY
 
 

@@ -72,15 +72,20 @@ def _readable(source: Path | bytes, key: str) -> Iterator[Image.Image]:
         problem = str(error).strip() or type(error).__name__
         if isinstance(source, bytes):
             problem = f"the picture in the file is of a kind that is not known, or damaged ({source[:12]!r} ...)"
-        raise InputError(f"cannot be read as an image: {problem}", file=file, key=key,
-                         remedy="Export it anew, as PNG or JPEG.") from error
+        raise InputError(
+            f"cannot be read as an image: {problem}", file=file, key=key, remedy="Export it anew, as PNG or JPEG."
+        ) from error
 
 
 def _refuse_odd(image: Image.Image, key: str, file: Path | None) -> None:
     """Refuse pictures of 32 bits a channel: what is white in them is not said."""
     if image.mode == "F" or (image.mode == "I" and image.format != "PNG"):
-        raise InputError("has 32 bits a channel, of which nobody says what is white", file=file, key=key,
-                         remedy="Save it with 8 or 16 bits a channel, in sRGB.")
+        raise InputError(
+            "has 32 bits a channel, of which nobody says what is white",
+            file=file,
+            key=key,
+            remedy="Save it with 8 or 16 bits a channel, in sRGB.",
+        )
 
 
 def _alpha(image) -> np.ndarray | None:
@@ -91,8 +96,9 @@ def _alpha(image) -> np.ndarray | None:
 
 
 @contextlib.contextmanager
-def open_image(source: Path | bytes, key: str | None = None, limit: str = "TEXTURE_PIXELS",
-               formats: tuple[str, ...] | None = None) -> Iterator[Image.Image]:
+def open_image(
+    source: Path | bytes, key: str | None = None, limit: str = "TEXTURE_PIXELS", formats: tuple[str, ...] | None = None
+) -> Iterator[Image.Image]:
     """An image file, or the bytes of one, whose pixels can be decoded without filling the memory.
 
     Args:

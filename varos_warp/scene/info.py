@@ -39,12 +39,19 @@ def scene_info(scene: Scene, parts: list[Part | Instances]) -> dict:
         "mesh_files": _file_info(parts),
         **({"relief": relief} if (relief := {part.name: part.relief for part in parts if part.relief}) else {}),
         **({"survey": parts[0].survey} if parts and parts[0].survey else {}),
-        **_body_info(scene), **_sensor_info(scene),
-        "vehicle": {"mass_kg": scene.vehicle.mass_kg, "radius_m": vehicle_radius(scene),
-                    **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {})},
-        "trajectory": {"kind": kind, "count": len(stops),
-                       **({"pattern": pattern.kind} if pattern else {}),
-                       **({"recorded": stops.about} if isinstance(stops, RecordedCourse) else {})},
+        **_body_info(scene),
+        **_sensor_info(scene),
+        "vehicle": {
+            "mass_kg": scene.vehicle.mass_kg,
+            "radius_m": vehicle_radius(scene),
+            **({"rigid_body": True, "thrusters": len(body.thrusters or ())} if body else {}),
+        },
+        "trajectory": {
+            "kind": kind,
+            "count": len(stops),
+            **({"pattern": pattern.kind} if pattern else {}),
+            **({"recorded": stops.about} if isinstance(stops, RecordedCourse) else {}),
+        },
     }
 
 
@@ -65,9 +72,14 @@ def _mesh_info(parts):
     info = []
     for part in parts:
         corners, count = part.extents(), len(part) if isinstance(part, Instances) else 1
-        info.append({"name": part.name + (f" ({count} copies)" if isinstance(part, Instances) else ""),
-                     "vertices": count * len(part.vertices), "triangles": count * len(part.faces),
-                     "bounds_m": [corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()]})
+        info.append(
+            {
+                "name": part.name + (f" ({count} copies)" if isinstance(part, Instances) else ""),
+                "vertices": count * len(part.vertices),
+                "triangles": count * len(part.faces),
+                "bounds_m": [corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()],
+            }
+        )
     return info
 
 
@@ -79,11 +91,25 @@ def _growth_info(parts):
 
 def _file_info(parts):
     """What became of every mesh file, once for each part that it makes."""
-    return [{"name": part.name, "file": facts.file.name, "up": facts.up_axis, "up_is_guess": facts.up_is_guess,
-             "unit_m": facts.unit_m, "triangles": facts.triangles, "without_area": facts.lost,
-             "area_m2": facts.area_m2, "area_lost": facts.area_lost,
-             "textures": [{"name": name, "outside": share, "constant": name in facts.constant}
-                          for name, share in facts.textures.items()]} for part in parts for facts in part.files]
+    return [
+        {
+            "name": part.name,
+            "file": facts.file.name,
+            "up": facts.up_axis,
+            "up_is_guess": facts.up_is_guess,
+            "unit_m": facts.unit_m,
+            "triangles": facts.triangles,
+            "without_area": facts.lost,
+            "area_m2": facts.area_m2,
+            "area_lost": facts.area_lost,
+            "textures": [
+                {"name": name, "outside": share, "constant": name in facts.constant}
+                for name, share in facts.textures.items()
+            ],
+        }
+        for part in parts
+        for facts in part.files
+    ]
 
 
 def _body_info(scene):
@@ -99,10 +125,13 @@ def _body_info(scene):
 def _sensor_info(scene):
     """Rate of the IMU, and the noise of its readings, None where they are exact; the blocks of sensors asked for."""
     imu = scene.vehicle.imu
-    asked = {sensor.key: block.model_dump(mode="json") for sensor, block in mounted(scene.vehicle)
-             if sensor.key in ASKED_FOR}
-    return {**({} if imu is None else {"imu": imu.model_dump(mode="json", include={"rate_hz", "noise"})}),
-            **({"sensors": asked} if asked else {})}
+    asked = {
+        sensor.key: block.model_dump(mode="json") for sensor, block in mounted(scene.vehicle) if sensor.key in ASKED_FOR
+    }
+    return {
+        **({} if imu is None else {"imu": imu.model_dump(mode="json", include={"rate_hz", "noise"})}),
+        **({"sensors": asked} if asked else {}),
+    }
 
 
 def water_info(scene: Scene) -> dict:
@@ -120,10 +149,17 @@ def water_info(scene: Scene) -> dict:
     def lengths(x):
         return [float(x / value) if value > 0.0 else None for value in c]
 
-    return {"a": water.sigma_a.tolist(), "b": water.sigma_s.tolist(), "c": c.tolist(), "g": float(water.g),
-            "phase": water.phase.describe(), "albedo": water.albedo.tolist(),
-            "mean_free_path_m": lengths(1.0), "range_10_percent_m": lengths(np.log(10.0)),
-            **({"particles": bodies} if bodies else {})}
+    return {
+        "a": water.sigma_a.tolist(),
+        "b": water.sigma_s.tolist(),
+        "c": c.tolist(),
+        "g": float(water.g),
+        "phase": water.phase.describe(),
+        "albedo": water.albedo.tolist(),
+        "mean_free_path_m": lengths(1.0),
+        "range_10_percent_m": lengths(np.log(10.0)),
+        **({"particles": bodies} if bodies else {}),
+    }
 
 
 def spectral_info(scene: Scene) -> dict:
@@ -136,12 +172,23 @@ def spectral_info(scene: Scene) -> dict:
     water = water_spectra(scene)
     at = np.isin(GRID, np.arange(*VISIBLE, 25.0)) | (GRID == VISIBLE[1])
     chosen = [(camera, scene_bands(scene, camera)) for camera in scene.vehicle.cameras]
-    return {"source": water.source, "wavelength_nm": GRID[at].tolist(),
-            **{name: getattr(water, name)[at].tolist() for name in ("a", "b", "c", "b_b", "visibility_m")},
-            "phase": phase_function(scene).describe(), "paths_m": list(scene.render.bands_range_m or PATHS_M),
-            "bands": [{"camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "rms": bands.rms.tolist(),
-                       "worst": bands.worst.tolist(), "backscatter": backscatter_error(scene, camera).tolist()}
-                      for camera, bands in chosen]}
+    return {
+        "source": water.source,
+        "wavelength_nm": GRID[at].tolist(),
+        **{name: getattr(water, name)[at].tolist() for name in ("a", "b", "c", "b_b", "visibility_m")},
+        "phase": phase_function(scene).describe(),
+        "paths_m": list(scene.render.bands_range_m or PATHS_M),
+        "bands": [
+            {
+                "camera": camera.id,
+                "wavelength_nm": bands.wavelength_nm.tolist(),
+                "rms": bands.rms.tolist(),
+                "worst": bands.worst.tolist(),
+                "backscatter": backscatter_error(scene, camera).tolist(),
+            }
+            for camera, bands in chosen
+        ],
+    }
 
 
 def camera_info(camera) -> dict:
@@ -157,26 +204,47 @@ def camera_info(camera) -> dict:
     else:
         fov = np.degrees(model.field_of_view(*camera.resolution)).tolist()
     lens_keys = LENS_KEYS[:1] if camera.intrinsics else LENS_KEYS
-    return {"id": camera.id, "resolution": list(camera.resolution), "fx": K[0, 0].item(), "fy": K[1, 1].item(),
-            "cx_colmap": K[0, 2].item(), "cy_colmap": K[1, 2].item(), "cx_opencv": c[0], "cy_opencv": c[1],
-            "horizontal_fov_deg": fov[0], "vertical_fov_deg": fov[1], "mount": camera.mount,
-            "position": list(camera.position), "looks_along": (attitude(camera)[:, 1].round(6) + 0.0).tolist(),
-            "defaults": [key for key in lens_keys if key not in camera.model_fields_set],
-            "calibration": camera.calibration, "lens_end": _lens_end(model, camera)}
+    return {
+        "id": camera.id,
+        "resolution": list(camera.resolution),
+        "fx": K[0, 0].item(),
+        "fy": K[1, 1].item(),
+        "cx_colmap": K[0, 2].item(),
+        "cy_colmap": K[1, 2].item(),
+        "cx_opencv": c[0],
+        "cy_opencv": c[1],
+        "horizontal_fov_deg": fov[0],
+        "vertical_fov_deg": fov[1],
+        "mount": camera.mount,
+        "position": list(camera.position),
+        "looks_along": (attitude(camera)[:, 1].round(6) + 0.0).tolist(),
+        "defaults": [key for key in lens_keys if key not in camera.model_fields_set],
+        "calibration": camera.calibration,
+        "lens_end": _lens_end(model, camera),
+    }
 
 
 def _lens_end(model, camera) -> dict | None:
     end = model.lens_end(*camera.resolution)
     if end is None:
         return None
-    return {"pixels": end.pixels, "share": end.share, "radius_px": end.radius_px,
-            "half_angle_deg": float(np.degrees(end.half_angle))}
+    return {
+        "pixels": end.pixels,
+        "share": end.share,
+        "radius_px": end.radius_px,
+        "half_angle_deg": float(np.degrees(end.half_angle)),
+    }
 
 
 def _pairs(cameras) -> list[dict]:
     """Left and right cameras of one number, and their distance [m]."""
     known = {camera.id.upper(): camera for camera in cameras}
     pairs = [(left, known[f"R{name[1]}"]) for name, left in known.items() if name[0] == "L" and f"R{name[1]}" in known]
-    return [{"cameras": [left.id, right.id],
-             "baseline_m": float(np.linalg.norm(np.subtract(left.position, right.position)))}
-            for left, right in pairs if left.mount == right.mount]
+    return [
+        {
+            "cameras": [left.id, right.id],
+            "baseline_m": float(np.linalg.norm(np.subtract(left.position, right.position))),
+        }
+        for left, right in pairs
+        if left.mount == right.mount
+    ]

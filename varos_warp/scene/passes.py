@@ -82,11 +82,20 @@ def described(scene: Scene) -> list[dict]:
     found = []
     for camera in scene.vehicle.cameras:
         bands = scene_bands(scene, camera)
-        found.append({
-            "camera": camera.id, "wavelength_nm": bands.wavelength_nm.tolist(), "a": bands.a.tolist(),
-            "b": (bands.b_water + bands.b_particles).tolist(), "weights": balanced(bands).tolist(),
-            "white": shares(bands).tolist(), "range_m": list(bands.range_m), "rms": bands.rms.tolist(),
-            "worst": bands.worst.tolist(), "backscatter": backscatter_error(scene, camera).tolist()})
+        found.append(
+            {
+                "camera": camera.id,
+                "wavelength_nm": bands.wavelength_nm.tolist(),
+                "a": bands.a.tolist(),
+                "b": (bands.b_water + bands.b_particles).tolist(),
+                "weights": balanced(bands).tolist(),
+                "white": shares(bands).tolist(),
+                "range_m": list(bands.range_m),
+                "rms": bands.rms.tolist(),
+                "worst": bands.worst.tolist(),
+                "backscatter": backscatter_error(scene, camera).tolist(),
+            }
+        )
     return found
 
 
@@ -118,8 +127,15 @@ def passes(scene: Scene, camera: Camera) -> list[BandPass]:
     made, of_water = [], shares_of_water(bands)
     for share, (chosen, used) in zip(of_water, _in_threes(len(bands.wavelength_nm)), strict=True):
         nm = bands.wavelength_nm[chosen]
-        made.append(BandPass(_of_bands(scene, bands, chosen, shining[:, chosen], share), nm,
-                             reflectance_of_rgb(np.eye(3), nm).T, weights[:, chosen] * used, white[:, chosen] * used))
+        made.append(
+            BandPass(
+                _of_bands(scene, bands, chosen, shining[:, chosen], share),
+                nm,
+                reflectance_of_rgb(np.eye(3), nm).T,
+                weights[:, chosen] * used,
+                white[:, chosen] * used,
+            )
+        )
     return made
 
 
@@ -166,7 +182,7 @@ def backscatter_error(scene: Scene, camera: Camera) -> np.ndarray:
     bands, back = scene_bands(scene, camera), np.ones(1)
     of_water, of_particles = (float(phase.eval_s(back)[0]) for phase in (Rayleigh(), phase_function(scene)))
     b = bands.b_water + bands.b_particles
-    share = np.repeat(shares_of_water(bands), PASS)[:len(b)]
+    share = np.repeat(shares_of_water(bands), PASS)[: len(b)]
     ours = b * (share * of_water + (1.0 - share) * of_particles)
     known = bands.b_water * of_water + bands.b_particles * of_particles
     ours, known = (_seen(bands) @ scattered for scattered in (ours, known))

@@ -33,8 +33,9 @@ class PlainLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignor
         """Text that can be written: neither half of a surrogate pair, nor NUL."""
         text = super().construct_scalar(node)
         if isinstance(text, str) and ("\0" in text or re.search("[\ud800-\udfff]", text)):
-            raise yaml.constructor.ConstructorError(None, None, "text with a character that no file holds",
-                                                    node.start_mark)
+            raise yaml.constructor.ConstructorError(
+                None, None, "text with a character that no file holds", node.start_mark
+            )
         return text
 
 
@@ -62,8 +63,12 @@ def read(text: str, file: Path, loader: type = PlainLoader) -> tuple[Any, dict[t
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "cannot be parsed"
-        raise InputError(f"is not valid YAML: {problem}", file=file, line=mark.line + 1 if mark else None,
-                         remedy=escapes(problem) or "Check indentation, colons and brackets there.") from None
+        raise InputError(
+            f"is not valid YAML: {problem}",
+            file=file,
+            line=mark.line + 1 if mark else None,
+            remedy=escapes(problem) or "Check indentation, colons and brackets there.",
+        ) from None
     except InputError:
         raise
     except (ValueError, RecursionError) as error:  # such as a date that does not exist
@@ -108,8 +113,13 @@ def _collect_lines(node, path, lines, file, seen):
         for key, value in node.value:
             inner, line = (*path, key.value), key.start_mark.line + 1
             if inner in lines and key.value != "<<":
-                raise InputError("is given twice", file=file, line=line, key=".".join(map(str, inner)),
-                                 remedy=f"Keep one; the first is in line {lines[inner]}.")
+                raise InputError(
+                    "is given twice",
+                    file=file,
+                    line=line,
+                    key=".".join(map(str, inner)),
+                    remedy=f"Keep one; the first is in line {lines[inner]}.",
+                )
             lines[inner] = line
             _collect_lines(value, inner, lines, file, seen)
 

@@ -23,8 +23,12 @@ def check_rate(rate_hz: float, key: str) -> None:
         InputError: It is such a rate.
     """
     if rate_hz * LONGEST_S < 1.0:
-        raise InputError("is less than a sample a day", key=key, value=rate_hz,
-                         remedy=f"Give at least {1.0 / LONGEST_S:.3g} Hz; sequences are no longer than {LONGEST_S} s")
+        raise InputError(
+            "is less than a sample a day",
+            key=key,
+            value=rate_hz,
+            remedy=f"Give at least {1.0 / LONGEST_S:.3g} Hz; sequences are no longer than {LONGEST_S} s",
+        )
     if rate_hz > HIGHEST_RATE_HZ:
         raise InputError("is too high", key=key, value=rate_hz, remedy=f"Give at most {HIGHEST_RATE_HZ:g} Hz")
 
@@ -36,9 +40,11 @@ def check_length(seconds: float, key: str, what: str) -> None:
         InputError: It lasts longer.
     """
     if not seconds <= LONGEST_S:
-        raise InputError(f"{what} {seconds:.6g} s, more than the {LONGEST_S} s that can be simulated at "
-                         f"{TICK_RATE_HZ} Hz", key=key,
-                         remedy="Make it shorter (nearer stops, a higher speed) or divide it into several scenes")
+        raise InputError(
+            f"{what} {seconds:.6g} s, more than the {LONGEST_S} s that can be simulated at {TICK_RATE_HZ} Hz",
+            key=key,
+            remedy="Make it shorter (nearer stops, a higher speed) or divide it into several scenes",
+        )
 
 
 def times_ns(count: int, rate_hz: float, first: int = 0) -> np.ndarray:
@@ -77,6 +83,7 @@ def select(frames: slice, count: int) -> list[int]:
     if not chosen:
         words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop, frames.step))
         words = words.removesuffix(":")
-        raise InputError("names no frame", key="frames", value=words,
-                         remedy=f"The sequence has frames 0 to {count - 1}.")
+        raise InputError(
+            "names no frame", key="frames", value=words, remedy=f"The sequence has frames 0 to {count - 1}."
+        )
     return chosen

@@ -24,14 +24,16 @@ def companions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesA
 
     Each is where its own simulation has it, up to its last frame; there it stays. Keys may be ``left_out``.
     """
-    return {key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items()
-            if key not in left_out}
+    return {
+        key: _course(scene.observed_by(vehicle.id)) for key, vehicle in scene.companions.items() if key not in left_out
+    }
 
 
 def motions(scene: Scene, left_out: Collection[str] = ()) -> dict[str, PosesAt]:
     """Poses over time of all of `Scene.tracked`, by key, but those other vehicles that are ``left_out``."""
-    found: dict[str, PosesAt] = {key: partial(poses_along, block.stops) for key, block in scene.moving.items()
-                                if block.path}
+    found: dict[str, PosesAt] = {
+        key: partial(poses_along, block.stops) for key, block in scene.moving.items() if block.path
+    }
     return found | {key: poses for key, poses in companions(scene, left_out).items() if key in scene.tracked}
 
 
@@ -59,5 +61,7 @@ def meetings(scene: Scene, frames: Trajectory, others: dict[str, PosesAt]) -> It
         its, k = vehicle_radius(scene.observed_by(scene.companions[key].id)), int(gap.argmin())
         reach = vehicle_radius(scene) + its
         if gap[k] < reach:
-            yield (f"trajectory: at {1e-9 * frames.time_ns[k]:.2f} s the vehicle is {gap[k]:.2f} m from {key}, nearer "
-                   f"than their radii of {reach:.2f} m together")
+            yield (
+                f"trajectory: at {1e-9 * frames.time_ns[k]:.2f} s the vehicle is {gap[k]:.2f} m from {key}, nearer "
+                f"than their radii of {reach:.2f} m together"
+            )

@@ -128,22 +128,28 @@ def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Driven:
     flight, duration, rate = Flight(scene), scene.trajectory.duration_s, scene.render.frame_rate_hz
     course = flight.course
     frames = frame_count(duration, rate) if duration else None
-    values = _fly(flight, rows=_rows(scene, frames) if frames else None,
-                  rows_after=lambda tick: _rows(scene, frames_until(tick * TICK_S, rate)),
-                  tell=lambda tick: tell(min(1.0, tick * TICK_S / (duration or course.duration))))
+    values = _fly(
+        flight,
+        rows=_rows(scene, frames) if frames else None,
+        rows_after=lambda tick: _rows(scene, frames_until(tick * TICK_S, rate)),
+        tell=lambda tick: tell(min(1.0, tick * TICK_S / (duration or course.duration))),
+    )
     end = flight.end
     frames = frames or frames_until(end * TICK_S, rate)  # type: ignore[operator]  # where frames is unknown, end is known
     log = logged(values, flight.origin)
     position = log.trajectory.position
-    messages = [*advice.on_course(scene, course, flight.body, flight.regulator.gains, flight.current),
-                *flight.guidance.messages,
-                *advice.on_pace(scene, course, position[:1 + round((frames - 1) / rate / TICK_S)], frames),
-                *advice.on_run(scene, end, frames / rate, flight.regulator.saturated_ticks)]
+    messages = [
+        *advice.on_course(scene, course, flight.body, flight.regulator.gains, flight.current),
+        *flight.guidance.messages,
+        *advice.on_pace(scene, course, position[: 1 + round((frames - 1) / rate / TICK_S)], frames),
+        *advice.on_run(scene, end, frames / rate, flight.regulator.saturated_ticks),
+    ]
     return _driven(scene, frames, log, messages)
 
 
-def _fly(flight: Flight, *, rows: int | None, rows_after: Callable[[int], int], tell: Callable[[int], None]
-         ) -> np.ndarray:
+def _fly(
+    flight: Flight, *, rows: int | None, rows_after: Callable[[int], int], tell: Callable[[int], None]
+) -> np.ndarray:
     """The loop over a flight.
 
     Args:

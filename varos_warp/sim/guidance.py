@@ -51,15 +51,17 @@ def weight(s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     s = np.clip(s, 0.0, 1.0)
     near = np.minimum(s, 1.0 - s)
     w = near**4 * (35.0 + near * (-84.0 + near * (70.0 - 20.0 * near)))
-    return (np.where(s > 0.5, 1.0 - w, w), 140.0 * (s * (1.0 - s))**3,
-            420.0 * (s * (1.0 - s))**2 * (1.0 - 2.0 * s))
+    return (np.where(s > 0.5, 1.0 - w, w), 140.0 * (s * (1.0 - s)) ** 3, 420.0 * (s * (1.0 - s)) ** 2 * (1.0 - 2.0 * s))
 
 
 def ramp(t: np.ndarray, blend: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Way, speed and acceleration [n] of what gets from rest to unit speed within ``blend`` [s], by s^2 (3 - 2 s)."""
     s = np.clip(t / blend, 0.0, 1.0)
-    return (blend * s**3 * (1.0 - 0.5 * s) + np.maximum(t - blend, 0.0), s * s * (3.0 - 2.0 * s),
-            6.0 * s * (1.0 - s) / blend)
+    return (
+        blend * s**3 * (1.0 - 0.5 * s) + np.maximum(t - blend, 0.0),
+        s * s * (3.0 - 2.0 * s),
+        6.0 * s * (1.0 - s) / blend,
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------- the plan
@@ -149,8 +151,13 @@ class Course:
     @property
     def longest(self) -> int:
         """The scene's index of the waypoint that takes longest to get to, with the rest there."""
-        return self.leads_to(int(np.argmax([leg.duration - min(gate.overlap, 0.0)
-                                            for leg, gate in zip(self.legs, self.gates, strict=True)])))
+        return self.leads_to(
+            int(
+                np.argmax(
+                    [leg.duration - min(gate.overlap, 0.0) for leg, gate in zip(self.legs, self.gates, strict=True)]
+                )
+            )
+        )
 
     def leads_to(self, leg: int) -> int:
         """The scene's index of the waypoint that a leg leads to."""
@@ -173,7 +180,7 @@ def plan(trajectory: description.Trajectory, free: tuple[int, ...] = ()) -> Cour
     else:
         legs = [_leg(trajectory, *leg) for leg in zip(waypoints[1:], steps, turns, strict=True)]
         strict = _strict(waypoints, legs)
-    gates = [_gate(trajectory, waypoints[i + 1], strict[i + 1], legs[i:i + 2]) for i in range(len(legs))]
+    gates = [_gate(trajectory, waypoints[i + 1], strict[i + 1], legs[i : i + 2]) for i in range(len(legs))]
     return Course(positions, turned, legs, gates, trajectory.handover_timeout_s, targets)
 
 
@@ -187,8 +194,12 @@ def level(turned: list[Rotation], free: tuple[int, ...]) -> list[Rotation]:
 def _leg(trajectory, target, step, turned) -> Leg:
     speed = target.speed or trajectory.speed
     length, angle = float(np.linalg.norm(step)), float(np.linalg.norm(turned))
-    duration = max(PEAK_RATE * length / speed, PEAK_RATE * angle / np.radians(trajectory.max_angular_speed_deg),
-                   sqrt(PEAK_ACCELERATION * length / trajectory.max_acceleration), MIN_LEG_S)
+    duration = max(
+        PEAK_RATE * length / speed,
+        PEAK_RATE * angle / np.radians(trajectory.max_angular_speed_deg),
+        sqrt(PEAK_ACCELERATION * length / trajectory.max_acceleration),
+        MIN_LEG_S,
+    )
     return Leg(step, turned, float(duration), speed)
 
 
@@ -236,11 +247,12 @@ def _graded(waypoints, positions: np.ndarray, turned: list[Rotation]):
     beside = np.pad(np.maximum(lengths, CLOSE_M), 1, constant_values=np.inf)
     places, dense, attitude, targets = [positions[:1]], [waypoints[0]], [turned[0]], []
     for i, length in enumerate(lengths):
-        start, end = (np.inf if _is_stop(w) else size for w, size in zip(waypoints[i:i + 2], beside[i:i + 3:2],
-                                                                         strict=True))
+        start, end = (
+            np.inf if _is_stop(w) else size for w, size in zip(waypoints[i : i + 2], beside[i : i + 3 : 2], strict=True)
+        )
         shares = np.array([*_cuts(length, start), *(1.0 - x for x in reversed(_cuts(length, end)))])[:, None]
-        places += [positions[i] + shares * (positions[i + 1] - positions[i]), positions[i + 1:i + 2]]
-        attitude += [turned[i] * Rotation.from_rotvec(x * turn(*turned[i:i + 2])) for x in shares] + [turned[i + 1]]
+        places += [positions[i] + shares * (positions[i + 1] - positions[i]), positions[i + 1 : i + 2]]
+        attitude += [turned[i] * Rotation.from_rotvec(x * turn(*turned[i : i + 2])) for x in shares] + [turned[i + 1]]
         passed = waypoints[i + 1].model_copy(update={"strict": False, "dwell_s": None})
         dense += [passed] * len(shares) + [waypoints[i + 1]]
         targets += [i + 1] * (len(shares) + 1)
@@ -259,15 +271,23 @@ def _even_legs(trajectory, waypoints, steps: np.ndarray, turns: np.ndarray) -> l
     last = len(steps)
     stops = [0, *(i for i in range(1, last) if _is_stop(waypoints[i])), last]
     speeds = np.array([w.speed or trajectory.speed for w in waypoints[1:]])
-    times = np.maximum.reduce([np.linalg.norm(steps, axis=1) / speeds, np.full(last, 2.0 * TICK_S), np.linalg.norm(
-        turns, axis=1) / np.radians(trajectory.max_angular_speed_deg)])
+    times = np.maximum.reduce(
+        [
+            np.linalg.norm(steps, axis=1) / speeds,
+            np.full(last, 2.0 * TICK_S),
+            np.linalg.norm(turns, axis=1) / np.radians(trajectory.max_angular_speed_deg),
+        ]
+    )
     legs, times = [], np.minimum(times, 10.0 * LONGEST_S)
     for first, end in pairwise(stops):
         few = slice(first, end)
         even, blends = _blended(steps[few], times[few], trajectory.max_acceleration)
-        legs += [Leg(step, turned, float(time + 0.5 * (a + b)), float(speed), (float(a), float(b)))
-                 for step, turned, time, speed, a, b in zip(
-                     steps[few], turns[few], even, speeds[few], blends, blends[1:], strict=False)]
+        legs += [
+            Leg(step, turned, float(time + 0.5 * (a + b)), float(speed), (float(a), float(b)))
+            for step, turned, time, speed, a, b in zip(
+                steps[few], turns[few], even, speeds[few], blends, blends[1:], strict=False
+            )
+        ]
     return legs
 
 
@@ -355,7 +375,8 @@ def add_leg(before: Window, leg: Leg, ticks: np.ndarray, h: float = TICK_S) -> W
         before.acceleration[rows] + acceleration * leg.step,
         before.attitude[rows] * E,
         carried + rate * leg.turn,
-        E.inv().apply(before.alpha[rows]) + acceleration * leg.turn + np.cross(carried, rate * leg.turn))
+        E.inv().apply(before.alpha[rows]) + acceleration * leg.turn + np.cross(carried, rate * leg.turn),
+    )
 
 
 class Guidance:
@@ -407,7 +428,7 @@ class Guidance:
 
     def _passes(self, tick: int, position: Vector, attitude: Quaternion) -> bool:
         gate, target = self._course.gates[self.leg], self._targets[self.leg + 1]
-        distance = sqrt(sum((a - b)**2 for a, b in zip(position, target, strict=True)))
+        distance = sqrt(sum((a - b) ** 2 for a, b in zip(position, target, strict=True)))
         if distance <= gate.radius and (gate.angle == inf or self._angle(attitude) <= gate.angle):
             return True
         if (tick - self._opens) * self._h < self._course.timeout:
@@ -415,7 +436,8 @@ class Guidance:
         self.messages.append(
             f"waypoint {self.target}: gave up waiting at {tick * self._h:.2f} s, {distance:.3f} m and "
             f"{degrees(self._angle(attitude)):.2f} deg off (asked: {gate.radius:g} m); went on "
-            f"after trajectory.handover_timeout_s = {self._course.timeout:g}")
+            f"after trajectory.handover_timeout_s = {self._course.timeout:g}"
+        )
         return True
 
     def _angle(self, attitude: Quaternion) -> float:

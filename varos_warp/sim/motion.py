@@ -118,11 +118,15 @@ def _before(first: Trajectory, time_ns: np.ndarray) -> Trajectory:
     """The motion at times [N] before its first row, with the accelerations of that row."""
     t = 1e-9 * (time_ns - first.time_ns)[:, None]
     R = first.rotation() * Rotation.from_rotvec(t * first.angular_velocity + t**2 / 2 * first.angular_acceleration)
-    return Trajectory(time_ns, first.position + t * first.velocity + t**2 / 2 * first.acceleration,
-                      first.velocity + t * first.acceleration, np.tile(first.acceleration, (len(t), 1)),
-                      R.as_quat(canonical=True, scalar_first=True),
-                      first.angular_velocity + t * first.angular_acceleration,
-                      np.tile(first.angular_acceleration, (len(t), 1)))
+    return Trajectory(
+        time_ns,
+        first.position + t * first.velocity + t**2 / 2 * first.acceleration,
+        first.velocity + t * first.acceleration,
+        np.tile(first.acceleration, (len(t), 1)),
+        R.as_quat(canonical=True, scalar_first=True),
+        first.angular_velocity + t * first.angular_acceleration,
+        np.tile(first.angular_acceleration, (len(t), 1)),
+    )
 
 
 def _between(start: Trajectory, end: Trajectory, time_ns: np.ndarray) -> Trajectory:
@@ -130,25 +134,35 @@ def _between(start: Trajectory, end: Trajectory, time_ns: np.ndarray) -> Traject
     h, t = (1e-9 * (time - start.time_ns)[:, None] for time in (end.time_ns, time_ns))
     moved = end.position - start.position
     position, velocity, acceleration = _quintic(
-        (start.velocity, start.acceleration), (moved, end.velocity, end.acceleration), h, t)
+        (start.velocity, start.acceleration), (moved, end.velocity, end.acceleration), h, t
+    )
     R = start.rotation()
     turned = _vector_rates((R.inv() * end.rotation()).as_rotvec(), end.angular_velocity, end.angular_acceleration)
     phi, rate, rate_of_rate = _quintic((start.angular_velocity, start.angular_acceleration), turned, h, t)
     q = (R * Rotation.from_rotvec(phi)).as_quat(scalar_first=True)
-    return Trajectory(time_ns, start.position + position, velocity, acceleration, np.where(q[:, :1] < 0.0, -q, q),
-                      *_body_rates(phi, rate, rate_of_rate))
+    return Trajectory(
+        time_ns,
+        start.position + position,
+        velocity,
+        acceleration,
+        np.where(q[:, :1] < 0.0, -q, q),
+        *_body_rates(phi, rate, rate_of_rate),
+    )
 
 
-def _quintic(start: tuple[np.ndarray, ...], end: tuple[np.ndarray, ...], h: np.ndarray, t: np.ndarray
-             ) -> tuple[np.ndarray, ...]:
+def _quintic(
+    start: tuple[np.ndarray, ...], end: tuple[np.ndarray, ...], h: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """What starts at 0: value, first and second derivative at ``t`` from the two at 0 and the three at ``h``."""
     (v, a), (p1, v1, a1) = start, end
     dp, dv, da = p1 - h * v - h**2 / 2 * a, (v1 - v - h * a) * h, (a1 - a) * h**2
     c3, c4, c5 = 10 * dp - 4 * dv + da / 2, -15 * dp + 7 * dv - da, 6 * dp - 3 * dv + da / 2
     s = t / h
-    return (t * v + t**2 / 2 * a + s**3 * (c3 + s * (c4 + s * c5)),
-            v + t * a + s**2 / h * (3 * c3 + s * (4 * c4 + s * 5 * c5)),
-            a + s / h**2 * (6 * c3 + s * (12 * c4 + s * 20 * c5)))
+    return (
+        t * v + t**2 / 2 * a + s**3 * (c3 + s * (c4 + s * c5)),
+        v + t * a + s**2 / h * (3 * c3 + s * (4 * c4 + s * 5 * c5)),
+        a + s / h**2 * (6 * c3 + s * (12 * c4 + s * 20 * c5)),
+    )
 
 
 def _vector_rates(phi: np.ndarray, omega: np.ndarray, alpha: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -162,8 +176,11 @@ def _vector_rates(phi: np.ndarray, omega: np.ndarray, alpha: np.ndarray) -> tupl
     rate = omega + once / 2 + c * np.cross(phi, once)
     dc = (phi * rate).sum(axis=1, keepdims=True) / 360
     change = np.cross(phi, alpha) + np.cross(rate, omega)
-    return phi, rate, (alpha + change / 2 + dc * np.cross(phi, once)
-                       + c * (np.cross(rate, once) + np.cross(phi, change)))
+    return (
+        phi,
+        rate,
+        (alpha + change / 2 + dc * np.cross(phi, once) + c * (np.cross(rate, once) + np.cross(phi, change))),
+    )
 
 
 def _body_rates(phi: np.ndarray, rate: np.ndarray, rate_of_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,6 +191,11 @@ def _body_rates(phi: np.ndarray, rate: np.ndarray, rate_of_rate: np.ndarray) -> 
     b, db = 1 / 6 - square / 120, -half / 60
     once, change = np.cross(phi, rate), np.cross(phi, rate_of_rate)
     omega = rate - a * once + b * np.cross(phi, once)
-    alpha = (rate_of_rate - a * change - da * once + b * (np.cross(rate, once) + np.cross(phi, change))
-             + db * np.cross(phi, once))
+    alpha = (
+        rate_of_rate
+        - a * change
+        - da * once
+        + b * (np.cross(rate, once) + np.cross(phi, change))
+        + db * np.cross(phi, once)
+    )
     return omega, alpha

@@ -51,9 +51,12 @@ def pose_times(poses: Sequence[description.Pose | Stop]) -> np.ndarray:
     backward = np.flatnonzero(np.diff(times) <= 0.0)
     if len(backward):
         i = int(backward[0]) + 1
-        raise InputError(f"is not after the pose before it, at {poses[i - 1].time_s:g} s",
-                         key=f"trajectory.poses.{i}.time_s", value=poses[i].time_s,
-                         remedy="Give the poses in order of time, each its own time")
+        raise InputError(
+            f"is not after the pose before it, at {poses[i - 1].time_s:g} s",
+            key=f"trajectory.poses.{i}.time_s",
+            value=poses[i].time_s,
+            remedy="Give the poses in order of time, each its own time",
+        )
     return times
 
 
@@ -77,8 +80,11 @@ class Knots:
         """
         if isinstance(poses, RecordedCourse):
             return cls(poses.time_ns / TICK_NS, poses.position, poses.attitude)
-        return cls(pose_times(poses), np.array([pose.position for pose in poses], float),
-                   Rotation.concatenate(attitudes(poses)))
+        return cls(
+            pose_times(poses),
+            np.array([pose.position for pose in poses], float),
+            Rotation.concatenate(attitudes(poses)),
+        )
 
 
 def through_poses(knots: Knots, ticks: int) -> dict[str, np.ndarray]:
@@ -106,8 +112,9 @@ def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = N
     return along | dict(others or {})
 
 
-def poses_of_moving(parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
-                    ) -> dict[str, np.ndarray]:
+def poses_of_moving(
+    parts: Sequence, time_ns: np.ndarray, others: Mapping[str, Callable] | None = None
+) -> dict[str, np.ndarray]:
     """Poses [N, 4, 4] of everything that moves at times int64 [N] [ns], by its name."""
     return {key: course(time_ns) for key, course in courses_of_moving(parts, others).items()}
 
@@ -149,8 +156,9 @@ def at_ticks(knots: Knots, tick: np.ndarray) -> dict[str, np.ndarray]:
     return columns
 
 
-def _attitude_splines(times: np.ndarray, turned: Rotation, t: np.ndarray
-                      ) -> Iterator[tuple[np.ndarray, RotationSpline]]:
+def _attitude_splines(
+    times: np.ndarray, turned: Rotation, t: np.ndarray
+) -> Iterator[tuple[np.ndarray, RotationSpline]]:
     """Splines through attitudes at times [n] [s], and which of the times [N] each is for, bool [N].
 
     A spline takes 2 kB for each attitude, so no more than `MOST_KNOTS` share one. It knows `BEYOND` more at its ends,

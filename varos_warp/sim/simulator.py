@@ -185,8 +185,12 @@ class Simulator:
 
     def _step(self, motion: Trajectory) -> Step:
         row = {name: column[-1] for name, column in vars(motion).items()}
-        return Step(**row | {"time_ns": int(row["time_ns"])}, **vars(self._sensors.read(motion)),
-                    reference_position=self._logged.reference[-1], waypoint=int(self._logged.waypoint[-1]))
+        return Step(
+            **row | {"time_ns": int(row["time_ns"])},
+            **vars(self._sensors.read(motion)),
+            reference_position=self._logged.reference[-1],
+            waypoint=int(self._logged.waypoint[-1]),
+        )
 
 
 class _Driven:
@@ -230,8 +234,11 @@ class _Replayed:
     def advance(self, command: tuple[Vector, Vector] | None) -> None:
         """Advance to the next tick; there is nothing to command."""
         if command is not None:
-            raise InputError("exact poses move the vehicle, and no force does", key="trajectory",
-                             remedy="Call step() without force and torque, or give the scene waypoints")
+            raise InputError(
+                "exact poses move the vehicle, and no force does",
+                key="trajectory",
+                remedy="Call step() without force and torque, or give the scene waypoints",
+            )
         self._tick += 1
         if self._tick - self._first == len(self._block.trajectory):
             knots, self._first = self._knots, self._tick
@@ -249,8 +256,12 @@ def _vector(value: ArrayLike | None, key: str, unit: str) -> Vector:
     except (TypeError, ValueError):
         good = False
     if not good:
-        raise InputError(f"is not three finite numbers (below {LARGEST:g})", key=key, value=value,
-                         remedy=f"Give x, y and z in the vehicle's axes [{unit}]")
+        raise InputError(
+            f"is not three finite numbers (below {LARGEST:g})",
+            key=key,
+            value=value,
+            remedy=f"Give x, y and z in the vehicle's axes [{unit}]",
+        )
     x, y, z = vector.tolist()
     return (x, y, z)
 

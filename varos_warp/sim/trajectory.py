@@ -57,6 +57,7 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
 
     Both ends are kept. Steps longer than the spacing (a vehicle faster than 10 m/s at 5 cm) are left as they are.
     """
+
     def travelled(path):
         return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
 
@@ -68,8 +69,12 @@ def path_samples(simulation: Simulation, spacing_m: float = 0.05) -> PathSamples
         within = min(np.searchsorted(distance[:, j], last[j] + spacing_m, side="right") - 1 for j in range(2))
         keep.append(max(int(within), keep[-1] + 1))
         last = distance[keep[-1]]
-    return PathSamples(trajectory.time_ns[keep], trajectory.position[keep], simulation.reference_position[keep],
-                       simulation.waypoint[keep])
+    return PathSamples(
+        trajectory.time_ns[keep],
+        trajectory.position[keep],
+        simulation.reference_position[keep],
+        simulation.waypoint[keep],
+    )
 
 
 def course_facts(simulation: Simulation, scene: Scene) -> dict[str, Any]:
@@ -88,8 +93,12 @@ def course_facts(simulation: Simulation, scene: Scene) -> dict[str, Any]:
         left = np.linalg.norm(simulation.reference_position[end - 1] - stops[-1].position) > NEAR_M
     far = target < len(stops) - 1 or left
     felt = {key: _sizes(getattr(simulation.trajectory, key)[:end]) for key in FELT} if scene.trajectory.file else {}
-    return {**felt, "length_m": float(np.linalg.norm(way, axis=1).sum()), "duration_s": 1e-9 * float(last_ns),
-            "heads_for": target if scene.trajectory.duration_s and far else None}
+    return {
+        **felt,
+        "length_m": float(np.linalg.norm(way, axis=1).sum()),
+        "duration_s": 1e-9 * float(last_ns),
+        "heads_for": target if scene.trajectory.duration_s and far else None,
+    }
 
 
 def _sizes(vectors: np.ndarray) -> dict[str, float]:
@@ -119,11 +128,18 @@ def simulate(scene: Scene, parts: list | None = None, *, progress: Callable[[flo
     if progress:
         progress(1.0)
     read = Sensors(scene, int(trajectory.time_ns[-1]), geometry_of(scene, parts), others).read(trajectory)
-    messages = [scene.key_in_file(words) for words in (
-        *run.messages, *meetings(scene, run.frames, others), *doubts(scene, read))]
-    return Simulation(trajectory=run.trajectory, frames=run.frames, messages=messages,
-                      reference_position=run.reference_position, waypoint=run.waypoint,
-                      **vars(read))
+    messages = [
+        scene.key_in_file(words)
+        for words in (*run.messages, *meetings(scene, run.frames, others), *doubts(scene, read))
+    ]
+    return Simulation(
+        trajectory=run.trajectory,
+        frames=run.frames,
+        messages=messages,
+        reference_position=run.reference_position,
+        waypoint=run.waypoint,
+        **vars(read),
+    )
 
 
 def geometry_of(scene: Scene, parts: list | None) -> list | None:

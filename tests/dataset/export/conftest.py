@@ -13,9 +13,16 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.scene.description.noise_profile import NoiseProfile
 
 PROFILE = {
-    "name": "test", "imu": {"accelerometer_noise_density": 4e-3, "gyroscope_noise_density": 2e-4,
-                            "gyroscope_random_walk": 3e-5, "accelerometer_bias": [0.3, 0.0, -0.1]},
-    "depth_gauge": {"noise_density": 0.01}, "camera": {"electrons_per_dn": 2.0, "read_noise_electrons": 4.0}}
+    "name": "test",
+    "imu": {
+        "accelerometer_noise_density": 4e-3,
+        "gyroscope_noise_density": 2e-4,
+        "gyroscope_random_walk": 3e-5,
+        "accelerometer_bias": [0.3, 0.0, -0.1],
+    },
+    "depth_gauge": {"noise_density": 0.01},
+    "camera": {"electrons_per_dn": 2.0, "read_noise_electrons": 4.0},
+}
 
 
 @pytest.fixture(scope="session")
@@ -49,8 +56,9 @@ def nerfbaselines():
     if not os.environ.get("CI"):
         pytest.importorskip("nerfbaselines.datasets")
     module = importlib.import_module("nerfbaselines.datasets")
-    return SimpleNamespace(load=lambda path, *features, split="train": module.load_dataset(
-        str(path), split, features=frozenset(features)))
+    return SimpleNamespace(
+        load=lambda path, *features, split="train": module.load_dataset(str(path), split, features=frozenset(features))
+    )
 
 
 @pytest.fixture(scope="session")

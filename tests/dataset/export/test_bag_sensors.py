@@ -15,8 +15,12 @@ from varos_warp.scene.description.noise_profile import NoiseProfile
 FLOOR = {"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 5, "position": [0, 0, -3]}
 DVL = {"position": [0.1, 0.2, -0.2], "rotation_euler_deg": [5, 1, 30], "rate_hz": 20, "range_m": [0.5, 3.4]}
 MAGNETOMETER = {"position": [0, 0, 0.2], "rotation_euler_deg": [0, 10, 20], "rate_hz": 50}
-PROFILE = NoiseProfile(name="all", dvl={"velocity_std": 0.01, "range_std": 0.05}, magnetometer={
-    "noise_density": 2e-9}, depth_gauge={"noise_density": 0.01, "resolution": 0.02})
+PROFILE = NoiseProfile(
+    name="all",
+    dvl={"velocity_std": 0.01, "range_std": 0.05},
+    magnetometer={"noise_density": 2e-9},
+    depth_gauge={"noise_density": 0.01, "resolution": 0.02},
+)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +51,12 @@ def bag_of(data, folder):
 
 def mount(bag, frame):
     """T of a frame that is fixed to base_link."""
-    (found,) = (each.transform for _, m in bag["/tf_static"] for each in m.transforms
-                if (each.header.frame_id, each.child_frame_id) == ("base_link", frame))
+    (found,) = (
+        each.transform
+        for _, m in bag["/tf_static"]
+        for each in m.transforms
+        if (each.header.frame_id, each.child_frame_id) == ("base_link", frame)
+    )
     p, q = found.translation, found.rotation
     return matrices([[p.x, p.y, p.z]], [[q.x, q.y, q.z, q.w]], scalar_first=False)[0]
 
@@ -65,8 +73,9 @@ def test_the_dvl_is_a_twist_where_it_has_lock_and_by_the_tree_that_of_the_base(s
     velocity = vectors(messages, lambda m: m.twist.twist.linear)
     np.testing.assert_array_equal(velocity, read["velocity"][has])
     T, moving = mount(bag, messages[0][1].header.frame_id), {t: m.twist.twist for t, m in bag["/ground_truth"]}
-    base, turning = (vectors([(t, getattr(moving[t], part)) for t, _ in messages], lambda v: v)
-                     for part in ("linear", "angular"))
+    base, turning = (
+        vectors([(t, getattr(moving[t], part)) for t, _ in messages], lambda v: v) for part in ("linear", "angular")
+    )
     there = base + np.cross(turning, T[:3, 3])
     np.testing.assert_allclose(velocity @ T[:3, :3].T, there, rtol=0, atol=1e-9)  # what the beams are good to
     assert np.abs(there).max() > 0.1
@@ -107,11 +116,13 @@ def test_covariances_are_those_of_the_stated_noise(noisy, tmp_path):
     a) along it; with three, what least squares of the noise of these gives.
     """
     bag, read = bag_of(noisy, tmp_path), noisy.dvl()
-    np.testing.assert_allclose(bag["/mag0"][3][1].magnetic_field_covariance, 2e-9**2 * 50 * np.eye(3).ravel(),
-                               rtol=1e-14)
+    np.testing.assert_allclose(
+        bag["/mag0"][3][1].magnetic_field_covariance, 2e-9**2 * 50 * np.eye(3).ravel(), rtol=1e-14
+    )
     rate = noisy.meta["sensors"]["depth0"]["rate_hz"]
     assert bag["/depth0/pressure"][3][1].variance == pytest.approx(
-        (1025.0 * 9.81) ** 2 * (0.01**2 * rate + 0.02**2 / 12), rel=1e-12)
+        (1025.0 * 9.81) ** 2 * (0.01**2 * rate + 0.02**2 / 12), rel=1e-12
+    )
     beams = np.array(noisy.meta["sensors"]["dvl0"]["beams"])
     locked = dict(zip(read["time_ns"].tolist(), np.isfinite(read["range"]), strict=True))
     found = {int(locked[t].sum()): (np.reshape(m.twist.covariance, (6, 6))[:3, :3], locked[t]) for t, m in bag["/dvl0"]}

@@ -60,10 +60,12 @@ def test_poses_models_and_K_make_the_masks(folder, labelled):
     size, frame = (36, 64), 2
     for i, (entry, info) in enumerate(zip(gt[frame], infos[frame], strict=True)):
         mesh = model(folder, entry["obj_id"])
-        hit = [silhouette(entry, cameras[frame], mesh, size, aside) for aside in
-               10 * NEAR * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])]  # models are float32
+        hit = [
+            silhouette(entry, cameras[frame], mesh, size, aside)
+            for aside in 10 * NEAR * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        ]  # models are float32
         surely, perhaps = np.all(hit, 0), np.any(hit, 0)
-        here = np.s_[size[0]:2 * size[0], size[1]:2 * size[1]]
+        here = np.s_[size[0] : 2 * size[0], size[1] : 2 * size[1]]
         mask, seen = (pixels(at / kind / f"{frame:06d}_{i:06d}.png") for kind in ("mask", "mask_visib"))
         assert set(np.unique(mask)) <= {0, 255}
         assert mask[seen > 0].all()
@@ -113,8 +115,11 @@ def test_poses_of_the_camera_and_of_objects_agree_with_the_dataset(folder, label
         np.testing.assert_allclose(np.reshape(cameras[frame]["cam_R_w2c"], (3, 3)), T[:3, :3], atol=1e-12)
         np.testing.assert_allclose(cameras[frame]["cam_t_w2c"], 1000 * T[:3, 3], atol=1e-9)
         expected = T @ labelled.poses("objects.3")[1][i]
-        assert any(np.allclose(entry["cam_t_m2c"], 1000 * expected[:3, 3], atol=1e-9) and
-                   np.allclose(entry["cam_R_m2c"], expected[:3, :3].ravel(), atol=1e-12) for entry in gt[frame])
+        assert any(
+            np.allclose(entry["cam_t_m2c"], 1000 * expected[:3, 3], atol=1e-9)
+            and np.allclose(entry["cam_R_m2c"], expected[:3, :3].ravel(), atol=1e-12)
+            for entry in gt[frame]
+        )
 
 
 def test_models_have_their_measures_and_those_that_are_alike_are_one(folder):

@@ -23,16 +23,19 @@ def course(tmp_path_factory):
     produce(load_scene(DATA / "templates/calibration_camera.yaml"), root / "data", images=False, quiet=True)
     export(root / "data", "corners", root / "out")
     rows = list(csv.DictReader((root / "out/camM0.csv").read_text().splitlines()))
-    places, points = (np.array([[row[key] for key in keys] for row in rows], float).reshape(-1, 54, 2)
-                      for keys in (("board_x [m]", "board_z [m]"), ("u [px]", "v [px]")))
+    places, points = (
+        np.array([[row[key] for key in keys] for row in rows], float).reshape(-1, 54, 2)
+        for keys in (("board_x [m]", "board_z [m]"), ("u [px]", "v [px]"))
+    )
     return Dataset(root / "data"), places, points, {row["state"] for row in rows}
 
 
 def calibrated(places, points):
     """fx, fy, cx, cy and their standard errors, by OpenCV."""
     flat = np.concatenate([places, np.zeros((*places.shape[:2], 1))], -1).astype(np.float32)
-    _, K, _, _, _, error, *_ = cv2.calibrateCameraExtended(list(flat), list(points.astype(np.float32)), (320, 240),
-                                                           None, None, flags=NO_DISTORTION)
+    _, K, _, _, _, error, *_ = cv2.calibrateCameraExtended(
+        list(flat), list(points.astype(np.float32)), (320, 240), None, None, flags=NO_DISTORTION
+    )
     return K[[0, 1, 0, 1], [0, 1, 2, 2]], error.ravel()[:4]
 
 
@@ -55,8 +58,10 @@ def test_with_noise_k_errs_by_its_standard_errors(course):
     """The squares of four numbers' errors over their standard errors, of each number over all seeds: chi-squared."""
     data, places, points, _ = course
     true = data.intrinsics("M0", "opencv")[[0, 1, 0, 1], [0, 1, 2, 2]]
-    found = [calibrated(places, points + np.random.default_rng(seed).normal(0.0, NOISE_PX, points.shape))
-             for seed in range(SEEDS)]
+    found = [
+        calibrated(places, points + np.random.default_rng(seed).normal(0.0, NOISE_PX, points.shape))
+        for seed in range(SEEDS)
+    ]
     errors = np.array([(got - true) / error for got, error in found])
     low, high = chi2.ppf([5e-4, 1.0 - 5e-4], SEEDS)
     squares = (errors**2).sum(axis=0)

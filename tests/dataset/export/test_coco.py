@@ -90,10 +90,15 @@ def test_panoptic_segments_cover_the_image(folder, labelled):
 @pytest.mark.parametrize("kind", ["chance", "full", "first", "last", "one", "stripes", "large"])
 def test_run_lengths_are_those_of_pycocotools(kind):
     rng = np.random.default_rng(4)
-    mask = {"chance": rng.random((37, 53)) < 0.4, "full": np.ones((5, 7), bool), "first": np.eye(6, 9, dtype=bool),
-            "last": np.eye(6, 9, dtype=bool)[::-1, ::-1], "one": np.ones((1, 1), bool),
-            "stripes": np.arange(40)[None] % 7 < np.full((31, 1), 3),
-            "large": np.pad(np.ones((700, 1200), bool), ((10, 10), (2000, 40)))}[kind]
+    mask = {
+        "chance": rng.random((37, 53)) < 0.4,
+        "full": np.ones((5, 7), bool),
+        "first": np.eye(6, 9, dtype=bool),
+        "last": np.eye(6, 9, dtype=bool)[::-1, ::-1],
+        "one": np.ones((1, 1), bool),
+        "stripes": np.arange(40)[None] % 7 < np.full((31, 1), 3),
+        "large": np.pad(np.ones((700, 1200), bool), ((10, 10), (2000, 40))),
+    }[kind]
     known = cocomask.encode(np.asfortranarray(mask.astype(np.uint8)))
     assert run_lengths(np.flatnonzero(mask), mask.shape)["counts"] == known["counts"].decode()
 
@@ -131,11 +136,15 @@ def of_meshes(tmp_path_factory):
     for name, height in (("scenes", 1.0), ("elsewhere", 2.0)):
         (root / name).mkdir()
         trimesh.creation.box([1, 1, height]).export(root / name / "box.ply")
-    scene = scene_from_dict({
-        "objects": [{"file": "box.ply", "position": [0, 4, 0]}, {"file": "box.ply", "position": [0.4, 2.5, 0]}],
-        "vehicle": {"cameras": [{"id": "M0", "resolution": [32, 18]}]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 0.1},
-        "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"}}, root / "scenes")
+    scene = scene_from_dict(
+        {
+            "objects": [{"file": "box.ply", "position": [0, 4, 0]}, {"file": "box.ply", "position": [0.4, 2.5, 0]}],
+            "vehicle": {"cameras": [{"id": "M0", "resolution": [32, 18]}]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 0.1},
+            "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"},
+        },
+        root / "scenes",
+    )
     produce(scene, root / "data", device="cpu", quiet=True)
     return root
 

@@ -108,11 +108,14 @@ def test_the_database_has_the_cameras_rigs_frames_and_images_of_the_model(out, m
             np.testing.assert_array_equal(known.params, camera.params)
             assert known.has_prior_focal_length
         assert {image.image_id: (image.name, image.camera_id) for image in database.read_all_images()} == {
-            number: (image.name, image.camera_id) for number, image in model.images.items()}
+            number: (image.name, image.camera_id) for number, image in model.images.items()
+        }
         assert {rig.rig_id: rig.ref_sensor_id for rig in database.read_all_rigs()} == {
-            number: rig.ref_sensor_id for number, rig in model.rigs.items()}
+            number: rig.ref_sensor_id for number, rig in model.rigs.items()
+        }
         assert {frame.frame_id: (frame.rig_id, frame.data_ids) for frame in database.read_all_frames()} == {
-            number: (frame.rig_id, frame.data_ids) for number, frame in model.frames.items()}
+            number: (frame.rig_id, frame.data_ids) for number, frame in model.frames.items()
+        }
 
 
 def test_every_camera_model_has_colmaps_number():
@@ -152,8 +155,10 @@ render: {outputs: [B, D], spp_b: 4, denoise_b: none, frame_rate_hz: 2}
 def texture(size=512):
     """Noise of five octaves."""
     rng = np.random.default_rng(1)
-    octaves = [cv2.resize(rng.standard_normal((n, n)), (size, size), interpolation=cv2.INTER_CUBIC)
-               for n in (8, 16, 32, 64, 128)]
+    octaves = [
+        cv2.resize(rng.standard_normal((n, n)), (size, size), interpolation=cv2.INTER_CUBIC)
+        for n in (8, 16, 32, 64, 128)
+    ]
     return cv2.normalize(sum(octaves), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
 
 

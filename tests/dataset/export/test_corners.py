@@ -17,8 +17,10 @@ from varos_warp.scene.description.world import CalibrationBoard
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.assets import boards
 
-AWAY = [{"time_s": 0, "position": [0.9, 2.4, 0.3], "rotation_euler_deg": [0, 20, 30]},
-        {"time_s": 1, "position": [-1.5, 2.0, 0.5], "rotation_euler_deg": [15, -20, 10]}]
+AWAY = [
+    {"time_s": 0, "position": [0.9, 2.4, 0.3], "rotation_euler_deg": [0, 20, 30]},
+    {"time_s": 1, "position": [-1.5, 2.0, 0.5], "rotation_euler_deg": [15, -20, 10]},
+]
 SCENE = {
     "name": "boards",
     "objects": [
@@ -26,17 +28,33 @@ SCENE = {
         {"kind": "pipe", "radius": 0.15, "length": 1.0, "position": [0.1, 1.5, -0.1], "chord_error_m": 0.02},
         {"kind": "calibration_board", "pattern": "aprilgrid", "rows": 3, "columns": 2, "tag_m": 0.2, "path": AWAY},
         {"kind": "calibration_board", "square_m": 0.05, "position": [-0.7, 2, 0.5], "rotation_euler_deg": [0, 0, 170]},
-        {"kind": "calibration_board", "square_m": 0.05, "position": [0, -2, 0]}],  # behind the cameras
-    "vehicle": {"cameras": [
-        {"id": "M0", "resolution": [64, 36]},
-        {"id": "M1", "resolution": [48, 27], "rotation_euler_deg": [-10, 0, 0],
-         "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, 0, 0]},
-         "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.002, 0, 0.003]}},
-        {"id": "R0", "resolution": [48, 27], "shutter": {"exposure_s": 0.004, "readout_s": 0.06}},
-        {"id": "F0", "resolution": [64, 36], "distortion": {"model": "brown_conrady", "k": [-0.1, 0.02, 0.001, 0, 0]},
-         "port": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.006, "normal": [0.03, 0, 1]}}]},
-    "trajectory": {"poses": [{"time_s": 0, "position": [0, 0, 0]},
-                             {"time_s": 1, "position": [0.6, 0.2, 0], "rotation_euler_deg": [0, 0, 20]}]},
+        {"kind": "calibration_board", "square_m": 0.05, "position": [0, -2, 0]},
+    ],  # behind the cameras
+    "vehicle": {
+        "cameras": [
+            {"id": "M0", "resolution": [64, 36]},
+            {
+                "id": "M1",
+                "resolution": [48, 27],
+                "rotation_euler_deg": [-10, 0, 0],
+                "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, 0, 0]},
+                "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.002, 0, 0.003]},
+            },
+            {"id": "R0", "resolution": [48, 27], "shutter": {"exposure_s": 0.004, "readout_s": 0.06}},
+            {
+                "id": "F0",
+                "resolution": [64, 36],
+                "distortion": {"model": "brown_conrady", "k": [-0.1, 0.02, 0.001, 0, 0]},
+                "port": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.006, "normal": [0.03, 0, 1]},
+            },
+        ]
+    },
+    "trajectory": {
+        "poses": [
+            {"time_s": 0, "position": [0, 0, 0]},
+            {"time_s": 1, "position": [0.6, 0.2, 0], "rotation_euler_deg": [0, 0, 20]},
+        ]
+    },
     "render": {"frame_rate_hz": 4},
 }
 BOARDS = ["objects.0", "objects.2", "objects.3", "objects.4"]
@@ -71,10 +89,18 @@ def table(path):
     found = {}
     for row in csv.DictReader(path.read_text().splitlines()):
         found.setdefault((int(row["frame"]), row["board"]), []).append(row)
-    return {key: (np.array([[row["u [px]"], row["v [px]"]] for row in rows], float) + 0.5,
-                  np.array([row["state"] for row in rows]),
-                  *(np.array([[row[f"{of}_{axis} [m]"] for axis in "xyz"] for row in rows], float)
-                    for of in ("board", "world")), [int(row["corner"]) for row in rows]) for key, rows in found.items()}
+    return {
+        key: (
+            np.array([[row["u [px]"], row["v [px]"]] for row in rows], float) + 0.5,
+            np.array([row["state"] for row in rows]),
+            *(
+                np.array([[row[f"{of}_{axis} [m]"] for axis in "xyz"] for row in rows], float)
+                for of in ("board", "world")
+            ),
+            [int(row["corner"]) for row in rows],
+        )
+        for key, rows in found.items()
+    }
 
 
 def seen_from(data, camera, frame, uv):
@@ -106,8 +132,11 @@ def test_rays_of_image_points_meet_the_corners_and_nothing_before_them(simulated
         np.testing.assert_allclose(np.cross(world[inside] - start, d), 0.0, atol=1e-6)
         far = np.linalg.norm(world[inside] - start, axis=1)
         for k in range(0, len(when), 5) if frame in (0, 3) else ():
-            solid = [distances(*mesh, start[k:k + 1], d[k:k + 1])[0]
-                     for meshes_of in meshes(scene_from_dict(SCENE), when[k]).values() for mesh in meshes_of]
+            solid = [
+                distances(*mesh, start[k : k + 1], d[k : k + 1])[0]
+                for meshes_of in meshes(scene_from_dict(SCENE), when[k]).values()
+                for mesh in meshes_of
+            ]
             checked.append(state[inside][k])
             assert (checked[-1] == "hidden") == (min(solid) < far[k] - 1e-4), (frame, k)  # the board is 5 mm thick
         states |= set(state.tolist())
@@ -145,16 +174,23 @@ def test_each_corner_lies_between_two_dark_and_two_light_cells(pattern, size):
 def test_targets_are_kalibrs(exported):
     """Their keys are those of aslam_cv's target files; measures are with the board's scale."""
     board, grid = (yaml.safe_load((exported / "targets" / f"objects.{i}.yaml").read_text()) for i in (0, 2))
-    assert board == {"target_type": "checkerboard", "targetCols": 7, "targetRows": 4,
-                     "rowSpacingMeters": pytest.approx(0.11), "colSpacingMeters": pytest.approx(0.11)}
+    assert board == {
+        "target_type": "checkerboard",
+        "targetCols": 7,
+        "targetRows": 4,
+        "rowSpacingMeters": pytest.approx(0.11),
+        "colSpacingMeters": pytest.approx(0.11),
+    }
     assert grid == {"target_type": "aprilgrid", "tagCols": 2, "tagRows": 3, "tagSize": 0.2, "tagSpacing": 0.3}
 
 
 def test_a_clock_that_is_set_moves_the_stamps_and_no_corner(simulated, exported, tmp_path):
     export(simulated.root, "corners", tmp_path / "out", start_ns=10**9, cameras=["R0"])
     assert [path.name for path in (tmp_path / "out").glob("cam*")] == ["camR0.csv"]
-    later, first = ([line.split(",") for line in (folder / "camR0.csv").read_text().splitlines()[1:]]
-                    for folder in (tmp_path / "out", exported))
+    later, first = (
+        [line.split(",") for line in (folder / "camR0.csv").read_text().splitlines()[1:]]
+        for folder in (tmp_path / "out", exported)
+    )
     assert [row[:1] + row[2:] for row in later] == [row[:1] + row[2:] for row in first]
     assert {int(a[1]) - int(b[1]) for a, b in zip(later, first, strict=True)} == {10**9}
 

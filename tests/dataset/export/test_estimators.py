@@ -38,15 +38,27 @@ def test_opencv_reads_the_settings_of_orb_slam3_as_the_kinds_that_it_asks_for(da
     assert settings.getNode("File.version").string() == "1.0"
     assert settings.getNode("Camera.type").string() == "PinHole"
     facts, K = data.camera("L0"), data.intrinsics("L0", "opencv")
-    integers = {"Camera.width": facts["width"], "Camera.height": facts["height"], "Camera.fps": 10, "Camera.RGB": 0,
-                "ORBextractor.nFeatures": 1000, "ORBextractor.nLevels": 8, "ORBextractor.iniThFAST": 20,
-                "ORBextractor.minThFAST": 7}
+    integers = {
+        "Camera.width": facts["width"],
+        "Camera.height": facts["height"],
+        "Camera.fps": 10,
+        "Camera.RGB": 0,
+        "ORBextractor.nFeatures": 1000,
+        "ORBextractor.nLevels": 8,
+        "ORBextractor.iniThFAST": 20,
+        "ORBextractor.minThFAST": 7,
+    }
     for key, value in integers.items():
         assert settings.getNode(key).isInt(), key
         assert settings.getNode(key).real() == value
     for number in (1, 2):
-        names = dict(zip(("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
-                         [*K[[0, 1, 0, 1], [0, 1, 2, 2]], 0.0, 0.0, 0.0, 0.0], strict=True))
+        names = dict(
+            zip(
+                ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+                [*K[[0, 1, 0, 1], [0, 1, 2, 2]], 0.0, 0.0, 0.0, 0.0],
+                strict=True,
+            )
+        )
         for name, value in names.items():
             node = settings.getNode(f"Camera{number}.{name}")
             assert node.isReal()
@@ -62,8 +74,9 @@ def test_opencv_reads_the_matrices_of_orb_slam3(data, out):
     assert T.dtype == np.float32
     np.testing.assert_allclose(T, T_b_c(data, "L0"), rtol=FLOAT32, atol=ROUNDING)
     right_in_left = settings.getNode("Stereo.T_c1_c2").mat()
-    np.testing.assert_allclose(right_in_left, np.linalg.inv(T_b_c(data, "L0")) @ T_b_c(data, "R0"), rtol=FLOAT32,
-                               atol=ROUNDING)
+    np.testing.assert_allclose(
+        right_in_left, np.linalg.inv(T_b_c(data, "L0")) @ T_b_c(data, "R0"), rtol=FLOAT32, atol=ROUNDING
+    )
     assert right_in_left[0, 3] == pytest.approx(0.2, rel=FLOAT32)  # the right camera lies to the right of the left
 
 
@@ -98,8 +111,13 @@ def test_kalibrs_reader_would_take_the_camera_chain(data, out):
 def test_kalibrs_reader_would_take_the_imu(data, out, noisy, tmp_path):
     """It refuses numbers that are not positive."""
     imu = yaml.safe_load((out / "euroc/kalibr_imu.yaml").read_text())
-    keys = {"accelerometer_noise_density", "accelerometer_random_walk", "gyroscope_noise_density",
-            "gyroscope_random_walk", "update_rate"}
+    keys = {
+        "accelerometer_noise_density",
+        "accelerometer_random_walk",
+        "gyroscope_noise_density",
+        "gyroscope_random_walk",
+        "update_rate",
+    }
     assert set(imu) == {*keys, "rostopic"}
     assert all(imu[key] > 0 for key in keys)
     export(noisy.root, "euroc", tmp_path / "out")
@@ -118,8 +136,9 @@ def test_opencv_reads_the_chains_of_openvins(data, out):
     cameras = opened(folder / settings.getNode("relative_config_imucam").string())
     for number, camera in enumerate(data.cameras):
         node = cameras.getNode(f"cam{number}")
-        np.testing.assert_allclose(np.linalg.inv(reals(node.getNode("T_cam_imu"))), T_b_c(data, camera), rtol=0,
-                                   atol=ROUNDING)
+        np.testing.assert_allclose(
+            np.linalg.inv(reals(node.getNode("T_cam_imu"))), T_b_c(data, camera), rtol=0, atol=ROUNDING
+        )
         K = data.intrinsics(camera, "opencv")
         assert reals(node.getNode("intrinsics")) == K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
         assert reals(node.getNode("distortion_coeffs")) == [0.0] * 4
@@ -127,8 +146,14 @@ def test_opencv_reads_the_chains_of_openvins(data, out):
         assert reals(node.getNode("resolution")) == [data.camera(camera)["width"], data.camera(camera)["height"]]
     chain = opened(folder / settings.getNode("relative_config_imu").string())
     imu = chain.getNode("imu0")
-    for name, expected in {"Tw": np.eye(3), "Ta": np.eye(3), "Tg": np.zeros((3, 3)), "R_IMUtoGYRO": np.eye(3),
-                           "R_IMUtoACC": np.eye(3), "T_i_b": np.eye(4)}.items():
+    for name, expected in {
+        "Tw": np.eye(3),
+        "Ta": np.eye(3),
+        "Tg": np.zeros((3, 3)),
+        "R_IMUtoGYRO": np.eye(3),
+        "R_IMUtoACC": np.eye(3),
+        "T_i_b": np.eye(4),
+    }.items():
         np.testing.assert_array_equal(reals(imu.getNode(name)), expected)
     assert imu.getNode("model").string() == "kalibr"
     assert imu.getNode("rostopic").string() == "/imu0"

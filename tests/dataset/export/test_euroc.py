@@ -36,7 +36,8 @@ def test_euroc_imu_has_the_gyroscope_first_and_a_row_after_the_last_image(data, 
     path = out / "euroc/mav0/imu0/data.csv"
     assert path.read_text().splitlines()[0] == (
         "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
-        "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]")
+        "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
+    )
     table, imu = rows(path, ","), data.imu()
     assert [int(row[0]) for row in table] == imu["time_ns"].tolist()
     np.testing.assert_array_equal(np.array(table, float)[:, 1:4], imu["angular_velocity"])
@@ -53,8 +54,10 @@ def test_gtsam_comes_from_the_first_state_to_the_last_by_the_imu_alone(out):
     It holds a reading over a step in the axes of the step's beginning, so it is given the mean of two readings, turned
     back by half a step. What is left is of order 4: a hundredth of the error at h, of 3 um and 0.7 urad, is ample.
     """
-    imu, states = (np.array(rows(out / f"euroc/mav0/{name}/data.csv", ","), float)
-                   for name in ("imu0", "state_groundtruth_estimate0"))
+    imu, states = (
+        np.array(rows(out / f"euroc/mav0/{name}/data.csv", ","), float)
+        for name in ("imu0", "state_groundtruth_estimate0")
+    )
     one, two = (imu_drift(imu[::step], states[::step]) for step in (1, 2))
     assert 0 < np.linalg.norm(one[:3]) < 1e-5
     assert 0 < np.linalg.norm(one[6:]) < 1e-5
@@ -71,8 +74,13 @@ def imu_drift(imu, states):
         turned = gtsam.Rot3.Expmap(reading[:3] * step / 2).matrix() @ reading[3:]
         moved.integrateMeasurement(turned, reading[:3], step)
     found = moved.predict(first, no_bias)
-    return np.concatenate([found.position() - last.position(), found.velocity() - last.velocity(),
-                           last.attitude().logmap(found.attitude())])
+    return np.concatenate(
+        [
+            found.position() - last.position(),
+            found.velocity() - last.velocity(),
+            last.attitude().logmap(found.attitude()),
+        ]
+    )
 
 
 def test_orb_slam3_is_not_given_an_image_after_the_last_imu_row(written, tmp_path):
@@ -124,10 +132,12 @@ def test_the_folder_has_the_files_of_a_euroc_sequence_and_ours(out):
     found = {p.relative_to(out / "euroc").as_posix() for p in (out / "euroc").rglob("*") if p.suffix != ".png"}
     folders = ("cam0", "cam1", "imu0", "state_groundtruth_estimate0", "depth_gauge0")
     assert {path for path in found if path.startswith("mav0/") and not path.endswith("body.yaml") and "." in path} == {
-        f"mav0/{folder}/{name}" for folder in folders for name in ("sensor.yaml", "data.csv")}
+        f"mav0/{folder}/{name}" for folder in folders for name in ("sensor.yaml", "data.csv")
+    }
     for folder in folders:
         assert {"sensor_type", "comment", "T_BS"} <= set(
-            yaml.safe_load((out / f"euroc/mav0/{folder}/sensor.yaml").read_text()))
+            yaml.safe_load((out / f"euroc/mav0/{folder}/sensor.yaml").read_text())
+        )
 
 
 def test_noise_that_the_scene_has_is_stated_and_its_bias_is_in_the_ground_truth(tmp_path):

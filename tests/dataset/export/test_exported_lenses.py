@@ -33,15 +33,22 @@ SEA = {"temperature_C": 10, "salinity": 35}
 @pytest.fixture(scope="module")
 def lenses(tmp_path_factory):
     """A dataset with cameras of each distortion, and some behind ports."""
-    optics = {"B0": {"distortion": BARREL}, "F0": {"distortion": FISHEYE}, "K0": {"distortion": BARREL_3},
-              "R0": {"distortion": RATIONAL, "intrinsics": MEASURED},
-              "M0": {"distortion": BARREL, "intrinsics": MEASURED},
-              "S0": {"distortion": SPHERE, "intrinsics": MEASURED}, "N0": {"intrinsics": MEASURED},
-              "E0": {"distortion": FISHEYE, "intrinsics": MEASURED},
-              "P0": {"port": FLAT, "n_water": 1.34}, "T0": {"port": TILTED, "n_water": SEA},
-              "D0": {"port": DOME, "distortion": BARREL}}
-    cameras = [{"id": name, "rotation_euler_deg": [-15, 0, 0], "resolution": [48, 27]} | keys
-               for name, keys in optics.items()]
+    optics = {
+        "B0": {"distortion": BARREL},
+        "F0": {"distortion": FISHEYE},
+        "K0": {"distortion": BARREL_3},
+        "R0": {"distortion": RATIONAL, "intrinsics": MEASURED},
+        "M0": {"distortion": BARREL, "intrinsics": MEASURED},
+        "S0": {"distortion": SPHERE, "intrinsics": MEASURED},
+        "N0": {"intrinsics": MEASURED},
+        "E0": {"distortion": FISHEYE, "intrinsics": MEASURED},
+        "P0": {"port": FLAT, "n_water": 1.34},
+        "T0": {"port": TILTED, "n_water": SEA},
+        "D0": {"port": DOME, "distortion": BARREL},
+    }
+    cameras = [
+        {"id": name, "rotation_euler_deg": [-15, 0, 0], "resolution": [48, 27]} | keys for name, keys in optics.items()
+    ]
     vehicle = {"lights": [{"kind": "point", "position": [0, 0, 0.5]}], "cameras": cameras, "imu": {}, "depth_gauge": {}}
     out = tmp_path_factory.mktemp("lenses")
     with pytest.MonkeyPatch.context() as patch:
@@ -98,7 +105,7 @@ def test_colmap_underwater_gets_the_port_through_which_pixels_see_their_points(l
     _, model, width, height, *rest = rows(folder / "cameras.txt")[0]
     count = PARAMETERS[model]
     lens = pycolmap.Camera(model=model, width=int(width), height=int(height), params=[float(x) for x in rest[:count]])
-    numbers = np.array(rest[count + 1:], float)
+    numbers = np.array(rest[count + 1 :], float)
     assert (rest[count], len(numbers)) == (kind, 8)
     head, track = [line for line in (folder / "images.txt").read_text().split("\n") if not line.startswith("#")][:2]
     pose = np.array(head.split()[1:8], float)
@@ -131,8 +138,10 @@ def test_kalibr_and_orb_slam3_get_four_coefficients(lenses, tmp_path):
 def test_ros_gets_plumb_bob_and_equidistant(lenses, tmp_path):
     export(lenses, "mcap", tmp_path / "out", cameras=["K0", "F0"])
     with AnyReader([tmp_path / "out/bag"]) as reader:
-        found = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(
-            [c for c in reader.connections if c.topic.endswith("camera_info")])}
+        found = {
+            c.topic: reader.deserialize(raw, c.msgtype)
+            for c, _, raw in reader.messages([c for c in reader.connections if c.topic.endswith("camera_info")])
+        }
     info = found["/camK0/camera_info"]
     assert (info.distortion_model, info.d.tolist()) == ("plumb_bob", BARREL_3["k"])
     info = found["/camF0/camera_info"]
@@ -147,8 +156,9 @@ def described(lenses, camera):
     return tuple(K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()), None if lens == "none" else lens
 
 
-@pytest.mark.parametrize("form", ["kalibr_camchain.yaml#cam0", "mav0/cam0/sensor.yaml",
-                                  "openvins/kalibr_imucam_chain.yaml#cam0"])
+@pytest.mark.parametrize(
+    "form", ["kalibr_camchain.yaml#cam0", "mav0/cam0/sensor.yaml", "openvins/kalibr_imucam_chain.yaml#cam0"]
+)
 @pytest.mark.parametrize("camera", ["M0", "E0", "N0", "S0", "F0"])
 def test_our_exports_for_kalibr_read_back_to_the_last_digit(lenses, tmp_path, camera, form):
     with warnings.catch_warnings():
@@ -177,11 +187,24 @@ def test_camera_info_reads_back_to_the_last_digit(lenses, tmp_path, camera):
     """As ROS prints the message."""
     export(lenses, "mcap", tmp_path / "out", cameras=[camera])
     with AnyReader([tmp_path / "out/bag"]) as reader:
-        info = next(reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(
-            [c for c in reader.connections if c.topic.endswith("camera_info")]))
-    (tmp_path / "info.yaml").write_text(yaml.safe_dump({
-        "height": info.height, "width": info.width, "distortion_model": info.distortion_model, "d": info.d.tolist(),
-        "k": info.k.tolist(), "r": info.r.tolist(), "p": info.p.tolist(), "binning_x": info.binning_x}))
+        info = next(
+            reader.deserialize(raw, c.msgtype)
+            for c, _, raw in reader.messages([c for c in reader.connections if c.topic.endswith("camera_info")])
+        )
+    (tmp_path / "info.yaml").write_text(
+        yaml.safe_dump(
+            {
+                "height": info.height,
+                "width": info.width,
+                "distortion_model": info.distortion_model,
+                "d": info.d.tolist(),
+                "k": info.k.tolist(),
+                "r": info.r.tolist(),
+                "p": info.p.tolist(),
+                "binning_x": info.binning_x,
+            }
+        )
+    )
     found = read_calibration("info.yaml", tmp_path)
     assert (found.intrinsics, found.distortion) == described(lenses, camera)
     assert found.resolution == (48, 27)
@@ -200,12 +223,18 @@ def test_nerfstudio_gets_either_model(lenses, tmp_path):
     assert [head[key] for key in ("k1", "k2", "k3", "k4")] == FISHEYE["k"]
 
 
-@pytest.mark.parametrize(("to", "cameras", "problem"), [
-    *((to, ["P0"], "cannot state a port") for to in ("euroc", "tum", "kitti", "nerfstudio", "mcap")),
-    ("tum", ["B0"], "TUM cannot state this distortion"), ("kitti", ["F0"], "KITTI cannot state this distortion"),
-    ("euroc", ["K0"], "cannot state this distortion"), ("nerfstudio", ["B0", "F0"], "with and without fisheye"),
-    *((to, ["R0"], "cannot state this distortion") for to in ("euroc", "nerfstudio", "tum", "kitti")),
-    *((to, ["S0"], "cannot state this distortion") for to in ("colmap", "nerfstudio", "mcap", "tum", "kitti"))])
+@pytest.mark.parametrize(
+    ("to", "cameras", "problem"),
+    [
+        *((to, ["P0"], "cannot state a port") for to in ("euroc", "tum", "kitti", "nerfstudio", "mcap")),
+        ("tum", ["B0"], "TUM cannot state this distortion"),
+        ("kitti", ["F0"], "KITTI cannot state this distortion"),
+        ("euroc", ["K0"], "cannot state this distortion"),
+        ("nerfstudio", ["B0", "F0"], "with and without fisheye"),
+        *((to, ["R0"], "cannot state this distortion") for to in ("euroc", "nerfstudio", "tum", "kitti")),
+        *((to, ["S0"], "cannot state this distortion") for to in ("colmap", "nerfstudio", "mcap", "tum", "kitti")),
+    ],
+)
 def test_what_a_format_cannot_say_is_refused_and_nothing_is_left(lenses, tmp_path, to, cameras, problem):
     with pytest.raises(InputError, match=problem):
         export(lenses, to, tmp_path / "out", cameras=cameras)

@@ -15,10 +15,14 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.scene.file.load import scene_from_dict
 
-LAMPS = [{"kind": "point", "position": [0, 0, 1]},
-         {"kind": "spot", "position": [0.2, 0.5, 0], "direction": [1, 0, 0], "cone_deg": 40, "strobe": {"on_s": 0.01}}]
-PLACES = [{"time_s": 0, "position": [1, 2, 0], "rotation_euler_deg": [0, 0, 90]},
-          {"time_s": 1, "position": [3, 2, 0], "rotation_euler_deg": [0, 0, 90]}]
+LAMPS = [
+    {"kind": "point", "position": [0, 0, 1]},
+    {"kind": "spot", "position": [0.2, 0.5, 0], "direction": [1, 0, 0], "cone_deg": 40, "strobe": {"on_s": 0.01}},
+]
+PLACES = [
+    {"time_s": 0, "position": [1, 2, 0], "rotation_euler_deg": [0, 0, 90]},
+    {"time_s": 1, "position": [3, 2, 0], "rotation_euler_deg": [0, 0, 90]},
+]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +39,7 @@ def lit(tmp_path_factory):
 
 def test_the_dataset_has_them_and_where_they_are(lit):
     data = Dataset(lit)
-    entry, = data.meta["moving"]
+    (entry,) = data.meta["moving"]
     assert (data.moving, set(entry)) == (["vehicles.2"], {"key", "lights"})
     assert entry["lights"][1]["strobe"] == {"on_s": 0.01, "delay_s": 0.0}
     T_w_l = data.poses("vehicles.2")[1] @ np.array(entry["lights"][1]["T_v_light"])
@@ -51,7 +55,8 @@ def test_one_that_is_not_that_of_the_scene_is_found(lit, unchecked):
     meta["moving"][0]["lights"][1]["cone_deg"] = 41.0
     (copied / "dataset.json").write_text(json.dumps(meta))
     assert validate(copied, quiet=True).problems == [
-        "dataset.json: moving.0.lights.1.cone_deg is 41.0, but its scene makes it 40.0"]
+        "dataset.json: moving.0.lights.1.cone_deg is 41.0, but its scene makes it 40.0"
+    ]
 
 
 def test_exports_have_them_at_every_frame(lit, tmp_path):

@@ -29,9 +29,14 @@ from varos_warp.scene.optics.camera import CameraModel
 pytestmark = pytest.mark.filterwarnings("ignore:tum holds one camera")
 
 
-@pytest.mark.parametrize(("form", "folder", "unit", "largest"), [
-    ("tum", "depth", 1 / 5000, 65535 / 5000), ("kitti", "sequences/01/depth_2", 1 / 256, 25.0),
-    ("nerfstudio", "depths", 1 / 1000, 25.0)])
+@pytest.mark.parametrize(
+    ("form", "folder", "unit", "largest"),
+    [
+        ("tum", "depth", 1 / 5000, 65535 / 5000),
+        ("kitti", "sequences/01/depth_2", 1 / 256, 25.0),
+        ("nerfstudio", "depths", 1 / 1000, 25.0),
+    ],
+)
 def test_depth_comes_back_in_metres_within_half_a_unit(data, out, form, folder, unit, largest):
     """Rounding to the unit, and float32 of D (2^-24 of 25 m) once; what is too far is 0."""
     paths = sorted(p for p in (out / form / folder).glob("*.png") if "camR0" not in p.name)
@@ -107,12 +112,15 @@ def test_a_failed_export_leaves_nothing_and_the_dataset_as_it_was(written, label
 
 
 def test_what_cannot_be_exported_is_bad_input(written, tmp_path):
-    for change, words in (({"to": "rosbag"}, "no format.*euroc, tum"),
-                          ({"images": "C"}, "no colour images.*A, B"),
-                          ({"cameras": ["X1"]}, "no such camera"), ({"start_ns": -1}, "nanoseconds since 1970"),
-                          ({"start_ns": 2**31 * 10**9}, "before the year 2038"),
-                          ({"out": written}, "is there already"),
-                          ({"out": written / "to" / "tum"}, "lies within the dataset")):
+    for change, words in (
+        ({"to": "rosbag"}, "no format.*euroc, tum"),
+        ({"images": "C"}, "no colour images.*A, B"),
+        ({"cameras": ["X1"]}, "no such camera"),
+        ({"start_ns": -1}, "nanoseconds since 1970"),
+        ({"start_ns": 2**31 * 10**9}, "before the year 2038"),
+        ({"out": written}, "is there already"),
+        ({"out": written / "to" / "tum"}, "lies within the dataset"),
+    ):
         with pytest.raises(InputError, match=words):
             export(**({"dataset_root": written, "to": "tum", "out": tmp_path / "out"} | change))
     assert list(tmp_path.iterdir()) == []
@@ -136,9 +144,14 @@ def test_readings_that_are_gone_are_bad_input_not_an_export_without_them(written
 
 
 def test_cameras_that_stand_in_the_world_have_poses_but_no_place_on_a_body(tmp_path):
-    scene = make_scene(vehicle={"cameras": [
-        {"id": "M0", "mount": "world", "position": [0, -2, 0], "resolution": [16, 9]}], "imu": {}, "depth_gauge": {}},
-        render={"outputs": ["A"]})
+    scene = make_scene(
+        vehicle={
+            "cameras": [{"id": "M0", "mount": "world", "position": [0, -2, 0], "resolution": [16, 9]}],
+            "imu": {},
+            "depth_gauge": {},
+        },
+        render={"outputs": ["A"]},
+    )
     produce(scene, tmp_path / "data", quiet=True)
     with pytest.warns(UserWarning, match="M0"), pytest.raises(InputError, match="no camera is on the vehicle"):
         export(tmp_path / "data", "euroc", tmp_path / "out")
@@ -176,8 +189,18 @@ def test_a_clock_that_is_set_moves_every_stamp_by_as_much_and_keeps_its_nanoseco
 
 
 def test_the_command_line_exports_and_refuses(written, tmp_path):
-    arguments = ["export", str(written), "--to", "colmap", "-o", str(tmp_path / "out"), "--images", "B",
-                 "--camera", "R0"]
+    arguments = [
+        "export",
+        str(written),
+        "--to",
+        "colmap",
+        "-o",
+        str(tmp_path / "out"),
+        "--images",
+        "B",
+        "--camera",
+        "R0",
+    ]
     done = CliRunner().invoke(cli.app, arguments)
     assert (done.exit_code, done.output) == (0, f"{tmp_path / 'out'}: 10 frames of R0 as colmap\n")
     assert len(list((tmp_path / "out/images/camR0").glob("*_B-*.png"))) == 10
@@ -186,14 +209,22 @@ def test_the_command_line_exports_and_refuses(written, tmp_path):
     assert "is there already" in again.output
 
 
-@pytest.mark.parametrize(("form", "cameras"), [("kitti", ["L0"]), ("euroc", ["L0"]), ("tum", ["L0"]),
-                                               ("colmap", ["L0", "O0"])])
+@pytest.mark.parametrize(
+    ("form", "cameras"), [("kitti", ["L0"]), ("euroc", ["L0"]), ("tum", ["L0"]), ("colmap", ["L0", "O0"])]
+)
 @pytest.mark.filterwarnings("ignore:kitti holds|euroc holds|tum holds")
 def test_the_command_line_names_the_cameras_that_an_export_has_and_no_others(tmp_path, form, cameras):
-    scene = make_scene(vehicle={"cameras": [
-        {"id": "L0", "resolution": [16, 9]}, {"id": "O0", "mount": "world", "position": [0, -2, 0],
-                                              "resolution": [16, 9]}], "imu": {}, "depth_gauge": {}},
-        render={"outputs": ["A"]})
+    scene = make_scene(
+        vehicle={
+            "cameras": [
+                {"id": "L0", "resolution": [16, 9]},
+                {"id": "O0", "mount": "world", "position": [0, -2, 0], "resolution": [16, 9]},
+            ],
+            "imu": {},
+            "depth_gauge": {},
+        },
+        render={"outputs": ["A"]},
+    )
     produce(scene, tmp_path / "data", quiet=True)
     call = ["export", str(tmp_path / "data"), "--to", form, "-o"]
     done = CliRunner().invoke(cli.app, [*call, str(tmp_path / "out")])
@@ -213,8 +244,18 @@ def one_frame(tmp_path_factory):
     return root
 
 
-@pytest.mark.parametrize(("form", "needs_motion"), [("tum", True), ("kitti", True), ("euroc", True), ("mcap", True),
-                                                    ("vslamlab", True), ("colmap", False), ("nerfstudio", False)])
+@pytest.mark.parametrize(
+    ("form", "needs_motion"),
+    [
+        ("tum", True),
+        ("kitti", True),
+        ("euroc", True),
+        ("mcap", True),
+        ("vslamlab", True),
+        ("colmap", False),
+        ("nerfstudio", False),
+    ],
+)
 def test_one_frame_is_one_frame_and_has_no_motion(one_frame, tmp_path, form, needs_motion):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -225,14 +266,42 @@ def test_one_frame_is_one_frame_and_has_no_motion(one_frame, tmp_path, form, nee
 
 
 def test_the_command_line_sets_the_clock_and_tells_of_noise(noisy, tmp_path):
-    done = CliRunner().invoke(cli.app, ["export", str(noisy.root), "--to", "mcap", "-o", str(tmp_path / "out"), "--raw",
-                                        "--start-ns", "7000000000", "--quiet"])
-    assert (done.exit_code, done.output) == (0, f"{tmp_path / 'out'}: 10 frames of L0, R0 as mcap; imu0, depth0, A "
-                                                "with the noise of profile test, seed 5\n")
+    done = CliRunner().invoke(
+        cli.app,
+        [
+            "export",
+            str(noisy.root),
+            "--to",
+            "mcap",
+            "-o",
+            str(tmp_path / "out"),
+            "--raw",
+            "--start-ns",
+            "7000000000",
+            "--quiet",
+        ],
+    )
+    assert (done.exit_code, done.output) == (
+        0,
+        f"{tmp_path / 'out'}: 10 frames of L0, R0 as mcap; imu0, depth0, A with the noise of profile test, seed 5\n",
+    )
     with AnyReader([tmp_path / "out/bag"]) as bag:
         assert bag.start_time == 7 * 10**9
         assert "/camR0/image" in bag.topics
-    done = CliRunner().invoke(cli.app, ["export", str(noisy.root), "--to", "colmap", "-o", str(tmp_path / "more"),
-                                        "--images", "B", "--json", "--quiet"])
+    done = CliRunner().invoke(
+        cli.app,
+        [
+            "export",
+            str(noisy.root),
+            "--to",
+            "colmap",
+            "-o",
+            str(tmp_path / "more"),
+            "--images",
+            "B",
+            "--json",
+            "--quiet",
+        ],
+    )
     noise = "with the noise of profile test, seed 5"
     assert json.loads(done.output)["noise"] == {"imu0": noise, "depth0": noise, "B": "without noise"}

@@ -78,10 +78,17 @@ def test_kitti_projections_take_a_point_to_the_same_row_of_both_cameras(data, ou
 
 
 def test_cameras_that_are_no_rectified_pair_are_not_made_one(tmp_path):
-    scene = make_scene(vehicle={"cameras": [
-        {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-15, 0, yaw], "resolution": [16, 9]}
-        for name, x, yaw in (("L0", -0.1, 0), ("R0", 0.1, 1))], "imu": {}, "depth_gauge": {}},
-        render={"outputs": ["A"]})
+    scene = make_scene(
+        vehicle={
+            "cameras": [
+                {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-15, 0, yaw], "resolution": [16, 9]}
+                for name, x, yaw in (("L0", -0.1, 0), ("R0", 0.1, 1))
+            ],
+            "imu": {},
+            "depth_gauge": {},
+        },
+        render={"outputs": ["A"]},
+    )
     produce(scene, tmp_path / "data", quiet=True)
     with pytest.warns(UserWarning, match="left out: R0"):
         export(tmp_path / "data", "kitti", tmp_path / "out")

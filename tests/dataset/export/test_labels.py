@@ -94,13 +94,29 @@ def test_pixels_that_hit_nothing_are_water_and_those_beyond_the_lens_nothing(lab
 def ended(tmp_path_factory):
     """Labels of open water about a boulder, through a lens that ends within the image."""
     out = tmp_path_factory.mktemp("ended") / "data"
-    produce(scene_from_dict({
-        "objects": [{"kind": "boulder", "position": [0, 3, 0]}],
-        "vehicle": {"cameras": [{"id": "M0", "resolution": [48, 36], "sensor_mm": [4.8, 3.6], "focal_mm": 1.2,
-                                 "distortion": {"model": "kannala_brandt", "k": [-0.2, 0, 0, 0]}}]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 0.1},
-        "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"}}), out, device="cpu",
-        quiet=True)
+    produce(
+        scene_from_dict(
+            {
+                "objects": [{"kind": "boulder", "position": [0, 3, 0]}],
+                "vehicle": {
+                    "cameras": [
+                        {
+                            "id": "M0",
+                            "resolution": [48, 36],
+                            "sensor_mm": [4.8, 3.6],
+                            "focal_mm": 1.2,
+                            "distortion": {"model": "kannala_brandt", "k": [-0.2, 0, 0, 0]},
+                        }
+                    ]
+                },
+                "trajectory": {"poses": [{"position": [0, 0, 0]}], "duration_s": 0.1},
+                "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"},
+            }
+        ),
+        out,
+        device="cpu",
+        quiet=True,
+    )
     return Labels(Job(Clocked(out, 0), out, "B", ("M0",)))
 
 

@@ -68,17 +68,22 @@ def test_odometry_moves_in_the_axes_of_the_base(data, bag):
     states = data.states()
     assert {(m.header.frame_id, m.child_frame_id) for _, m in bag["/ground_truth"]} == {("odom", "base_link")}
     T = poses_of(bag["/ground_truth"], lambda m: (m.pose.pose.position, m.pose.pose.orientation))
-    for get, world in ((lambda m: m.twist.twist.linear, states["velocity"]),
-                       (lambda m: m.twist.twist.angular, Rotation.from_quat(
-                           states["quaternion"], scalar_first=True).apply(states["angular_velocity"]))):
+    for get, world in (
+        (lambda m: m.twist.twist.linear, states["velocity"]),
+        (
+            lambda m: m.twist.twist.angular,
+            Rotation.from_quat(states["quaternion"], scalar_first=True).apply(states["angular_velocity"]),
+        ),
+    ):
         turned = np.einsum("nij,nj->ni", T[:, :3, :3], vectors(bag["/ground_truth"], get))
         np.testing.assert_allclose(turned, world, rtol=0, atol=ROUNDING)
 
 
 def test_images_of_a_bag_are_the_datasets_files_and_depth_is_in_millimetres(data, bag):
     for camera in data.cameras:
-        for frame, (_, image), (_, depth) in zip(data.frames, bag[f"/cam{camera}/image/compressed"],
-                                                 bag[f"/cam{camera}/depth/compressed"], strict=True):
+        for frame, (_, image), (_, depth) in zip(
+            data.frames, bag[f"/cam{camera}/image/compressed"], bag[f"/cam{camera}/depth/compressed"], strict=True
+        ):
             assert image.data.tobytes() == data.layout.image(camera, "A", frame).read_bytes()
             with Image.open(io.BytesIO(depth.data.tobytes())) as opened:
                 units = np.array(opened)
@@ -95,10 +100,19 @@ class Tree:
 
     def __init__(self, bag, time_ns):
         moving = [(t, m) for t, m in bag["/tf"] if t == time_ns]
-        self.parents = {each.child_frame_id: (each.header.frame_id, T) for topic in (moving, bag["/tf_static"])
-                        for _, message in topic for each, T in zip(message.transforms, poses_of(
-                            [(0, each) for each in message.transforms],
-                            lambda m: (m.transform.translation, m.transform.rotation)), strict=True)}
+        self.parents = {
+            each.child_frame_id: (each.header.frame_id, T)
+            for topic in (moving, bag["/tf_static"])
+            for _, message in topic
+            for each, T in zip(
+                message.transforms,
+                poses_of(
+                    [(0, each) for each in message.transforms],
+                    lambda m: (m.transform.translation, m.transform.rotation),
+                ),
+                strict=True,
+            )
+        }
 
     def from_map(self, frame):
         """T of the frame in map."""
@@ -112,8 +126,13 @@ class Tree:
 def test_the_tree_is_that_of_rep_105_and_the_metadata_tell_it(bag, out):
     tree = Tree(bag, 300_000_000)
     assert {child: parent for child, (parent, _) in tree.parents.items()} == {
-        "odom": "map", "base_link": "odom", "imu_link": "base_link", "depth_gauge_link": "base_link",
-        "camL0_optical_frame": "base_link", "camR0_optical_frame": "base_link"}
+        "odom": "map",
+        "base_link": "odom",
+        "imu_link": "base_link",
+        "depth_gauge_link": "base_link",
+        "camL0_optical_frame": "base_link",
+        "camR0_optical_frame": "base_link",
+    }
     about = yaml.safe_load((out / "mcap/bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert "base_link (x forward, y left, z up" in about["custom_data"]["frames"]
     named = {m.header.frame_id for topic in bag for _, m in bag[topic][:1] if hasattr(m, "header")}
@@ -149,13 +168,21 @@ def test_moving_transforms_are_the_course_of_the_vehicle(data, bag):
 def ahead(tmp_path_factory):
     """The bag of a vehicle that stands, then goes forward and turns left; its IMU is turned."""
     root = tmp_path_factory.mktemp("ahead")
-    legs = [{"position": [0, 0, 1]}, {"position": [0, 0, 1]}, {"position": [0, 3, 1]},
-            {"position": [-3, 3, 1], "rotation_euler_deg": [20, 10, 90]}]
-    scene = scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 20, "resolution": 9, "relief_m": 0.0},
-        "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}], "imu": {"rotation_euler_deg": [0, 90, 0]}},
-        "trajectory": {"waypoints": legs, "speed": 0.5}, "surface_depth_m": 50,
-        "render": {"outputs": ["A"], "frame_rate_hz": 1}})
+    legs = [
+        {"position": [0, 0, 1]},
+        {"position": [0, 0, 1]},
+        {"position": [0, 3, 1]},
+        {"position": [-3, 3, 1], "rotation_euler_deg": [20, 10, 90]},
+    ]
+    scene = scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 20, "resolution": 9, "relief_m": 0.0},
+            "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}], "imu": {"rotation_euler_deg": [0, 90, 0]}},
+            "trajectory": {"waypoints": legs, "speed": 0.5},
+            "surface_depth_m": 50,
+            "render": {"outputs": ["A"], "frame_rate_hz": 1},
+        }
+    )
     with pytest.MonkeyPatch.context() as patch:
         standins.install(patch)
         patch.setitem(sys.modules, "varos_warp.sim.trajectory", trajectory)  # a course with dynamics
@@ -195,8 +222,10 @@ def test_twist_and_readings_turn_and_speed_up_as_the_base_does(ahead):
     assert (np.abs(turning).max(axis=0) > 0.02).all()  # about all axes
     np.testing.assert_allclose(turning[1:-1], turn, rtol=0, atol=1.5 / 6 * np.abs(np.diff(turning, 2, axis=0)).max())
     _, mount = Tree(ahead, 0).parents[ahead["/imu0"][0][1].header.frame_id]
-    felt, gyro = (vectors(ahead["/imu0"], get)[:len(T)] @ mount[:3, :3].T
-                  for get in (lambda m: m.linear_acceleration, lambda m: m.angular_velocity))
+    felt, gyro = (
+        vectors(ahead["/imu0"], get)[: len(T)] @ mount[:3, :3].T
+        for get in (lambda m: m.linear_acceleration, lambda m: m.angular_velocity)
+    )
     np.testing.assert_allclose(gyro, turning, rtol=0, atol=1e-12)
     second = (place[2:] - 2.0 * place[1:-1] + place[:-2]) / h**2 + [0.0, 0.0, 9.81]
     own = np.einsum("nji,nj->ni", R[1:-1], second)
@@ -223,8 +252,10 @@ def test_the_gyroscope_integrates_to_the_turn_between_two_poses_of_tf(ahead):
         turned = turned * step
     truth = Rotation.from_matrix(end)
     change = np.linalg.norm(np.diff(rate, axis=0), axis=1)
-    bound = h / 12 * np.linalg.norm(np.diff(rate, 2, axis=0), axis=1).sum() + h * h / 12 * (
-        np.linalg.norm(rate[1:], axis=1) * change).sum()
+    bound = (
+        h / 12 * np.linalg.norm(np.diff(rate, 2, axis=0), axis=1).sum()
+        + h * h / 12 * (np.linalg.norm(rate[1:], axis=1) * change).sum()
+    )
     assert (Rotation.from_matrix(start).inv() * truth).magnitude() > 1.0
     assert (turned.inv() * truth).magnitude() < 1.5 * bound
 
@@ -250,9 +281,11 @@ def raw(written, tmp_path_factory):
 def test_the_reader_of_mcap_finds_what_rosbags_finds(bag, out):
     found = decoded(out / "mcap/bag/bag.mcap")
     assert {topic: [t for t, _ in messages] for topic, messages in found.items()} == {
-        topic: [t for t, _ in messages] for topic, messages in bag.items()}
-    np.testing.assert_array_equal(vectors(found["/imu0"], lambda m: m.linear_acceleration),
-                                  vectors(bag["/imu0"], lambda m: m.linear_acceleration))
+        topic: [t for t, _ in messages] for topic, messages in bag.items()
+    }
+    np.testing.assert_array_equal(
+        vectors(found["/imu0"], lambda m: m.linear_acceleration), vectors(bag["/imu0"], lambda m: m.linear_acceleration)
+    )
     for topic in ("/camL0/image/compressed", "/camR0/depth/compressed"):
         assert [m.data for _, m in found[topic]] == [m.data.tobytes() for _, m in bag[topic]]
 
@@ -269,16 +302,24 @@ def test_opencv_decodes_compressed_images_as_image_transport_does(data, out):
 
 def test_raw_images_are_the_pixels_and_the_metres_of_the_dataset(data, raw):
     for camera in data.cameras:
-        for frame, (_, image), (_, depth) in zip(data.frames, raw[f"/cam{camera}/image"], raw[f"/cam{camera}/depth"],
-                                                 strict=True):
+        for frame, (_, image), (_, depth) in zip(
+            data.frames, raw[f"/cam{camera}/image"], raw[f"/cam{camera}/depth"], strict=True
+        ):
             assert (image.encoding, depth.encoding) == ("rgb8", "32FC1")
             assert (image.step, depth.step) == (48 * 3, 48 * 4)
-            np.testing.assert_array_equal(np.frombuffer(image.data, np.uint8).reshape(27, 48, 3),
-                                          data.pixels("A", frame, camera))
-            np.testing.assert_array_equal(np.frombuffer(depth.data, np.float32).reshape(27, 48),
-                                          data.depth(frame, camera))
+            np.testing.assert_array_equal(
+                np.frombuffer(image.data, np.uint8).reshape(27, 48, 3), data.pixels("A", frame, camera)
+            )
+            np.testing.assert_array_equal(
+                np.frombuffer(depth.data, np.float32).reshape(27, 48), data.depth(frame, camera)
+            )
     assert {topic for topic in raw if topic.startswith("/camL0/")} == {
-        "/camL0/camera_info", "/camL0/image", "/camL0/image/compressed", "/camL0/depth", "/camL0/depth/compressed"}
+        "/camL0/camera_info",
+        "/camL0/image",
+        "/camL0/image/compressed",
+        "/camL0/depth",
+        "/camL0/depth/compressed",
+    }
 
 
 def test_raw_images_are_of_mcap_alone(written, tmp_path):

@@ -10,8 +10,11 @@ import trimesh
 def test_nerfstudio_cameras_have_y_up_and_look_along_minus_z(data, out):
     model = json.loads((out / "nerfstudio/transforms.json").read_text())
     assert (model["camera_model"], model["w"], model["h"]) == ("OPENCV", 48, 27)
-    np.testing.assert_allclose([model["fl_x"], model["fl_y"], model["cx"], model["cy"]],
-                               [3.4 / 4.416 * 48, 3.4 / 2.484 * 27, 24, 13.5], rtol=1e-15)
+    np.testing.assert_allclose(
+        [model["fl_x"], model["fl_y"], model["cx"], model["cy"]],
+        [3.4 / 4.416 * 48, 3.4 / 2.484 * 27, 24, 13.5],
+        rtol=1e-15,
+    )
     assert len(model["frames"]) == 20
     views = [(camera, frame) for camera in data.cameras for frame in data.frames]
     for (camera, frame), entry in zip(views, model["frames"], strict=True):
@@ -28,8 +31,14 @@ def test_nerfbaselines_loads_the_images_and_the_poses(data, out, nerfbaselines):
     found = [nerfbaselines.load(out / "nerfstudio", split=split) for split in ("train", "test")]
     seen = {}
     for part in found:
-        for path, pose, K, size, pixels in zip(part["image_paths"], part["cameras"].poses, part["cameras"].intrinsics,
-                                               part["cameras"].image_sizes, part["images"], strict=True):
+        for path, pose, K, size, pixels in zip(
+            part["image_paths"],
+            part["cameras"].poses,
+            part["cameras"].intrinsics,
+            part["cameras"].image_sizes,
+            part["images"],
+            strict=True,
+        ):
             camera, frame = path.split("_cam")[-1][:2], int(path[-12:-4])
             seen[camera, frame] = True
             np.testing.assert_allclose(pose, data.T_w_c(frame, camera)[:3], rtol=0, atol=4 * 2.0**-24)

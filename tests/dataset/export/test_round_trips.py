@@ -70,10 +70,14 @@ def test_states_of_a_dataset_are_the_vehicles(data):
     check_vehicle(followed(data.layout.states), data, "vehicle")
 
 
-@pytest.mark.parametrize(("name", "of", "says"), [
-    ("R0", None, r"has poses of R0, not of vehicle.*Say trajectory\.of: R0"),
-    ("vehicle", "L0", r"has poses of vehicle, not of L0.*Say trajectory\.of: vehicle"),
-    ("depth0", None, "has poses of depth0, from which no vehicle's follow")])
+@pytest.mark.parametrize(
+    ("name", "of", "says"),
+    [
+        ("R0", None, r"has poses of R0, not of vehicle.*Say trajectory\.of: R0"),
+        ("vehicle", "L0", r"has poses of vehicle, not of L0.*Say trajectory\.of: vehicle"),
+        ("depth0", None, "has poses of depth0, from which no vehicle's follow"),
+    ],
+)
 def test_a_file_of_a_dataset_says_whose_poses_it_has(data, name, of, says):
     with pytest.raises(InputError, match=says):
         poses_of(followed(data.layout.poses(name, "quaternion"), of=of))
@@ -90,10 +94,10 @@ def test_the_course_through_an_export_is_at_its_times_where_the_dataset_has_the_
     driven = drive(followed(file, of="imu"))
     time_ns, T = data.poses("vehicle")
     found = driven.trajectory.at(time_ns[time_ns <= driven.trajectory.time_ns[-1]])
-    np.testing.assert_allclose(found.poses(), T[:len(found)], rtol=0.0, atol=4 * ROUNDING)
+    np.testing.assert_allclose(found.poses(), T[: len(found)], rtol=0.0, atol=4 * ROUNDING)
     # between them a cubic spline is as exact as its order says: h^2 / 12 times the fourth derivative
     inside = slice(40, -40)
-    states = data.states()["acceleration"][:len(found)]
+    states = data.states()["acceleration"][: len(found)]
     np.testing.assert_allclose(found.acceleration[inside], states[inside], atol=1.1 * 0.005**2 / 12 * 0.3 * 2.0**4)
 
 

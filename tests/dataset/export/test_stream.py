@@ -23,17 +23,23 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description.noise_profile import NoiseProfile
 
 PAGE = (Path(__file__).parents[3] / "docs/exports.md").read_text(encoding="utf-8")
-READER = next(code for code in re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-              if "def read_stream" in code)
+READER = next(
+    code for code in re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL) if "def read_stream" in code
+)
 space: dict = {}
 exec(READER, space)
 read_stream = space["read_stream"]
 LATE = 1_629_158_400_000_000_001
 """A start of the sequence beyond the 53 bits of a float64 [ns]."""
 PROFILE = NoiseProfile(
-    name="all", imu={"accelerometer_noise_density": 4e-3, "gyroscope_random_walk": 3e-5},
-    depth_gauge={"noise_density": 0.01, "bias": 0.1}, magnetometer={"noise_density": 1e-9, "random_walk": 1e-9},
-    dvl={"velocity_std": 0.01, "range_std": 0.05}, altimeter={"range_std": 0.02}, camera={"electrons_per_dn": 2.0})
+    name="all",
+    imu={"accelerometer_noise_density": 4e-3, "gyroscope_random_walk": 3e-5},
+    depth_gauge={"noise_density": 0.01, "bias": 0.1},
+    magnetometer={"noise_density": 1e-9, "random_walk": 1e-9},
+    dvl={"velocity_std": 0.01, "range_std": 0.05},
+    altimeter={"range_std": 0.02},
+    camera={"electrons_per_dn": 2.0},
+)
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +47,22 @@ def everything(tmp_path_factory):
     """A dataset of all sensors and images, of a pair, of which one is behind a port, a fixed camera, what moves."""
     left, right = scene_dict()["vehicle"]["cameras"]
     vehicle = scene_dict()["vehicle"] | {
-        "cameras": [left, right | {"port": {"kind": "flat", "distance_m": 0.01}}, left | {
-            "id": "W0", "mount": "world", "position": [0, -2, 0]}],
-        "dvl": {"position": [0.1, 0.2, -0.2], "rate_hz": 20, "range_m": [0.5, 3.4]}, "magnetometer": {"rate_hz": 50},
-        "altimeter": {"max_range_m": 3.0}}
+        "cameras": [
+            left,
+            right | {"port": {"kind": "flat", "distance_m": 0.01}},
+            left | {"id": "W0", "mount": "world", "position": [0, -2, 0]},
+        ],
+        "dvl": {"position": [0.1, 0.2, -0.2], "rate_hz": 20, "range_m": [0.5, 3.4]},
+        "magnetometer": {"rate_hz": 50},
+        "altimeter": {"max_range_m": 3.0},
+    }
     path = [{"time_s": 0, "position": [0, 2, -2]}, {"time_s": 1, "position": [1, 2, -2]}]
     scene = make_scene(
-        {"outputs": [*"ABCDSPF"]}, vehicle=vehicle, objects=[{"kind": "boulder", "diameter": 0.5, "path": path}],
-        terrain={"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 5, "position": [0, 0, -3]})
+        {"outputs": [*"ABCDSPF"]},
+        vehicle=vehicle,
+        objects=[{"kind": "boulder", "diameter": 0.5, "path": path}],
+        terrain={"kind": "procedural", "relief_m": 0.0, "size_m": 40.0, "resolution": 5, "position": [0, 0, -3]},
+    )
     out = tmp_path_factory.mktemp("everything")
     with pytest.MonkeyPatch.context() as patch:
         standins.install(patch)
@@ -72,7 +86,7 @@ def rows_of(path, first=1, count=None):
     """Time, moved to the start, and numbers of each row of a CSV file, as written: without numpy, exactly."""
     with path.open(newline="") as file:
         _, *rows = csv.reader(file)
-    return [(int(row[0]) + LATE, *map(float, row[first:None if count is None else first + count])) for row in rows]
+    return [(int(row[0]) + LATE, *map(float, row[first : None if count is None else first + count])) for row in rows]
 
 
 def plain(messages):
@@ -123,11 +137,15 @@ def test_images_of_all_types_and_cameras_are_pointed_to_at_their_times(streamed)
     expected = []
     for number, camera in enumerate(data.cameras):
         times = rows_of(data.layout.camera_file(camera, "_timestamps.csv"), 1, 0)
-        expected += [(time_ns, frame, number, letter) for (time_ns,), frame in zip(times, data.frames, strict=True)
-                     for letter in data.outputs]
+        expected += [
+            (time_ns, frame, number, letter)
+            for (time_ns,), frame in zip(times, data.frames, strict=True)
+            for letter in data.outputs
+        ]
     assert len(expected) == 3 * 10 * 7
-    assert sorted((t, frame, camera, letter.decode()) for t, (frame, camera, letter), _ in messages[60]
-                  ) == sorted(expected)
+    assert sorted((t, frame, camera, letter.decode()) for t, (frame, camera, letter), _ in messages[60]) == sorted(
+        expected
+    )
     for _, (frame, camera, letter), path in messages[60]:
         original = data.layout.image(data.cameras[camera], letter.decode(), frame)
         assert (folder / path).read_bytes() == original.read_bytes()
@@ -148,7 +166,7 @@ def test_without_what_the_numbers_of_s_mean_there_is_no_stream(everything, tmp_p
 
 def test_the_first_message_describes_the_dataset_and_every_id(streamed):
     data, _, messages = streamed
-    (_, _, text), = messages[1]
+    ((_, _, text),) = messages[1]
     about = json.loads(text)
     assert about["dataset"] == json.loads((data.root / "dataset.json").read_text())
     assert about["start_ns"] == LATE

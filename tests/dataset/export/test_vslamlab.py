@@ -46,8 +46,14 @@ def test_the_sequence_has_what_its_modes_ask_for(pair):
 def test_the_list_names_each_image_and_its_time(data, pair):
     about, folder = pair
     table = pd.read_csv(folder / "rgb.csv")
-    assert list(table) == ["ts_rgb_0 (ns)", "path_rgb_0", "ts_depth_0 (ns)", "path_depth_0", "ts_rgb_1 (ns)",
-                           "path_rgb_1"]
+    assert list(table) == [
+        "ts_rgb_0 (ns)",
+        "path_rgb_0",
+        "ts_depth_0 (ns)",
+        "path_depth_0",
+        "ts_rgb_1 (ns)",
+        "path_rgb_1",
+    ]
     for number, camera in enumerate(("L0", "R0")):
         assert table[f"ts_rgb_{number} (ns)"].tolist() == data.time_ns(camera).tolist()
         for frame, path in zip(data.frames, table[f"path_rgb_{number}"], strict=True):
@@ -87,8 +93,13 @@ def test_calibration_is_that_of_the_cameras_about_the_imu(data, pair):
     T_v_s = np.array(data.meta["sensors"]["imu0"]["T_v_s"])
     for number, (entry, camera) in enumerate(zip(cameras, ("L0", "R0"), strict=True)):
         assert (entry["cam_name"], entry["cam_model"]) == (f"rgb_{number}", "pinhole")
-        K = np.array([[entry["focal_length"][0], 0, entry["principal_point"][0]],
-                      [0, entry["focal_length"][1], entry["principal_point"][1]], [0, 0, 1]])
+        K = np.array(
+            [
+                [entry["focal_length"][0], 0, entry["principal_point"][0]],
+                [0, entry["focal_length"][1], entry["principal_point"][1]],
+                [0, 0, 1],
+            ]
+        )
         np.testing.assert_array_equal(K, data.intrinsics(camera, "opencv"))
         assert entry["image_dimension"] == [48, 27]
         T_v_c = T_v_s @ np.reshape(entry["T_BS"], (4, 4))
@@ -125,15 +136,19 @@ def test_the_imu_has_its_readings_gyroscope_first_and_its_noise(data, pair, nois
 
 
 def made(tmp_path, cameras, sensors=True):
-    scene = make_scene(vehicle={"cameras": [{"resolution": [16, 9], **camera} for camera in cameras], "imu": {}},
-                       render={"outputs": ["A"]})
+    scene = make_scene(
+        vehicle={"cameras": [{"resolution": [16, 9], **camera} for camera in cameras], "imu": {}},
+        render={"outputs": ["A"]},
+    )
     produce(scene, tmp_path / "data", quiet=True, sensors=sensors)
     return Dataset(tmp_path / "data")
 
 
-LENSES = {"M0": ({"model": "brown_conrady", "k": [-0.1, 0.01, 1e-3, -1e-3]}, "radtan4", 4),
-          "M1": ({"model": "brown_conrady", "k": [-0.1, 0.0, 0.0, 0.0, 0.002]}, "radtan5", 5),
-          "M2": ({"model": "kannala_brandt", "k": [0.01, 0.0, 0.0, 1e-4]}, "equid4", 4)}
+LENSES = {
+    "M0": ({"model": "brown_conrady", "k": [-0.1, 0.01, 1e-3, -1e-3]}, "radtan4", 4),
+    "M1": ({"model": "brown_conrady", "k": [-0.1, 0.0, 0.0, 0.0, 0.002]}, "radtan5", 5),
+    "M2": ({"model": "kannala_brandt", "k": [0.01, 0.0, 0.0, 1e-4]}, "equid4", 4),
+}
 
 
 def test_lenses_have_its_names_and_orders(tmp_path):
@@ -149,8 +164,14 @@ def test_lenses_have_its_names_and_orders(tmp_path):
 
 def test_what_it_cannot_state_is_refused_by_name(tmp_path):
     port = {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.01}
-    data = made(tmp_path, [{"id": "M0", "port": port}, {"id": "M1"}, {"id": "M2", "distortion": {
-        "model": "rational", "k": [0.1, 0, 0, 0, 0, 0.1, 0, 0]}}])
+    data = made(
+        tmp_path,
+        [
+            {"id": "M0", "port": port},
+            {"id": "M1"},
+            {"id": "M2", "distortion": {"model": "rational", "k": [0.1, 0, 0, 0, 0, 0.1, 0, 0]}},
+        ],
+    )
     with pytest.raises(InputError, match=r"cameras.0.port: VSLAM-LAB cannot state a port.*--camera M1"):
         export(data.root, "vslamlab", tmp_path / "out", cameras=["M0"])
     with pytest.raises(InputError, match=r"cameras.2.distortion = .*VSLAM-LAB cannot state this"):
@@ -158,10 +179,16 @@ def test_what_it_cannot_state_is_refused_by_name(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("second", "is_pair"), [
-    ({"position": [0.3, 0, 0]}, True), ({"position": [-0.3, 0, 0]}, False), ({"position": [0, 0.3, 0]}, False),
-    ({"position": [0.3, 0, 0], "rotation_euler_deg": [-90, 0, 0]}, False),
-    ({"position": [0.3, 0, 0], "mount": "world"}, False)])
+@pytest.mark.parametrize(
+    ("second", "is_pair"),
+    [
+        ({"position": [0.3, 0, 0]}, True),
+        ({"position": [-0.3, 0, 0]}, False),
+        ({"position": [0, 0.3, 0]}, False),
+        ({"position": [0.3, 0, 0], "rotation_euler_deg": [-90, 0, 0]}, False),
+        ({"position": [0.3, 0, 0], "mount": "world"}, False),
+    ],
+)
 def test_only_a_camera_at_the_right_makes_a_pair(tmp_path, second, is_pair):
     data = made(tmp_path, [{"id": "M0"}, {"id": "M1", **second}])
     with warnings.catch_warnings(record=True) as caught:
@@ -172,10 +199,16 @@ def test_only_a_camera_at_the_right_makes_a_pair(tmp_path, second, is_pair):
     assert any("left out: M1" in str(warning.message) for warning in caught) != is_pair
 
 
-@pytest.mark.parametrize(("second", "says"), [
-    ({}, None), ({"resolution": [24, 18]}, "resolution"), ({"focal_mm": 9.0}, "focal length"),
-    ({"distortion": {"model": "kannala_brandt", "k": [0.01, 0, 0, 0]}}, "kind of distortion"),
-    ({"distortion": {"model": "brown_conrady", "k": [-0.1, 0, 0, 0]}}, "distortion")])
+@pytest.mark.parametrize(
+    ("second", "says"),
+    [
+        ({}, None),
+        ({"resolution": [24, 18]}, "resolution"),
+        ({"focal_mm": 9.0}, "focal length"),
+        ({"distortion": {"model": "kannala_brandt", "k": [0.01, 0, 0, 0]}}, "kind of distortion"),
+        ({"distortion": {"model": "brown_conrady", "k": [-0.1, 0, 0, 0]}}, "distortion"),
+    ],
+)
 def test_a_pair_of_unlike_cameras_is_told_of(tmp_path, second, says):
     data = made(tmp_path, [{"id": "M0"}, {"id": "M1", "position": [0.3, 0, 0], **second}])
     with warnings.catch_warnings(record=True) as caught:

@@ -78,10 +78,12 @@ def test_boxes_about_all_of_each_object_enclose_those_about_what_is_seen(folder)
 
 @pytest.mark.parametrize("to", ["yolo", "bop"])
 def test_a_scene_of_terrain_alone_has_nothing_to_label(tmp_path, to):
-    scene = {"terrain": {"kind": "procedural", "resolution": 9},
-             "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
-             "trajectory": {"poses": [{"position": [0, 0, 3]}], "duration_s": 0.1},
-             "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"}}
+    scene = {
+        "terrain": {"kind": "procedural", "resolution": 9},
+        "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9]}]},
+        "trajectory": {"poses": [{"position": [0, 0, 3]}], "duration_s": 0.1},
+        "render": {"frame_rate_hz": 10, "outputs": ["B", "S"], "spp_b": 1, "denoise_b": "none"},
+    }
     produce(scene_from_dict(scene), tmp_path / "data", device="cpu", quiet=True)
     with pytest.raises(InputError, match=r"nothing .* but the terrain"):
         export(tmp_path / "data", to, tmp_path / "out", "B")

@@ -24,11 +24,16 @@ def dataset(folder, water, camera=None, **render):
     spectral = "spectral" in water["water"]
     light = {"spectrum": "led_b4", "power_W": 80.0} if spectral else {"intensity": [50, 50, 50]}
     view = {"id": "M0", "resolution": [48, 27], **({"response": "nikon_5100"} if spectral else {})} | (camera or {})
-    scene = scene_from_dict({
-        **water, "terrain": {"kind": "procedural", "size_m": 60, "resolution": 65, "relief_m": 0.3},
-        "vehicle": {"lights": [light], "cameras": [view]},
-        "trajectory": {"poses": [{"position": [0, 0, 1.2], "rotation_euler_deg": [-10, 0, 0]}]},
-        "render": {"outputs": ["D", "T"], "depth_range_m": [0, 12]} | render}, folder)
+    scene = scene_from_dict(
+        {
+            **water,
+            "terrain": {"kind": "procedural", "size_m": 60, "resolution": 65, "relief_m": 0.3},
+            "vehicle": {"lights": [light], "cameras": [view]},
+            "trajectory": {"poses": [{"position": [0, 0, 1.2], "rotation_euler_deg": [-10, 0, 0]}]},
+            "render": {"outputs": ["D", "T"], "depth_range_m": [0, 12]} | render,
+        },
+        folder,
+    )
     produce(scene, folder / "out", device="cpu", quiet=True)
     return Dataset(folder / "out")[0]
 

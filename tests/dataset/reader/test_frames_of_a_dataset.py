@@ -35,8 +35,9 @@ def test_frames_come_by_place_from_either_end_and_by_slices(data):
     assert data[5].camera == "L0"
 
 
-@pytest.mark.parametrize(("name", "says"), [
-    ("imu", "Did you mean 'imu0'?"), ("hull", "There are: L0, R0, vehicle, imu0")])
+@pytest.mark.parametrize(
+    ("name", "says"), [("imu", "Did you mean 'imu0'?"), ("hull", "There are: L0, R0, vehicle, imu0")]
+)
 def test_poses_of_an_unknown_name_are_refused_with_those_there_are(data, name, says):
     with pytest.raises(InputError) as refused:
         data.poses(name)
@@ -56,9 +57,19 @@ def test_a_number_that_the_dataset_has_not_is_an_index_error(data):
         data.T_w_c(12)
 
 
-@pytest.mark.parametrize(("index", "example"), [
-    ("R0", "R0"), ("A", "L0"), (0.5, "L0"), (None, "L0"), ([1, 2], "L0"), (np.arange(2), "L0"), ((0, "L0", 1), "L0"),
-    (slice("a", 3), "L0")])
+@pytest.mark.parametrize(
+    ("index", "example"),
+    [
+        ("R0", "R0"),
+        ("A", "L0"),
+        (0.5, "L0"),
+        (None, "L0"),
+        ([1, 2], "L0"),
+        (np.arange(2), "L0"),
+        ((0, "L0", 1), "L0"),
+        (slice("a", 3), "L0"),
+    ],
+)
 def test_an_index_that_is_no_number_is_a_type_error_that_says_what_to_give(data, index, example):
     with pytest.raises(TypeError, match=rf"no place of a frame.*data\[0\].*with a camera, data\[0, '{example}'\]"):
         data[index]
@@ -197,16 +208,23 @@ def test_threads_may_share_a_dataset(written):
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(read, range(60)))
     fresh = Dataset(written)
-    expected = [(f := fresh[i % 10, "LR"[i % 2] + "0"]).A.sum() + f.gain() + f.T_w_c.sum() + f.T_w_v.sum()
-                for i in range(60)]
+    expected = [
+        (f := fresh[i % 10, "LR"[i % 2] + "0"]).A.sum() + f.gain() + f.T_w_c.sum() + f.T_w_v.sum() for i in range(60)
+    ]
     assert found == expected
 
 
-@pytest.mark.parametrize(("name", "read"), [
-    ("imu0_data.csv", lambda d: d.imu()), ("depth0_data.csv", lambda d: d.depth_gauge()),
-    ("vehicle0_states.csv", lambda d: d.states()), ("camL0_timestamps.csv", lambda d: d[0].time_ns),
-    ("camL0_poses_transformation_matrix.csv", lambda d: d[0].T_w_c),
-    ("vehicle0_poses_transformation_matrix.csv", lambda d: d[0].T_w_v)])
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("imu0_data.csv", lambda d: d.imu()),
+        ("depth0_data.csv", lambda d: d.depth_gauge()),
+        ("vehicle0_states.csv", lambda d: d.states()),
+        ("camL0_timestamps.csv", lambda d: d[0].time_ns),
+        ("camL0_poses_transformation_matrix.csv", lambda d: d[0].T_w_c),
+        ("vehicle0_poses_transformation_matrix.csv", lambda d: d[0].T_w_v),
+    ],
+)
 @pytest.mark.parametrize("damage", ["no rows", "few columns", "no number", "gone"])
 def test_a_damaged_table_is_bad_input_that_names_it(copy, name, read, damage):
     path = next(copy.rglob(name))
@@ -224,11 +242,23 @@ def test_a_damaged_table_is_bad_input_that_names_it(copy, name, read, damage):
         read(Dataset(copy))
 
 
-@pytest.mark.parametrize("name", ["imu0_data.csv", "depth0_data.csv", "vehicle0_states.csv", "camL0_timestamps.csv",
-                                  "camL0_poses_transformation_matrix.csv", "camL0_exposure_A.csv", "dataset.json",
-                                  "seq01_veh0_camL0_C-00000000.png", "seq01_veh0_camL0_A-00000000.exr"])
-@pytest.mark.parametrize(("end", "problem"), [(0, "it is empty|it is not a whole"),
-                                              (-2, "its last line is cut|it is not a whole|Expecting")])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "imu0_data.csv",
+        "depth0_data.csv",
+        "vehicle0_states.csv",
+        "camL0_timestamps.csv",
+        "camL0_poses_transformation_matrix.csv",
+        "camL0_exposure_A.csv",
+        "dataset.json",
+        "seq01_veh0_camL0_C-00000000.png",
+        "seq01_veh0_camL0_A-00000000.exr",
+    ],
+)
+@pytest.mark.parametrize(
+    ("end", "problem"), [(0, "it is empty|it is not a whole"), (-2, "its last line is cut|it is not a whole|Expecting")]
+)
 def test_an_empty_or_cut_file_is_bad_input_that_says_so(copy, name, end, problem):
     """Also where the last number only lacks digits."""
     path = next(copy.rglob(name))
@@ -239,8 +269,19 @@ def test_an_empty_or_cut_file_is_bad_input_that_says_so(copy, name, end, problem
 
 def read_everything(data):
     frame = data[0]
-    return (data.imu(), data.depth_gauge(), data.states(), frame.T_w_c, frame.T_w_v, frame.A, frame.B, frame.C, frame.D,
-            frame.A_radiance, frame.gain())
+    return (
+        data.imu(),
+        data.depth_gauge(),
+        data.states(),
+        frame.T_w_c,
+        frame.T_w_v,
+        frame.A,
+        frame.B,
+        frame.C,
+        frame.D,
+        frame.A_radiance,
+        frame.gain(),
+    )
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", '{"segments": 1}'])

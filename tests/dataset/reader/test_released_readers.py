@@ -71,7 +71,7 @@ def test_as_an_odometry_in_cpp_finds_stamp_pose_and_depth(data, folder):
     fx, fy, cx, cy = data.intrinsics("M0", "opencv")[[0, 1, 0, 1], [0, 1, 2, 2]]
     for number in data.frames:
         name = f"seq01_veh0_camM0_D-{number:08d}"
-        (stamp,) = [int(row[0]) for row in stamps if row[4][:len(name)] == name]
+        (stamp,) = [int(row[0]) for row in stamps if row[4][: len(name)] == name]
         (numbers,) = [list(map(float, row[1:])) for row in poses if int(row[0]) == stamp]
         T = np.array(numbers).reshape(3, 4)
         metres = cv2.imread(f"{folder}D/{name}.png", cv2.IMREAD_ANYDEPTH) * 25.0 / 65535.0
@@ -89,8 +89,13 @@ def test_as_a_script_for_flow_reads_calibration_and_times(data, folder):
         camera = yaml.safe_load(file)
     size = camera.get("resolution") or camera
     width, height = (size["width"], size["height"]) if isinstance(size, dict) else (camera["width"], camera["height"])
-    K = np.array([[camera["focal_length"] / camera["sensor_width"] * width, 0, width / 2],
-                  [0, camera["focal_length"] / camera["sensor_height"] * height, height / 2], [0, 0, 1]])
+    K = np.array(
+        [
+            [camera["focal_length"] / camera["sensor_width"] * width, 0, width / 2],
+            [0, camera["focal_length"] / camera["sensor_height"] * height, height / 2],
+            [0, 0, 1],
+        ]
+    )
     np.testing.assert_allclose(K, data.intrinsics("M0"), rtol=1e-12)
     poses = pd.read_csv(folder + "camM0_poses/camM0_poses_transformation_matrix.csv", header=0)
     stamps = pd.read_csv(folder + "camM0_timestamps.csv", header=0).iloc[:, 0].to_numpy()

@@ -27,8 +27,13 @@ def sweep(tmp_path_factory):
     for water, c in (("clear", 0.1), ("murky", 1.2)):
         for seed in (1, 2):
             textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, outputs="AD")
-            versions.append({"name": f"{water}-{seed}", "overrides": {"water": water, "seed": seed},
-                             "datasets": [{"folder": f"{water}-{seed}", "state": "complete"}]})
+            versions.append(
+                {
+                    "name": f"{water}-{seed}",
+                    "overrides": {"water": water, "seed": seed},
+                    "datasets": [{"folder": f"{water}-{seed}", "state": "complete"}],
+                }
+            )
     (root / "sweep.json").write_text(json.dumps({"versions": versions}), encoding="utf-8")
     return root
 
@@ -40,8 +45,10 @@ def found(sweep):
 
 def test_the_forecast_ranks_clear_water_before_murky_on_a_floor_that_it_was_not_fitted_on(found):
     """Only its rank: under a veil with hardly any noise, which no scene of the fit has, its chances are too high."""
-    chance, seen = ([each.failure_chance() for each in found],
-                    [each.odometry["mono"].plain()["failed_share"] for each in found])
+    chance, seen = (
+        [each.failure_chance() for each in found],
+        [each.odometry["mono"].plain()["failed_share"] for each in found],
+    )
     assert seen[0] == seen[1] == 0.0
     assert min(seen[2:]) > 0.8
     assert max(chance[:2]) < min(chance[2:])
@@ -147,8 +154,9 @@ def test_datasets_that_differ_in_their_seed_alone_are_one_with_a_standard_error(
     assert [len(row) for row in rows] == [len(header)] * 2
     assert "(2 seeds)" in rows[0][0]
     assert "±" in rows[0][header.index("RMS contrast of A")]
-    done = CliRunner().invoke(app, ["readiness", str(sweep), "--json", "--seeds", "1", "--quiet", "-o",
-                                    str(tmp_path / "page.html")])
+    done = CliRunner().invoke(
+        app, ["readiness", str(sweep), "--json", "--seeds", "1", "--quiet", "-o", str(tmp_path / "page.html")]
+    )
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
     assert [group["datasets"] for group in told["over_seeds"]] == [group["datasets"] for group in (clear, murky)]

@@ -11,8 +11,7 @@ from varos_warp.dataset.run.produce import produce
 STEP = 1.0
 """Metres between frames: overlaps of 0.79, 0.58, 0.38 and 0.17, none near to a threshold."""
 OUT_AND_BACK = [*range(12), *range(11, -1, -1)]
-COURSES = {"out_and_back": OUT_AND_BACK, "straight": [*range(12)], "still": [0] * 12,
-           "swaying": [0, 1, 2, 1, 0, 1, 2]}
+COURSES = {"out_and_back": OUT_AND_BACK, "straight": [*range(12)], "still": [0] * 12, "swaying": [0, 1, 2, 1, 0, 1, 2]}
 WIDTH = 4.8 / 3.0 * -standins.FLOOR_Z
 """Of what the camera sees of the floor [m]."""
 
@@ -20,12 +19,24 @@ WIDTH = 4.8 / 3.0 * -standins.FLOOR_Z
 def dataset(out, places):
     """A camera that looks straight down, at multiples of `STEP` along x, two frames a second."""
     vehicle = standins.scene_dict()["vehicle"]
-    vehicle["cameras"] = [{"id": "M0", "position": [0, 0, 0], "rotation_euler_deg": [-90, 0, 0],
-                           "resolution": [48, 32], "sensor_mm": [4.8, 3.2], "focal_mm": 3.0}]
-    course = [{"time_s": 0.5 * i, "position": [STEP * k, 0, 0], "rotation_euler_deg": [0, 0, 0]}
-              for i, k in enumerate(places)]
-    scene = standins.make_scene(vehicle=vehicle, trajectory={"poses": course}, render={
-        "outputs": ["D"], "frame_rate_hz": 2, "spp": 1, "integrator": "path"})
+    vehicle["cameras"] = [
+        {
+            "id": "M0",
+            "position": [0, 0, 0],
+            "rotation_euler_deg": [-90, 0, 0],
+            "resolution": [48, 32],
+            "sensor_mm": [4.8, 3.2],
+            "focal_mm": 3.0,
+        }
+    ]
+    course = [
+        {"time_s": 0.5 * i, "position": [STEP * k, 0, 0], "rotation_euler_deg": [0, 0, 0]} for i, k in enumerate(places)
+    ]
+    scene = standins.make_scene(
+        vehicle=vehicle,
+        trajectory={"poses": course},
+        render={"outputs": ["D"], "frame_rate_hz": 2, "spp": 1, "integrator": "path"},
+    )
     produce(scene, out, quiet=True, renderer=standins.FlatFloorRenderer(scene))
     return Dataset(out)
 
@@ -46,7 +57,7 @@ def expected(share):
     """(later, earlier) by the definition, in plain words."""
     found = []
     for late in range(len(share)):
-        early = [k for k in range(late) if share[late, k] >= SAME and (share[late, k + 1:late] < LEFT).any()]
+        early = [k for k in range(late) if share[late, k] >= SAME and (share[late, k + 1 : late] < LEFT).any()]
         if early:
             found.append((late, max(early, key=lambda k: share[late, k])))
     return found

@@ -78,8 +78,9 @@ def test_excitation_is_the_deviation_of_the_readings(seas):
     told, times = excitation(data), data.views()[0]
     read = data.imu(int(times[0]), int(times[-1]) + 1)
     np.testing.assert_allclose(told["specific_force_rms"], read["acceleration"].std(0), rtol=1e-12)
-    means = frame_means(np.array([0, 5, 10, 15, 20, 29]), np.arange(6.0)[:, None] * np.ones(3),
-                        np.array([0, 10, 20, 30]))
+    means = frame_means(
+        np.array([0, 5, 10, 15, 20, 29]), np.arange(6.0)[:, None] * np.ones(3), np.array([0, 10, 20, 30])
+    )
     np.testing.assert_allclose(means, np.array([0.5, 2.5, 4.5])[:, None] * np.ones(3))
 
 
@@ -98,8 +99,13 @@ def test_the_command_prints_a_table_and_writes_a_page(seas, tmp_path):
 @pytest.mark.parametrize(("outputs", "words"), [("D", "no A"), ("AD", "two frames")])
 def test_what_cannot_be_measured_is_refused(tmp_path, outputs, words):
     scene = textured.textured_scene(outputs=outputs)
-    produce(scene, tmp_path / "data", quiet=True, renderer=textured.TexturedRenderer(scene),
-            frames=slice(0, len(outputs) % 2 + 1))
+    produce(
+        scene,
+        tmp_path / "data",
+        quiet=True,
+        renderer=textured.TexturedRenderer(scene),
+        frames=slice(0, len(outputs) % 2 + 1),
+    )
     with pytest.raises(InputError, match=words):
         readiness([tmp_path / "data"])
     assert standins.tree(tmp_path / "data")

@@ -68,9 +68,16 @@ def test_the_page_carries_every_image_of_a_short_dataset(page, data):
     assert shown["frames"] == data.frames
     assert shown["times"] == (data.time_ns() * 1e-9).tolist()
     assert {camera: {o: len(strip) for o, strip in images.items()} for camera, images in shown["images"].items()} == {
-        camera: dict.fromkeys("ABCD", 10) for camera in ("L0", "R0")}
-    assert [plot["title"] for plot in shown["plots"]] == ["Specific force", "Angular velocity", "Depth gauge", "Speed",
-                                                          "Exposure gain", "Rendering"]
+        camera: dict.fromkeys("ABCD", 10) for camera in ("L0", "R0")
+    }
+    assert [plot["title"] for plot in shown["plots"]] == [
+        "Specific force",
+        "Angular velocity",
+        "Depth gauge",
+        "Speed",
+        "Exposure gain",
+        "Rendering",
+    ]
 
 
 @pytest.mark.parametrize("name", ["<script>alert(1)</script>", "</script><b>", "{{data}}", "$& \\1 {{nav}}"])

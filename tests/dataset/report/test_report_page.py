@@ -56,8 +56,10 @@ def opened(browser, address, **options):
 
 
 def sources(page) -> dict[str, str]:
-    return {figure.get_attribute("data-output"): figure.query_selector("img").get_attribute("src")
-            for figure in page.query_selector_all("#viewer figure")}
+    return {
+        figure.get_attribute("data-output"): figure.query_selector("img").get_attribute("src")
+        for figure in page.query_selector_all("#viewer figure")
+    }
 
 
 def embedded(page, camera: str, index: int) -> dict[str, str]:
@@ -68,8 +70,11 @@ def embedded(page, camera: str, index: int) -> dict[str, str]:
 
 def pixels(page, selector: str) -> str:
     """What is drawn on a canvas, once all that was asked for is drawn."""
-    return page.evaluate("""selector => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(
-        () => done(document.querySelector(selector).toDataURL()))))""", selector)
+    return page.evaluate(
+        """selector => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(
+        () => done(document.querySelector(selector).toDataURL()))))""",
+        selector,
+    )
 
 
 def clock(page) -> str:
@@ -104,8 +109,17 @@ def test_the_scrubber_changes_the_images_the_clock_and_the_curves(page, written)
 
 
 def test_keys_step_to_the_ends_and_not_beyond(page):
-    for key, expected in (("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("ArrowLeft", 0), ("ArrowLeft", 0),
-                          ("End", 9), ("ArrowRight", 9), ("Home", 0), ("Shift+ArrowRight", 9)):
+    for key, expected in (
+        ("ArrowRight", 1),
+        ("ArrowRight", 2),
+        ("ArrowLeft", 1),
+        ("ArrowLeft", 0),
+        ("ArrowLeft", 0),
+        ("End", 9),
+        ("ArrowRight", 9),
+        ("Home", 0),
+        ("Shift+ArrowRight", 9),
+    ):
         page.keyboard.press(key)
         assert clock(page).startswith(f"frame {expected} ·"), key
 

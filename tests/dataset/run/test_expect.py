@@ -12,15 +12,25 @@ from varos_warp.scene.geometry.build import build_parts
 def scene():
     """A camera that looks down from 2 m and moves sideways by 0.5 m/s, one that stands, one without a shutter."""
     camera = {"resolution": [640, 360], "focal_mm": 3.4, "sensor_mm": [4.4, 2.475]}
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 10, "resolution": 33, "relief_m": 0.0},
-        "vehicle": {"cameras": [
-            camera | {"id": "M0", "rotation_euler_deg": [-90, 0, 0],
-                      "shutter": {"exposure_s": 0.01, "readout_s": 0.03}},
-            camera | {"id": "O0", "mount": "world", "position": [0, -3, 1], "shutter": {"exposure_s": 0.02}},
-            camera | {"id": "N0"}]},
-        "trajectory": {"poses": [{"time_s": 0, "position": [0, 0, 2]}, {"time_s": 1, "position": [0.5, 0, 2]}]},
-        "render": {"frame_rate_hz": 5}})
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "size_m": 10, "resolution": 33, "relief_m": 0.0},
+            "vehicle": {
+                "cameras": [
+                    camera
+                    | {
+                        "id": "M0",
+                        "rotation_euler_deg": [-90, 0, 0],
+                        "shutter": {"exposure_s": 0.01, "readout_s": 0.03},
+                    },
+                    camera | {"id": "O0", "mount": "world", "position": [0, -3, 1], "shutter": {"exposure_s": 0.02}},
+                    camera | {"id": "N0"},
+                ]
+            },
+            "trajectory": {"poses": [{"time_s": 0, "position": [0, 0, 2]}, {"time_s": 1, "position": [0.5, 0, 2]}]},
+            "render": {"frame_rate_hz": 5},
+        }
+    )
 
 
 def test_the_longest_streak_is_speed_times_exposure_over_distance(scene, monkeypatch):

@@ -57,10 +57,18 @@ def quick_run(out):
 def start():
     """Starts `real_run`, or another, in a process that has imported everything and shares nothing with other ones."""
     context = get_context("forkserver")
-    context.set_forkserver_preload([
-        "varos_warp.dataset.run.produce", "varos_warp.dataset.report", "varos_warp.render.renderer",
-        "varos_warp.render.planner.plan", "varos_warp.sim.trajectory",
-        "benchmarks.soak", "PIL.PngImagePlugin", "standins"])
+    context.set_forkserver_preload(
+        [
+            "varos_warp.dataset.run.produce",
+            "varos_warp.dataset.report",
+            "varos_warp.render.renderer",
+            "varos_warp.render.planner.plan",
+            "varos_warp.sim.trajectory",
+            "benchmarks.soak",
+            "PIL.PngImagePlugin",
+            "standins",
+        ]
+    )
 
     def started(*args, body=real_run, **options):
         process = context.Process(target=body, args=args, kwargs=options)
@@ -82,8 +90,11 @@ def whole(start, tmp_path_factory):
 
 def visible(out):
     """Bytes of the files that have their final names."""
-    return {name: data for name, data in tree(out).items() if not os.path.basename(name).startswith(".")
-            } if out.exists() else {}
+    return (
+        {name: data for name, data in tree(out).items() if not os.path.basename(name).startswith(".")}
+        if out.exists()
+        else {}
+    )
 
 
 def kill_after(process, out, count: int) -> bool:
@@ -139,12 +150,17 @@ def test_files_that_cannot_grow_are_refused_in_one_message_and_the_rest_is_made_
 @processes
 @pytest.mark.parametrize("size", ["600k", "1m"])
 def test_a_disk_that_is_full_is_refused_in_one_message_and_the_rest_is_made_when_there_is_space(
-        start, whole, tmp_path, size):
+    start, whole, tmp_path, size
+):
     """A disk of memory, where mounting one is permitted; it fills up among the tables, or among the images."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    if sys.platform != "linux" or subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", disk],
-                                                 capture_output=True, check=False).returncode:
+    if (
+        sys.platform != "linux"
+        or subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", disk], capture_output=True, check=False
+        ).returncode
+    ):
         pytest.skip("mounting is not permitted")
     try:
         process = start(disk / "out", tmp_path / "message")
@@ -291,6 +307,7 @@ def test_what_tells_what_segments_mean_never_stands_in_a_folder_without_a_datase
 def test_a_run_goes_on_where_one_was_killed_before_its_first_file_had_a_name(written, tmp_path, monkeypatch):
     """Its sum is noted before: nothing else is there yet."""
     with monkeypatch.context() as patch:
+
         def note(record, name, value, vouch=checksums.Record.vouch):
             vouch(record, name, value)
             raise KeyboardInterrupt
@@ -328,9 +345,16 @@ def flip(path):
     path.write_bytes(data)
 
 
-DAMAGED = ["vehicle0/cam0/A_exr/seq01_veh0_camL0_A-00000004.exr", "vehicle0/cam0/A/seq01_veh0_camL0_A-00000004.png",
-           "vehicle0/cam1/D/seq01_veh0_camR0_D-00000002.png", "vehicle0/cam0/camL0_exposure_A.csv",
-           "vehicle0/imu0/imu0_data.csv", "vehicle0/cam0/camL0_timestamps.csv", "README.txt", "contact_sheet.png"]
+DAMAGED = [
+    "vehicle0/cam0/A_exr/seq01_veh0_camL0_A-00000004.exr",
+    "vehicle0/cam0/A/seq01_veh0_camL0_A-00000004.png",
+    "vehicle0/cam1/D/seq01_veh0_camR0_D-00000002.png",
+    "vehicle0/cam0/camL0_exposure_A.csv",
+    "vehicle0/imu0/imu0_data.csv",
+    "vehicle0/cam0/camL0_timestamps.csv",
+    "README.txt",
+    "contact_sheet.png",
+]
 
 
 @pytest.mark.parametrize("name", DAMAGED)
@@ -405,8 +429,14 @@ def test_a_finished_dataset_on_a_disk_that_cannot_be_written_is_complete(copy, m
     def refused(*_, **__):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
-    for where, name in ((os, "replace"), (os, "unlink"), (pathlib.Path, "write_bytes"), (pathlib.Path, "mkdir"),
-                        (pathlib.Path, "unlink"), (filelock.FileLock, "acquire")):
+    for where, name in (
+        (os, "replace"),
+        (os, "unlink"),
+        (pathlib.Path, "write_bytes"),
+        (pathlib.Path, "mkdir"),
+        (pathlib.Path, "unlink"),
+        (filelock.FileLock, "acquire"),
+    ):
         monkeypatch.setattr(where, name, refused)
     summary = produce(make_scene(), copy, quiet=True)
     assert summary.complete

@@ -108,8 +108,9 @@ def test_parts_make_the_files_of_the_whole(whole, tmp_path, monkeypatch):
     produce(scene_of("DF"), tmp_path, quiet=True)
     mine, all_at_once = tree(tmp_path), tree(whole)
     assert mine.keys() == all_at_once.keys()
-    assert [name for name in mine if mine[name] != all_at_once[name]
-            and name not in ("dataset.json", "checksums")] == []
+    assert [
+        name for name in mine if mine[name] != all_at_once[name] and name not in ("dataset.json", "checksums")
+    ] == []
 
 
 def test_without_the_vehicle_the_last_frame_is_not_held_against_its_next(tmp_path, monkeypatch):
@@ -130,9 +131,14 @@ def change(data, number, **planes):
 
 
 @pytest.mark.parametrize("frame", [4, 9])
-@pytest.mark.parametrize(("planes", "problem"), [
-    ({"flow_v": 0.1}, "the flow of 1 of "), ({"flow_u": np.nan}, "the flow of 1 of "),
-    ({"motion_z": 1e-3}, "the motion of 1 of ")])
+@pytest.mark.parametrize(
+    ("planes", "problem"),
+    [
+        ({"flow_v": 0.1}, "the flow of 1 of "),
+        ({"flow_u": np.nan}, "the flow of 1 of "),
+        ({"motion_z": 1e-3}, "the motion of 1 of "),
+    ],
+)
 def test_one_wrong_pixel_is_found(copy, frame, planes, problem):
     change(Dataset(copy), frame, **planes)
     found = "\n".join(validate(copy, quiet=True).problems)
@@ -164,8 +170,10 @@ def test_pytorch_gets_it(whole):
     torch = pytest.importorskip("torch")
     item, frame = Dataset(whole).torch(("F", "F_occluded", "F_motion"))[1], Dataset(whole)[1]
     assert [(name, item[name].shape, item[name].dtype) for name in ("F", "F_occluded", "F_motion")] == [
-        ("F", (2, 27, 48), torch.float32), ("F_occluded", (1, 27, 48), torch.float32),
-        ("F_motion", (3, 27, 48), torch.float32)]
+        ("F", (2, 27, 48), torch.float32),
+        ("F_occluded", (1, 27, 48), torch.float32),
+        ("F_motion", (3, 27, 48), torch.float32),
+    ]
     np.testing.assert_array_equal(item["F"].numpy(), np.moveaxis(frame.F, -1, 0))
 
 

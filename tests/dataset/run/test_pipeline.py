@@ -105,8 +105,12 @@ def test_room_is_bounded_on_large_machines():
 def test_a_full_disk_ends_the_run_at_once(at_once):
     renderer = Renderer()
     with pytest.raises(InputError, match="no space"):
-        go(renderer, Writer(fail={2: InputError("no space")}), [ImageJob(f, "L0", "D") for f in range(100)],
-           at_once=at_once)
+        go(
+            renderer,
+            Writer(fail={2: InputError("no space")}),
+            [ImageJob(f, "L0", "D") for f in range(100)],
+            at_once=at_once,
+        )
     assert len(renderer.calls) < 10
 
 

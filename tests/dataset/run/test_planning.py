@@ -30,7 +30,7 @@ def plans(monkeypatch, tmp_path):
 
 
 def frames_of(poses=POSES, times=TIMES):
-    return SimpleNamespace(poses=lambda: np.array(poses), time_ns=np.array(times[:len(poses)]))
+    return SimpleNamespace(poses=lambda: np.array(poses), time_ns=np.array(times[: len(poses)]))
 
 
 def kept(poses=POSES, times=TIMES, **render):
@@ -46,8 +46,10 @@ def test_the_same_scene_is_planned_once(plans):
     assert plans == [4]
 
 
-@pytest.mark.parametrize("changed", [{"spp": 5}, {"denoise": "none"}, {"outputs": ["B", "D"]},
-                                     {"poses": [np.eye(4)] * 2}, {"times": [0, 100, 300]}])
+@pytest.mark.parametrize(
+    "changed",
+    [{"spp": 5}, {"denoise": "none"}, {"outputs": ["B", "D"]}, {"poses": [np.eye(4)] * 2}, {"times": [0, 100, 300]}],
+)
 def test_what_a_plan_follows_from_is_planned_anew(plans, changed):
     kept(spp=4)
     kept(**({"spp": 4} | changed))
@@ -63,17 +65,26 @@ def test_what_a_plan_does_not_follow_from_keeps_it(plans, changed):
 
 def test_a_plan_that_was_made_anyway_is_kept_without_its_cost_and_the_outputs(plans):
     scene = make_scene({"spp": 4})
-    kept_plan(scene, FlatFloorRenderer(scene), frames_of(),
-              lambda: Plan(9, None, cost={"seconds_per_frame": 1.0}, models={"A": "paths"}))
+    kept_plan(
+        scene,
+        FlatFloorRenderer(scene),
+        frames_of(),
+        lambda: Plan(9, None, cost={"seconds_per_frame": 1.0}, models={"A": "paths"}),
+    )
     assert kept(spp=4) == Plan(9, None)
     assert plans == []
 
 
-@pytest.mark.parametrize(("render", "words"), [
-    ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N unasked)"),
-    ({"spp": 4}, "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"),
-    ({"spp": 4, "integrator": "field"}, None), ({"spp": 4, "max_scatterings": 1}, None),
-    ({"outputs": ["B", "D"]}, None)])
+@pytest.mark.parametrize(
+    ("render", "words"),
+    [
+        ({"spp": None}, "how many samples keep an error of 0.02, once for this scene (--spp N takes N unasked)"),
+        ({"spp": 4}, "which integrator is faster, once for this scene (--integrator field or path takes it unasked)"),
+        ({"spp": 4, "integrator": "field"}, None),
+        ({"spp": 4, "max_scatterings": 1}, None),
+        ({"outputs": ["B", "D"]}, None),
+    ],
+)
 def test_what_is_planned_is_said_with_the_option_that_does_without(plans, render, words):
     assert what_is_planned(make_scene(render)) == words
     if render.get("outputs"):

@@ -152,13 +152,16 @@ def test_a_damaged_table_is_written_again(written, tmp_path):
     assert tree(out) == tree(written)
 
 
-@pytest.mark.parametrize(("change", "key"), [
-    ({"render": {"spp": 16}}, "render.spp: .*made with 8, not 16"),
-    ({"render": {"denoise": "none"}}, "render.denoise"),
-    ({"seed": 4}, "seed: .*made with 3, not 4"),
-    ({"surface_depth_m": 81.0}, "surface_depth_m"),
-    ({"objects": [{"kind": "bolt", "size": "M24"}]}, "objects"),
-])
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"render": {"spp": 16}}, "render.spp: .*made with 8, not 16"),
+        ({"render": {"denoise": "none"}}, "render.denoise"),
+        ({"seed": 4}, "seed: .*made with 3, not 4"),
+        ({"surface_depth_m": 81.0}, "surface_depth_m"),
+        ({"objects": [{"kind": "bolt", "size": "M24"}]}, "objects"),
+    ],
+)
 def test_a_dataset_of_another_scene_is_refused_naming_the_key(written, change, key):
     before = times(written)
     with pytest.raises(InputError, match=key + ".*Give the same scene and options, another folder"):
@@ -257,8 +260,9 @@ def test_the_raw_estimate_is_kept_with_its_error_and_layers_when_asked_for(tmp_p
     run(tmp_path, scene=scene, frames=slice(0, 1))
     data = Dataset(tmp_path)
     channels = files.read_exr(data.layout.linear("L0", 0))
-    image = FlatFloorRenderer(scene).render(np.eye(4), "L0", "AD", spp=8, max_scatterings=None, max_bounces=None,
-                                            layers=(), frame=0)
+    image = FlatFloorRenderer(scene).render(
+        np.eye(4), "L0", "AD", spp=8, max_scatterings=None, max_bounces=None, layers=(), frame=0
+    )
     assert channels["G"].dtype == np.float32
     np.testing.assert_array_equal(data[0, "L0"].A_stderr[..., 2], channels["stderr.B"])
     assert {"direct.R", "single.B", "stderr.G"} <= set(channels)
@@ -373,8 +377,7 @@ def test_an_empty_choice_of_frames_is_bad_input(frames):
         select(frames, 10)
 
 
-@pytest.mark.parametrize(("frames", "told"), [
-    (slice(2, 11), True), (slice(2, 10), False), (slice(2, None), False)])
+@pytest.mark.parametrize(("frames", "told"), [(slice(2, 11), True), (slice(2, 10), False), (slice(2, None), False)])
 def test_frames_beyond_the_end_are_told_of(tmp_path, frames, told):
     scene = make_scene()
     summary = produce(scene, tmp_path, frames=frames, quiet=True, images=False)

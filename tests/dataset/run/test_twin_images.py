@@ -67,8 +67,9 @@ def test_added_later_it_makes_the_same_files(whole, tmp_path):
             produce(scene_of(outputs), tmp_path / order, frames=slice(3), quiet=True)
         mine, all_at_once = tree(tmp_path / order), tree(whole)
         assert mine.keys() == all_at_once.keys()
-        assert [name for name in mine if mine[name] != all_at_once[name]
-                and name not in ("dataset.json", "checksums")] == []
+        assert [
+            name for name in mine if mine[name] != all_at_once[name] and name not in ("dataset.json", "checksums")
+        ] == []
 
 
 def test_a_wrong_gain_and_a_damaged_image_are_found(tmp_path):

@@ -96,18 +96,28 @@ def test_bad_input_met_by_a_worker_ends_the_others_and_is_the_same_here():
 def program(function, argument, tmp_path) -> subprocess.Popen:
     """A program that starts workers, in a session of its own."""
     script = tmp_path / "program.py"
-    script.write_text(f"from pathlib import Path\nimport worker_bodies\nif __name__ == '__main__':\n"
-                      f"    worker_bodies.{function}(Path({str(argument)!r}))\n")
+    script.write_text(
+        f"from pathlib import Path\nimport worker_bodies\nif __name__ == '__main__':\n"
+        f"    worker_bodies.{function}(Path({str(argument)!r}))\n"
+    )
     here = Path(__file__).parents[3]
-    return subprocess.Popen([sys.executable, script], start_new_session=True, stderr=subprocess.PIPE, text=True,
-                            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here, here / "tests")))})
+    return subprocess.Popen(
+        [sys.executable, script],
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (here, here / "tests")))},
+    )
 
 
 def members(group: int) -> list[str]:
     """Processes of a group."""
     found = subprocess.run(["ps", "-A", "-o", "pgid=,pid=,stat=,args="], capture_output=True, text=True, check=True)
-    return [line for line in found.stdout.splitlines()
-            if line.split()[0] == str(group) and not line.split()[2].startswith("Z")]
+    return [
+        line
+        for line in found.stdout.splitlines()
+        if line.split()[0] == str(group) and not line.split()[2].startswith("Z")
+    ]
 
 
 def is_written(path: Path) -> bool:

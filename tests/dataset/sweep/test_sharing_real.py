@@ -21,35 +21,78 @@ OUTPUTS = ["B", "C", "D", "S", "F", "T", "U"]
 LAMP = {"kind": "spot", "position": [0.2, 0.0, 0.1], "direction": [0, 1, -0.3], "cone_deg": 90}
 FLASH = LAMP | {"strobe": {"on_s": 0.004, "delay_s": 0.01}}
 BASE = {
-    "seed": 3, "surface_depth_m": 20.0, "current": {"velocity": [0.1, 0.0, 0.0]},
+    "seed": 3,
+    "surface_depth_m": 20.0,
+    "current": {"velocity": [0.1, 0.0, 0.0]},
     "terrain": {"kind": "procedural", "size_m": 12.0, "resolution": 17, "relief_m": 0.5, "material": "ground"},
-    "objects": [{"kind": "pipe", "radius": 0.2, "length": 2.0, "position": [0.3, 3.0, 1.2], "material": "steel"},
-                {"kind": "boulder", "diameter": 0.5, "material": "steel", "path": [
-                    {"time_s": 0.0, "position": [-0.6, 2.5, 1.0]}, {"time_s": 1.0, "position": [0.4, 2.5, 1.0]}]}],
-    "scatter": [{"object": {"kind": "boulder", "diameter": 0.4, "material": "steel"}, "count": 8,
-                 "circle": [0, 3, 2]}],
+    "objects": [
+        {"kind": "pipe", "radius": 0.2, "length": 2.0, "position": [0.3, 3.0, 1.2], "material": "steel"},
+        {
+            "kind": "boulder",
+            "diameter": 0.5,
+            "material": "steel",
+            "path": [{"time_s": 0.0, "position": [-0.6, 2.5, 1.0]}, {"time_s": 1.0, "position": [0.4, 2.5, 1.0]}],
+        },
+    ],
+    "scatter": [{"object": {"kind": "boulder", "diameter": 0.4, "material": "steel"}, "count": 8, "circle": [0, 3, 2]}],
     "growth": [{"on": ["terrain"], "kind": "pebble", "per_m2": 3, "size_m": [0.1, 0.2], "seed": 2}],
-    "materials": {"ground": {"kind": "diffuse", "reflectance": [0.4, 0.35, 0.3]},
-                  "steel": {"kind": "diffuse", "reflectance": [0.2, 0.3, 0.5]}},
+    "materials": {
+        "ground": {"kind": "diffuse", "reflectance": [0.4, 0.35, 0.3]},
+        "steel": {"kind": "diffuse", "reflectance": [0.2, 0.3, 0.5]},
+    },
     "water": {"jerlov": {"type": "II"}},
-    "vehicle": {"lights": [FLASH],
-                "cameras": [{"id": "M0", "position": [0, 0.2, 0], "rotation_euler_deg": [-15, 0, 0],
-                             "resolution": [32, 18], "shutter": {"exposure_s": 0.03, "readout_s": 0.02}}],
-                "dvl": {"position": [0, 0, -0.1]}},
+    "vehicle": {
+        "lights": [FLASH],
+        "cameras": [
+            {
+                "id": "M0",
+                "position": [0, 0.2, 0],
+                "rotation_euler_deg": [-15, 0, 0],
+                "resolution": [32, 18],
+                "shutter": {"exposure_s": 0.03, "readout_s": 0.02},
+            }
+        ],
+        "dvl": {"position": [0, 0, -0.1]},
+    },
     "trajectory": {"waypoints": [{"position": [0, 0, 2.0]}, {"position": [0, 0.6, 2.0]}], "duration_s": 0.5},
     "render": {"outputs": OUTPUTS, "spp": 1, "spp_b": 1, "denoise": "none", "denoise_b": "none"},
 }
 BLOCKS = {
-    "name": "other", "sequence": "07", "seed": 4, "terrain.seed": 2, "objects.0.radius": 0.3, "scatter.0.seed": 2,
-    "growth.0.seed": 3, "materials.steel.reflectance": [0.6, 0.3, 0.1], "water.jerlov.type": "3C",
-    "particles": [{"share": 0.0005}], "surface_depth_m": 30.0, "gravity": 9.7, "current.velocity": [0.3, 0.1, 0.0],
-    "vehicle.lights": [LAMP], "trajectory.speed": 0.4, "render.depth_range_m": [0.0, 9.0]}
+    "name": "other",
+    "sequence": "07",
+    "seed": 4,
+    "terrain.seed": 2,
+    "objects.0.radius": 0.3,
+    "scatter.0.seed": 2,
+    "growth.0.seed": 3,
+    "materials.steel.reflectance": [0.6, 0.3, 0.1],
+    "water.jerlov.type": "3C",
+    "particles": [{"share": 0.0005}],
+    "surface_depth_m": 30.0,
+    "gravity": 9.7,
+    "current.velocity": [0.3, 0.1, 0.0],
+    "vehicle.lights": [LAMP],
+    "trajectory.speed": 0.4,
+    "render.depth_range_m": [0.0, 9.0],
+}
 """A key in every block of a scene with one vehicle."""
 OF_LIGHT = {
-    "name": "seen otherwise", "water": "none", "particles": [], "vehicle.lights": [LAMP, LAMP],
-    "render.tolerance": 0.5, "render.max_seconds_per_frame": 3.0, "render.spp": 2, "render.max_scatterings": 1,
-    "render.max_bounces": 2, "render.layers": ["direct"], "render.integrator": "path", "render.denoise": "nlm",
-    "render.exposure.A": 2.0, "render.noise": "machine_vision", "render.linear_exr": True}
+    "name": "seen otherwise",
+    "water": "none",
+    "particles": [],
+    "vehicle.lights": [LAMP, LAMP],
+    "render.tolerance": 0.5,
+    "render.max_seconds_per_frame": 3.0,
+    "render.spp": 2,
+    "render.max_scatterings": 1,
+    "render.max_bounces": 2,
+    "render.layers": ["direct"],
+    "render.integrator": "path",
+    "render.denoise": "nlm",
+    "render.exposure.A": 2.0,
+    "render.noise": "machine_vision",
+    "render.linear_exr": True,
+}
 """Another value of every key from which light in water follows; `OF_B` has those of light without water."""
 OF_B = {"render.spp_b": 2, "render.denoise_b": "nlm", "render.exposure.B": 0.3, "render.dither": "tpdf"}
 KEPT = {"name": "BCDSFU", "water.jerlov.type": "BCDSFU", "particles": "BCDSFU", "vehicle.lights": "BCDSF"}
@@ -61,8 +104,14 @@ def stand_ins():
     """None here."""
 
 
-LIT = ["render.outputs=[A,B,C,D,S,F]", "render.integrator=path", "render.layers=[direct, single]",
-       "vehicle.lights.0.strobe=null", "vehicle.cameras.0.shutter=null", "particles=[]"]
+LIT = [
+    "render.outputs=[A,B,C,D,S,F]",
+    "render.integrator=path",
+    "render.layers=[direct, single]",
+    "vehicle.lights.0.strobe=null",
+    "vehicle.cameras.0.shutter=null",
+    "particles=[]",
+]
 """Of images whose kernels are soon compiled."""
 
 
@@ -71,18 +120,27 @@ def swept(tmp_path_factory, request):
     """A sweep of all of these versions, and what it says of them."""
     folder = tmp_path_factory.mktemp("swept")
     (folder / "scene.yaml").write_text(yaml.safe_dump(BASE | {"particles": [{"share": 0.0003}]}))
-    versions = {"base": {}, **{key: {key: value} for key, value in BLOCKS.items()},
-                "light": OF_LIGHT, "looks": OF_LIGHT | OF_B}
+    versions = {
+        "base": {},
+        **{key: {key: value} for key, value in BLOCKS.items()},
+        "light": OF_LIGHT,
+        "looks": OF_LIGHT | OF_B,
+    }
     (folder / "waters.yaml").write_text(yaml.safe_dump({"versions": versions}, sort_keys=False))
-    job = prepare(folder / "scene.yaml", [str(folder / "waters.yaml")], folder / "out", device="cpu",
-                  frames=slice(0, 2))
+    job = prepare(
+        folder / "scene.yaml", [str(folder / "waters.yaml")], folder / "out", device="cpu", frames=slice(0, 2)
+    )
     job.run(quiet=True)
     return job, folder, {entry["name"]: entry["datasets"][0] for entry in job.manifest.content()["versions"]}
 
 
 def test_every_block_of_a_scene_is_among_those_that_differ():
-    assert {key.split(".")[0] for key in BLOCKS} == {*Scene.model_fields} - {"vehicles", "observer", "vehicle",
-                                                                            "render"} | {"vehicle", "render"}
+    assert {key.split(".")[0] for key in BLOCKS} == {*Scene.model_fields} - {
+        "vehicles",
+        "observer",
+        "vehicle",
+        "render",
+    } | {"vehicle", "render"}
 
 
 def test_every_key_that_is_said_to_decide_looks_only_is_there_and_differs(swept):
@@ -119,8 +177,12 @@ def test_what_differs_can_be_seen(swept):
     """So that equal bytes say something: of strobes in U, of water in T, of surfaces in all others."""
     job, *_ = swept
     units = {unit.version.name: unit for unit in job.units}
-    for letter, name in {"U": "vehicle.lights", "T": "water.jerlov.type", "B": "materials.steel.reflectance",
-                         **dict.fromkeys("CDSF", "objects.0.radius")}.items():
+    for letter, name in {
+        "U": "vehicle.lights",
+        "T": "water.jerlov.type",
+        "B": "materials.steel.reflectance",
+        **dict.fromkeys("CDSF", "objects.0.radius"),
+    }.items():
         assert images(units["base"], letter) != images(units[name], letter), letter
     assert Dataset(units["base"].root).frame(0).D.min() < 5.0
 
@@ -129,8 +191,14 @@ def test_what_a_product_says_wrongly_of_itself_is_noticed_and_made_anew(swept, t
     """Were T said not to follow from the water, its first frame would tell that it does."""
     _, folder, _ = swept
     monkeypatch.setattr(type(OUTPUTS_BY_LETTER["T"]), "beside", LOOKS)
-    job = prepare(folder / "scene.yaml", ["water.jerlov.type=II,3C"], tmp_path / "out",
-                  ["render.outputs=[D,T]"], device="cpu", frames=slice(0, 3))
+    job = prepare(
+        folder / "scene.yaml",
+        ["water.jerlov.type=II,3C"],
+        tmp_path / "out",
+        ["render.outputs=[D,T]"],
+        device="cpu",
+        frames=slice(0, 3),
+    )
     job.run()
     _, second = job.units
     assert "T of 3C are not those of other versions" in capsys.readouterr().err
@@ -143,8 +211,14 @@ def test_what_a_product_says_wrongly_of_itself_is_noticed_and_made_anew(swept, t
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
 def test_a_is_that_of_a_run_alone_though_all_else_is_that_of_another_water(swept, tmp_path, device):
     _, folder, _ = swept
-    job = prepare(folder / "scene.yaml", ["water={jerlov: {type: 3C}},none"], tmp_path / "out", LIT, device=device,
-                  frames=slice(0, 3))
+    job = prepare(
+        folder / "scene.yaml",
+        ["water={jerlov: {type: 3C}},none"],
+        tmp_path / "out",
+        LIT,
+        device=device,
+        frames=slice(0, 3),
+    )
     job.run(quiet=True)
     for unit in job.units:
         alone = tmp_path / f"alone_{unit.version.name}"
@@ -156,8 +230,15 @@ def test_a_is_that_of_a_run_alone_though_all_else_is_that_of_another_water(swept
 def test_several_vehicles_have_a_dataset_each_in_every_version(tmp_path):
     own = {key: BASE[key] for key in ("vehicle", "trajectory")}
     fleet = {key: value for key, value in BASE.items() if key not in own}
-    fleet["vehicles"] = [{"id": each, **own["vehicle"], "trajectory": own["trajectory"],
-                          "body": {"kind": "boulder", "diameter": 0.4, "material": "steel"}} for each in "12"]
+    fleet["vehicles"] = [
+        {
+            "id": each,
+            **own["vehicle"],
+            "trajectory": own["trajectory"],
+            "body": {"kind": "boulder", "diameter": 0.4, "material": "steel"},
+        }
+        for each in "12"
+    ]
     fleet["vehicles"][1]["trajectory"] = {"poses": [{"position": [0.3, 2.0, 2.0], "rotation_euler_deg": [0, 0, 150]}]}
     fleet["render"] = fleet["render"] | {"outputs": ["C", "D", "S"]}
     (tmp_path / "fleet.yaml").write_text(yaml.safe_dump(fleet))
@@ -167,10 +248,16 @@ def test_several_vehicles_have_a_dataset_each_in_every_version(tmp_path):
     scene = load_scene(tmp_path / "fleet.yaml", ["vehicles.1.lights=[{kind: point}]", "water.jerlov.type=3C"])
     produce_each(scene, tmp_path / "alone", device="cpu", frames=slice(0, 2), quiet=True)
     assert tree(tmp_path / "out/1-3C") == tree(tmp_path / "alone")
-    told = {each["folder"]: "".join(each["shared"]) for version in job.manifest.content()["versions"]
-            for each in version["datasets"]}
-    assert told == {f"{name}/veh{each}": "" if name == "0-II" else "CDS" for each in "12"
-                    for name in ("0-II", "0-3C", "1-II", "1-3C")}
+    told = {
+        each["folder"]: "".join(each["shared"])
+        for version in job.manifest.content()["versions"]
+        for each in version["datasets"]
+    }
+    assert told == {
+        f"{name}/veh{each}": "" if name == "0-II" else "CDS"
+        for each in "12"
+        for name in ("0-II", "0-3C", "1-II", "1-3C")
+    }
 
 
 def test_workers_make_the_bytes_of_one_process(swept, tmp_path):
@@ -178,18 +265,29 @@ def test_workers_make_the_bytes_of_one_process(swept, tmp_path):
     options = ["render.outputs=[D,T]", "vehicle.cameras.0.shutter=null", "growth=[]"]
     made = {}
     for name, workers in {"alone": None, "workers": 2}.items():
-        job = prepare(folder / "scene.yaml", ["water.jerlov.type=II,3C"], tmp_path / name, options, device="cpu",
-                      frames=slice(0, 4))
+        job = prepare(
+            folder / "scene.yaml",
+            ["water.jerlov.type=II,3C"],
+            tmp_path / name,
+            options,
+            device="cpu",
+            frames=slice(0, 4),
+        )
         job.run(quiet=True, workers=workers)
         made[name] = tree(tmp_path / name)
     assert made["alone"] == made["workers"]
 
 
 SPECTRAL = {
-    "water": {"spectral": {"jerlov": "IB"}}, "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17},
-    "vehicle": {"lights": [{"spectrum": "led_b4", "power_W": 50}],
-                "cameras": [{"id": "M0", "resolution": [32, 18], "response": "nikon_5100"}]},
-    "trajectory": {"poses": [{"position": [0, 0, 2]}]}, "render": {"outputs": ["A", "B", "D"], "spp": 1, "spp_b": 1}}
+    "water": {"spectral": {"jerlov": "IB"}},
+    "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17},
+    "vehicle": {
+        "lights": [{"spectrum": "led_b4", "power_W": 50}],
+        "cameras": [{"id": "M0", "resolution": [32, 18], "response": "nikon_5100"}],
+    },
+    "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+    "render": {"outputs": ["A", "B", "D"], "spp": 1, "spp_b": 1},
+}
 
 
 def test_waters_by_wavelength_have_a_b_of_their_own_as_it_is_of_their_bands(tmp_path, capsys):

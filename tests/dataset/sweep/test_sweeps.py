@@ -42,14 +42,20 @@ def sweep(scene_file, out, over=WATERS, *overrides, frames=slice(0, 4), **how):
 
 def stamps(root):
     """What differs when a file was written: by path inode, time and size."""
-    return {path.relative_to(root).as_posix(): (path.stat().st_ino, path.stat().st_mtime_ns, path.stat().st_size)
-            for path in root.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(root).as_posix(): (path.stat().st_ino, path.stat().st_mtime_ns, path.stat().st_size)
+        for path in root.rglob("*")
+        if path.is_file()
+    }
 
 
 def everything(root):
     """Bytes of all files but logs, hidden ones too."""
-    return {path.relative_to(root).as_posix(): path.read_bytes() for path in sorted(root.rglob("*"))
-            if path.is_file() and "log" not in path.relative_to(root).parts}
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and "log" not in path.relative_to(root).parts
+    }
 
 
 @pytest.fixture(scope="module")
@@ -77,16 +83,23 @@ def test_each_version_moves_alone_and_every_reader_takes_it(scene_file, tmp_path
     assert validate(moved, quiet=True).problems == []
     assert write_report(Dataset(moved), tmp_path / "report.html", quiet=True).is_file()
     assert len(export(moved, "tum", tmp_path / "tum", quiet=True).data) == 10
-    assert call("run", scene_file, "-o", moved, "--device", "cpu", "--set", "water={jerlov: {type: 1C}}", "--json",
-                "-q").stdout.count('"rendered": 0') == 1
+    assert (
+        call(
+            "run", scene_file, "-o", moved, "--device", "cpu", "--set", "water={jerlov: {type: 1C}}", "--json", "-q"
+        ).stdout.count('"rendered": 0')
+        == 1
+    )
 
 
 def test_what_is_the_same_is_once_on_the_disk(whole):
     """All but what tells of the water, dataset.json and with it the checksums: the stand-in's A sees no water."""
     first = stamps(whole / "out/IB")
     for name in ("II", "1C"):
-        own = {path for path, (inode, *_) in stamps(whole / "out" / name).items()
-               if inode != first.get(path, (None,))[0] and not path.startswith("log/")}
+        own = {
+            path
+            for path, (inode, *_) in stamps(whole / "out" / name).items()
+            if inode != first.get(path, (None,))[0] and not path.startswith("log/")
+        }
         assert own == {"dataset.json", "checksums"}
 
 
@@ -111,8 +124,11 @@ def test_only_what_the_water_decides_is_rendered_again(scene_file, tmp_path, mon
     monkeypatch.setattr(FlatFloorRenderer, "render", counted)
     simulated = []
     simulate = sys.modules["varos_warp.sim.trajectory"].simulate
-    monkeypatch.setattr(sys.modules["varos_warp.sim.trajectory"], "simulate",
-                        lambda *args, **how: simulated.append(1) or simulate(*args, **how))
+    monkeypatch.setattr(
+        sys.modules["varos_warp.sim.trajectory"],
+        "simulate",
+        lambda *args, **how: simulated.append(1) or simulate(*args, **how),
+    )
     sweep(scene_file, tmp_path / "out")
     rendered = {name: sorted({call[1:] for call in calls if call[0] == name}) for name in ("IB", "II", "1C")}
     assert rendered["IB"] == [(frame, "ABCDSF") for frame in range(4)]
@@ -159,7 +175,10 @@ def test_an_interrupted_sweep_goes_on_and_leaves_what_was_complete(whole, scene_
     with pytest.raises(KeyboardInterrupt):
         sweep(scene_file, out)
     assert {name: entry["datasets"][0]["state"] for name, entry in told(out).items()} == {
-        "IB": "complete", "II": "begun", "1C": "missing"}
+        "IB": "complete",
+        "II": "begun",
+        "1C": "missing",
+    }
     monkeypatch.setattr(FlatFloorRenderer, "render", render)
     before = stamps(out / "IB")
     _, done = sweep(scene_file, out)
@@ -179,8 +198,16 @@ def killed_sweep(scene_file, out):
 def test_a_sweep_killed_at_random_moments_ends_with_the_bytes_of_an_uninterrupted_one(whole, scene_file, tmp_path):
     """And no file has its name that is not what it will be in the end."""
     context = get_context("forkserver")
-    context.set_forkserver_preload(["varos_warp.dataset.sweep.run", "varos_warp.dataset.report", "standins",
-                                    "varos_warp.render.kinds", "varos_warp.scene.device", "PIL.PngImagePlugin"])
+    context.set_forkserver_preload(
+        [
+            "varos_warp.dataset.sweep.run",
+            "varos_warp.dataset.report",
+            "standins",
+            "varos_warp.render.kinds",
+            "varos_warp.scene.device",
+            "PIL.PngImagePlugin",
+        ]
+    )
     final, rng, kills, out = everything(whole / "out"), random.Random(5), 0, tmp_path / "out"
     while True:
         process = context.Process(target=killed_sweep, args=(scene_file, out))
@@ -191,8 +218,12 @@ def test_a_sweep_killed_at_random_moments_ends_with_the_bytes_of_an_uninterrupte
             time.sleep(0.001)
         process.kill()
         process.join()
-        left = {name: data for name, data in everything(out).items() if not os.path.basename(name).startswith(".")
-                and os.path.basename(name) not in ("sweep.json", "dataset.json", "README.txt")}
+        left = {
+            name: data
+            for name, data in everything(out).items()
+            if not os.path.basename(name).startswith(".")
+            and os.path.basename(name) not in ("sweep.json", "dataset.json", "README.txt")
+        }
         assert left.keys() <= final.keys()
         assert all(data == final[name] for name, data in left.items() if name.endswith((".png", ".exr")))
         if process.exitcode != -signal.SIGKILL:
@@ -231,8 +262,14 @@ def test_a_version_that_is_gone_takes_what_others_have(whole, scene_file, tmp_pa
 
 def test_more_outputs_and_more_frames_may_be_asked_for_as_of_a_run(whole, scene_file, tmp_path):
     out = shutil.copytree(whole / "out", tmp_path / "out")
-    job = prepare(scene_file, [WATERS], out, ["render.outputs=[A,B,C,D,S,F]", "render.depth_exr=true"], device="cpu",
-                  frames=slice(0, 6))
+    job = prepare(
+        scene_file,
+        [WATERS],
+        out,
+        ["render.outputs=[A,B,C,D,S,F]", "render.depth_exr=true"],
+        device="cpu",
+        frames=slice(0, 6),
+    )
     job.run(quiet=True)
     for unit in job.units:
         assert Dataset(unit.root).frames == [*range(6)]
@@ -263,7 +300,10 @@ def test_a_version_that_fails_stops_no_other_and_is_tried_again(whole, scene_fil
     with pytest.raises(RunFailed, match="II: frame 2, camera L0 could not be made"):
         sweep(scene_file, out)
     assert {name: entry["datasets"][0]["state"] for name, entry in told(out).items()} == {
-        "IB": "complete", "II": "begun", "1C": "complete"}
+        "IB": "complete",
+        "II": "begun",
+        "1C": "complete",
+    }
     monkeypatch.setattr(FlatFloorRenderer, "render", render)
     sweep(scene_file, out)
     assert everything(out) == everything(whole / "out")
@@ -281,14 +321,18 @@ def refused(scene_file, out, over, *overrides, words, **how):
     assert (stamps(out) if out.exists() else None) == before
 
 
-@pytest.mark.parametrize(("over", "words"), [
-    ("water.jerlov.typ=IB,II", "--over water.jerlov.typ: water.jerlov.typ: unknown key"),
-    ("water.jerlov.type=IB,2X", "--over water.jerlov.type: water.jerlov.type = '2X'"),
-    ("vehicle.lights.3.blend=0.1,0.2", "vehicle.lights: is a list of 1"),
-    ("render.spp=4,0", "--over render.spp: render.spp = 0"), ("nothing.there=1", "unknown key"),
-    ("seed=1,-1", "--over seed: seed = -1"),
-    ("vehicle.lights=[],[{kind: profile, file: no.ies}]", "no.ies"),
-])
+@pytest.mark.parametrize(
+    ("over", "words"),
+    [
+        ("water.jerlov.typ=IB,II", "--over water.jerlov.typ: water.jerlov.typ: unknown key"),
+        ("water.jerlov.type=IB,2X", "--over water.jerlov.type: water.jerlov.type = '2X'"),
+        ("vehicle.lights.3.blend=0.1,0.2", "vehicle.lights: is a list of 1"),
+        ("render.spp=4,0", "--over render.spp: render.spp = 0"),
+        ("nothing.there=1", "unknown key"),
+        ("seed=1,-1", "--over seed: seed = -1"),
+        ("vehicle.lights=[],[{kind: profile, file: no.ies}]", "no.ies"),
+    ],
+)
 def test_a_version_that_the_scene_refuses_is_refused_before_anything_is_made(scene_file, tmp_path, over, words):
     refused(scene_file, tmp_path / "out", over, words=words)
 
@@ -360,8 +404,20 @@ def test_the_command_makes_a_sweep_and_its_versions_are_valid(scene_file, tmp_pa
         assert call("validate", out / name, "-q").exit_code == 0
     again = call("sweep", scene_file, "-o", out, "--over", "water.jerlov.type=IB,3C", "--over", "seed=1,2", *options)
     assert again.output.count("complete, left as it is") == 4
-    found = json.loads(call("sweep", scene_file, "-o", out, "--over", "water.jerlov.type=IB,3C", "--over", "seed=1,2",
-                            *options, "--json").stdout)
+    found = json.loads(
+        call(
+            "sweep",
+            scene_file,
+            "-o",
+            out,
+            "--over",
+            "water.jerlov.type=IB,3C",
+            "--over",
+            "seed=1,2",
+            *options,
+            "--json",
+        ).stdout
+    )
     assert found["datasets"] == dict.fromkeys(("IB-1", "3C-1", "IB-2", "3C-2"))
 
 
@@ -370,7 +426,10 @@ def test_a_dry_run_tells_what_is_made_and_makes_nothing(scene_file, tmp_path):
     assert "IB: B, D" in call("sweep", scene_file, "-o", tmp_path / "out", *options).output
     found = json.loads(call("sweep", scene_file, "-o", tmp_path / "out", *options, "--json").stdout)["datasets"]
     assert [(each["folder"], each["images"], each["renders"], each["from"]) for each in found] == [
-        ("IB", 30, ["A", "B", "D"], {}), ("II", 14, ["A"], {"IB": ["B", "D"]}), ("1C", 14, ["A"], {"IB": ["B", "D"]})]
+        ("IB", 30, ["A", "B", "D"], {}),
+        ("II", 14, ["A"], {"IB": ["B", "D"]}),
+        ("1C", 14, ["A"], {"IB": ["B", "D"]}),
+    ]
     assert not (tmp_path / "out").exists()
 
 

@@ -10,10 +10,12 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.errors import InputError
 
-OPTICS = {"barrel": {"distortion": {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]}},
-          "fisheye": {"distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
-          "flat": {"port": {"kind": "flat", "distance_m": 0.05, "thickness_m": 0.01, "normal": [0.1, 0.1, 1.0]}},
-          "dome": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "centre": [0.0, 0.01, 0.01]}}}
+OPTICS = {
+    "barrel": {"distortion": {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]}},
+    "fisheye": {"distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
+    "flat": {"port": {"kind": "flat", "distance_m": 0.05, "thickness_m": 0.01, "normal": [0.1, 0.1, 1.0]}},
+    "dome": {"port": {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007, "centre": [0.0, 0.01, 0.01]}},
+}
 
 
 @pytest.mark.parametrize("kind", ["z", "range"])
@@ -28,10 +30,15 @@ def test_a_sound_dataset_passes(tmp_path, optics, kind):
     assert any("D of successive frames" in measure["name"] for measure in result.measures)
 
 
-@pytest.mark.parametrize(("optics", "key", "value"), [
-    ("flat", "n_water", None), ("flat", "port", {"kind": "flat", "distance_m": 0.05}),
-    ("flat", "port", {"kind": "box"}),
-    ("barrel", "distortion", {"model": "brown_conrady", "k": [0.1]})])
+@pytest.mark.parametrize(
+    ("optics", "key", "value"),
+    [
+        ("flat", "n_water", None),
+        ("flat", "port", {"kind": "flat", "distance_m": 0.05}),
+        ("flat", "port", {"kind": "box"}),
+        ("barrel", "distortion", {"model": "brown_conrady", "k": [0.1]}),
+    ],
+)
 def test_lenses_and_ports_that_are_not_whole_are_refused(tmp_path, optics, key, value):
     camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [16, 9]} | OPTICS[optics]
     scene = make_scene(vehicle={"lights": [], "cameras": [camera]}, render={"outputs": ["D"]})
@@ -55,5 +62,3 @@ def test_a_wrong_distortion_is_found(tmp_path):
     path.write_text(json.dumps(about))
     problems = validate(tmp_path / "data", quiet=True).problems
     assert any("D of" in problem or "slopes of D" in problem for problem in problems)
-
-

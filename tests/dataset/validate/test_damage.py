@@ -137,7 +137,7 @@ def truncated_exr(root):
 def damaged_inside(root):
     """Its end is there, its middle is not."""
     data = bytearray(png(root, "D", 4).read_bytes())
-    data[len(data) // 2:len(data) // 2 + 64] = bytes(64)
+    data[len(data) // 2 : len(data) // 2 + 64] = bytes(64)
     png(root, "D", 4).write_bytes(bytes(data))
 
 
@@ -241,6 +241,7 @@ def changed_focal_length_everywhere(root):
     meta = json.loads((root / "dataset.json").read_text())
     meta["scene"]["vehicle"]["cameras"][0]["focal_mm"] *= 1.15
     from varos_warp.scene.file.load import scene_from_dict
+
     about = writers.describe_camera(layout(root), scene_from_dict(meta["scene"]).vehicle.cameras[0])
     meta["cameras"] = json.loads(json.dumps([about]))
     files.write_json(root / "dataset.json", meta)
@@ -253,6 +254,7 @@ def wrong_depth_scale_everywhere(root):
     def change(meta):
         meta["depth"]["range_m"][1] = meta["scene"]["render"]["depth_range_m"][1] = 30.0
         meta["depth"]["scale_m"] = 30.0 / 65535
+
     change_meta(root, change)
 
 
@@ -275,20 +277,30 @@ def not_a_number_in_an_exr(root):
 
 BY_IMAGES = {
     "D": {
-        swapped_d: ["D-00000006.png: does not fit the frames about it",
-                    "D-00000008.png: does not fit the frames about it"],
+        swapped_d: [
+            "D-00000006.png: does not fit the frames about it",
+            "D-00000008.png: does not fit the frames about it",
+        ],
         d_of_the_frame_before: ["D-00000006.png: does not fit the frames about it"],
         d_not_its_exr: ["D-00000003.png: is not its EXR", "D-00000004.png: is not its EXR"],
         damaged_inside: ["D-00000004.png: cannot be read"],
         deleted_sensor_file: ["imu0_data.csv: there is no such file"],
-        edited_imu: ["vehicle0/imu0/imu0_data.csv:59: a_RS_S_z = ", ": is not what vehicle0_states.csv makes it",
-                     "imu0_data.csv:59: a_RS_S_z = ", ": its specific force is not that of the poses"],
-        edited_first_imu_row: ["vehicle0/imu0/imu0_data.csv:2: w_RS_S_y = ",
-                               ": is not what vehicle0_states.csv makes it"],
+        edited_imu: [
+            "vehicle0/imu0/imu0_data.csv:59: a_RS_S_z = ",
+            ": is not what vehicle0_states.csv makes it",
+            "imu0_data.csv:59: a_RS_S_z = ",
+            ": its specific force is not that of the poses",
+        ],
+        edited_first_imu_row: [
+            "vehicle0/imu0/imu0_data.csv:2: w_RS_S_y = ",
+            ": is not what vehicle0_states.csv makes it",
+        ],
         edited_imu_time: ["imu0: poses and readings have different time stamps"],
         edited_depth_gauge: ["vehicle0/depth0/depth0_data.csv:59: d_v_w = ", ": its depth is not that of the poses"],
-        edited_matrix: ["camM0_poses/camM0_poses_transformation_matrix.csv:6: s_x_vw = ",
-                        ": is not the pose that the other two files"],
+        edited_matrix: [
+            "camM0_poses/camM0_poses_transformation_matrix.csv:6: s_x_vw = ",
+            ": is not the pose that the other two files",
+        ],
         edited_euler: ["vehicle0_poses_euler.csv:59: theta_z_vw = ", ": is not the pose that the other two files"],
         edited_quaternion: ["imu0_poses_quaternion.csv:59: s_x_vw = ", ": is not the pose that the other two files"],
         edited_states: ["vehicle0_states.csv:59: v_wv_x = ", ": its velocity is not that of the poses"],
@@ -302,10 +314,14 @@ BY_IMAGES = {
         edited_water: ["dataset.json: water.sigma_a.0 is 0.2, but its scene makes it 0.1"],
     },
     "CDS": {
-        swapped_c: ["C-00000003.png: does not fit the frames about it",
-                    "C-00000005.png: does not fit the frames about it"],
-        swapped_s: ["S-00000003.png: does not fit the frames about it",
-                    "S-00000005.png: does not fit the frames about it"],
+        swapped_c: [
+            "C-00000003.png: does not fit the frames about it",
+            "C-00000005.png: does not fit the frames about it",
+        ],
+        swapped_s: [
+            "S-00000003.png: does not fit the frames about it",
+            "S-00000005.png: does not fit the frames about it",
+        ],
         truncated_png: ["C-00000004.png: cannot be read: it is not a whole PNG"],
         flipped_c: ["C-00000004.png: does not fit the frames about it"],
         flipped_c_everywhere: ["C against the slopes of D"],
@@ -315,19 +331,31 @@ BY_IMAGES = {
     "ABCDS": {
         missing_frame: ["A-00000004.png: there is no such file"],
         missing_exr: ["B-00000004.exr: there is no such file"],
-        swapped_a: ["A-00000003.png: is not its EXR with the gain of the exposure table; it is that of frame 4",
-                    "A-00000004.png: is not its EXR with the gain of the exposure table; it is that of frame 3"],
-        swapped_a_exr: ["A-00000003.exr: is not the image that was exposed: neither its PNG nor its row of the "
-                        "exposure table; it is that of frame 4", "A-00000004.exr: is not the image that was exposed"],
-        swapped_b_altogether: ["B-00000003.png and seq01_veh0_camM0_B-00000003.exr: are not those of the exposure "
-                               "table; it is that of frame 5", "B-00000005.png: does not fit the frames about it"],
+        swapped_a: [
+            "A-00000003.png: is not its EXR with the gain of the exposure table; it is that of frame 4",
+            "A-00000004.png: is not its EXR with the gain of the exposure table; it is that of frame 3",
+        ],
+        swapped_a_exr: [
+            "A-00000003.exr: is not the image that was exposed: neither its PNG nor its row of the "
+            "exposure table; it is that of frame 4",
+            "A-00000004.exr: is not the image that was exposed",
+        ],
+        swapped_b_altogether: [
+            "B-00000003.png and seq01_veh0_camM0_B-00000003.exr: are not those of the exposure "
+            "table; it is that of frame 5",
+            "B-00000005.png: does not fit the frames about it",
+        ],
         truncated_exr: ["A-00000004.exr: cannot be read: it is not a whole EXR"],
-        exr_of_another_frame: ["A-00000007.exr: is not the image that was exposed: neither its PNG nor its row of the "
-                               "exposure table; it is that of frame 2"],
+        exr_of_another_frame: [
+            "A-00000007.exr: is not the image that was exposed: neither its PNG nor its row of the "
+            "exposure table; it is that of frame 2"
+        ],
         stray_file: ["A/copy.png: dataset.json does not account for it"],
         edited_gain: ["vehicle0/cam0/camM0_exposure_A.csv:6: gain = ", ": the gain of frame 4 does not follow"],
-        edited_statistics: ["vehicle0/cam0/camM0_exposure_A.csv:6: log_average = ",
-                            ": log_average and highlight of frame 4 are not those of its EXR"],
+        edited_statistics: [
+            "vehicle0/cam0/camM0_exposure_A.csv:6: log_average = ",
+            ": log_average and highlight of frame 4 are not those of its EXR",
+        ],
         shortened_exposures: ["camM0_exposure_A.csv: 8 rows, not 10"],
         not_a_number_in_an_exr: ["A-00000004.exr: has values that are not finite"],
     },
@@ -368,15 +396,19 @@ def test_one_changed_cell_is_not_many_problems(copy_of_d, damage, most):
     assert len(validate(copy_of_d, quiet=True).problems) <= most
 
 
-@pytest.mark.parametrize(("column", "entry", "problem"), [
-    (3, "x1", "vehicle0/imu0/imu0_data.csv:59: a_RS_S_z = 'x1': is not a number"),
-    (0, "0.5", "vehicle0/imu0/imu0_data.csv:59: timestamp = 0.5: is not a whole number"),
-    (3, "1,2", "vehicle0/imu0/imu0_data.csv:59: cannot be read: a row of 8 entries, not 7")])
+@pytest.mark.parametrize(
+    ("column", "entry", "problem"),
+    [
+        (3, "x1", "vehicle0/imu0/imu0_data.csv:59: a_RS_S_z = 'x1': is not a number"),
+        (0, "0.5", "vehicle0/imu0/imu0_data.csv:59: timestamp = 0.5: is not a whole number"),
+        (3, "1,2", "vehicle0/imu0/imu0_data.csv:59: cannot be read: a row of 8 entries, not 7"),
+    ],
+)
 def test_an_entry_that_is_no_number_is_named_with_its_line(copy_of_d, column, entry, problem):
     path = layout(copy_of_d).sensor("imu0")
     lines = path.read_text().splitlines()
     cells = lines[58].split(",")
-    lines[58] = ",".join([*cells[:column], entry, *cells[column + 1:]])
+    lines[58] = ",".join([*cells[:column], entry, *cells[column + 1 :]])
     path.write_text("\n".join(lines) + "\n")
     assert any(found.startswith(problem) for found in validate(copy_of_d, quiet=True).problems)
 
@@ -394,8 +426,12 @@ def test_only_the_damaged_frames_are_named(copy):
     for damage in (swapped_a, swapped_c, swapped_d):
         damage(copy)
     problems = validate(copy, quiet=True).problems
-    named = {(letter, frame) for letter in "ABCD" for frame in range(10)
-             if any(f"{letter}-{frame:08d}.png" in problem for problem in problems)}
+    named = {
+        (letter, frame)
+        for letter in "ABCD"
+        for frame in range(10)
+        if any(f"{letter}-{frame:08d}.png" in problem for problem in problems)
+    }
     assert named == {("A", 3), ("A", 4), ("C", 3), ("C", 5), ("D", 6), ("D", 8)}
 
 
@@ -449,7 +485,8 @@ def test_a_dataset_with_noise_is_sound(noisy):
     result = validate(noisy.root, quiet=True)
     assert result.problems == []
     assert {"imu0: white noise of the gyroscope, off by", "depth0: reading off truth and bias, at most"} <= {
-        measure["name"] for measure in result.measures}
+        measure["name"] for measure in result.measures
+    }
 
 
 def unlinked(path):
@@ -469,11 +506,15 @@ def test_damage_to_noise_and_to_truth_is_told_apart(noisy):
         unlinked(noisy.layout.clean("M0", frame))
     swap(noisy.layout.clean("M0", 6), noisy.layout.clean("M0", 7))
     text = "\n".join(validate(noisy.root, quiet=True).problems)
-    for problem in ("imu0_data.csv:59: a_RS_S_x = ", ": its acceleration is off by more than noise can be",
-                    "imu0_data.csv:92: ", ": is not what vehicle0_states.csv makes it",
-                    "A-00000003.png: is not its EXR with the noise of dataset.json",
-                    "A_clean/seq01_veh0_camM0_A-00000006.png: is not its EXR with the gain of the exposure table; "
-                    "it is that of frame 7"):
+    for problem in (
+        "imu0_data.csv:59: a_RS_S_x = ",
+        ": its acceleration is off by more than noise can be",
+        "imu0_data.csv:92: ",
+        ": is not what vehicle0_states.csv makes it",
+        "A-00000003.png: is not its EXR with the noise of dataset.json",
+        "A_clean/seq01_veh0_camM0_A-00000006.png: is not its EXR with the gain of the exposure table; "
+        "it is that of frame 7",
+    ):
         assert problem in text
 
 
@@ -485,14 +526,21 @@ def rewrite(noisy, name, white=1.0, bias=1.0):
     writers.write_readings(noisy.layout, name, read | made, truth, part)
 
 
-@pytest.mark.parametrize(("damage", "problem"), [
-    (lambda noisy: rewrite(noisy, "imu0", bias=0.0), "imu0: readings against profile and seed"),
-    (lambda noisy: rewrite(noisy, "imu0", white=0.0), "imu0: white noise of the accelerometer"),
-    (lambda noisy: rewrite(noisy, "depth0", bias=0.0), "depth0: readings against profile and seed"),
-    (lambda noisy: rewrite(noisy, "depth0", white=0.0), "depth0: readings against profile and seed"),
-    (lambda noisy: change_meta(noisy.root, lambda meta: meta["sensors"]["imu0"]["noise"].update(
-        gyroscope_random_walk=0.5)), "sensors.imu0.noise.gyroscope_random_walk is 0.5"),
-])
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [
+        (lambda noisy: rewrite(noisy, "imu0", bias=0.0), "imu0: readings against profile and seed"),
+        (lambda noisy: rewrite(noisy, "imu0", white=0.0), "imu0: white noise of the accelerometer"),
+        (lambda noisy: rewrite(noisy, "depth0", bias=0.0), "depth0: readings against profile and seed"),
+        (lambda noisy: rewrite(noisy, "depth0", white=0.0), "depth0: readings against profile and seed"),
+        (
+            lambda noisy: change_meta(
+                noisy.root, lambda meta: meta["sensors"]["imu0"]["noise"].update(gyroscope_random_walk=0.5)
+            ),
+            "sensors.imu0.noise.gyroscope_random_walk is 0.5",
+        ),
+    ],
+)
 def test_noise_that_is_not_that_of_profile_and_seed_is_found(noisy, damage, problem):
     (noisy.root / "checksums").unlink()
     damage(noisy)

@@ -26,16 +26,19 @@ FRAMES = range(10)
 
 def images(letter, change, frames=FRAMES):
     """Damage that changes the pixels of some images."""
+
     def damage(root):
         drop_depth_exr(root)
         for frame in frames:
             path = Dataset(root).layout.image("M0", letter, frame)
             files.write_png(path, np.ascontiguousarray(change(files.read_png(path).copy())))
+
     return damage
 
 
 def radiance(letter, change, frames=FRAMES):
     """Damage that changes EXR, PNG and row of the exposure table of an image alike."""
+
     def damage(root):
         data = Dataset(root)
         path = data.layout.exposures("M0", letter)
@@ -50,6 +53,7 @@ def radiance(letter, change, frames=FRAMES):
             pixels = encode_color(linear, data.gain(letter, frame))
             files.write_png(data.layout.image("M0", letter, frame), pixels)
         files.write_csv(path, list(table), *[c.tolist() for c in table.values()])
+
     return damage
 
 
@@ -74,25 +78,30 @@ def segments(change):
 
 def text(name, change):
     """Damage to the text of a file."""
+
     def damage(root):
         path = next(root.rglob(name))
         path.write_text(change(path.read_text()))
+
     return damage
 
 
 def table(name, change):
     """Damage to the columns of a table, by number."""
+
     def damage(root):
         path = next(root.rglob(name))
         content = files.read_csv(path)
         columns = [column.copy() for column in content.values()]
         change(columns)
         files.write_csv(path, list(content), *[c.tolist() for c in columns])
+
     return damage
 
 
 def camera(change, T_c_c=None):
     """Damage to a camera in the scene, with everything that follows from it: dataset.json, YAML and poses."""
+
     def damage(root):
         data, content = Dataset(root), json.loads((root / "dataset.json").read_text())
         before = np.array(content["cameras"][0]["T_v_c"])
@@ -106,6 +115,7 @@ def camera(change, T_c_c=None):
         vehicle_time, T_w_v = data.poses("vehicle")
         at = T_w_v[np.searchsorted(vehicle_time, time_ns)]
         writers.write_poses(data.layout, "M0", time_ns, at @ np.array(about["T_v_c"]))
+
     return damage
 
 
@@ -114,14 +124,16 @@ def moved(axis, metres):
 
 
 def turned(axis, degrees):
-    return camera(lambda about: about["rotation_euler_deg"].__setitem__(
-        axis, about["rotation_euler_deg"][axis] + degrees))
+    return camera(
+        lambda about: about["rotation_euler_deg"].__setitem__(axis, about["rotation_euler_deg"][axis] + degrees)
+    )
 
 
 def put(value, where=np.s_[30:36, 60:66]):
     def change(pixels):
         pixels[where] = value
         return pixels
+
     return change
 
 
@@ -129,6 +141,7 @@ def flip(axis):
     def change(pixels):
         pixels[..., axis] = 255 - pixels[..., axis]
         return pixels
+
     return change
 
 
@@ -136,12 +149,14 @@ def negate(first, last):
     def change(columns):
         for i in range(first, last):
             columns[i] = -columns[i]
+
     return change
 
 
 def add(column, value, row=slice(None)):
     def change(columns):
         columns[column][row] += value
+
     return change
 
 
@@ -164,26 +179,40 @@ def swap_materials(rows):
 
 TABLES = {
     "k_in_dataset_json": (meta(lambda m: m["cameras"][0]["K_opencv"][0].__setitem__(2, 70.0)), "K_opencv.0.2 is 70.0"),
-    "k_in_yaml": (text("camM0.yaml", lambda t: t.replace("width: 144", "width: 145")),
-                  "camM0.yaml: width is 145, in dataset.json 144"),
+    "k_in_yaml": (
+        text("camM0.yaml", lambda t: t.replace("width: 144", "width: 145")),
+        "camM0.yaml: width is 145, in dataset.json 144",
+    ),
     "mount_in_dataset_json": (meta(lambda m: m["cameras"][0]["T_v_c"][0].__setitem__(3, 0.002)), "T_v_c.0.3 is 0.002"),
-    "no_distortion_said_otherwise": (meta(lambda m: m["cameras"][0].update(distortion="radtan")),
-                                     "camM0.yaml: distortion is 'none', in dataset.json 'radtan'"),
+    "no_distortion_said_otherwise": (
+        meta(lambda m: m["cameras"][0].update(distortion="radtan")),
+        "camM0.yaml: distortion is 'none', in dataset.json 'radtan'",
+    ),
     "w_negative": (table("camM0_poses_quaternion.csv", negate(4, 8)), "camM0_poses_quaternion.csv:2: q_w = -"),
-    "w_negative_in_one_row": (table("vehicle0_poses_quaternion.csv", lambda c: [
-        x.__setitem__(9, -x[9]) for x in c[4:8]]), "vehicle0_poses_quaternion.csv:11: q_w = -"),
-    "quaternion_not_of_length_1": (table("imu0_poses_quaternion.csv", lambda c: [
-        x.__setitem__(9, 2 * x[9]) for x in c[4:8]]), "imu0_poses_quaternion.csv:11: q_w = "),
-    "one_pose_file_later": (table("camM0_poses_euler.csv", add(0, 5_000_000)),
-                            "camM0_poses_euler.csv:2: timestamp = 5000000: is not the time of that row"),
-    "one_pose_file_shorter": (text("vehicle0_poses_euler.csv", lines(lambda x: x[:-1])),
-                              "vehicle0_poses_euler.csv: has 200 rows, not 201 as vehicle0_poses_transformation"),
+    "w_negative_in_one_row": (
+        table("vehicle0_poses_quaternion.csv", lambda c: [x.__setitem__(9, -x[9]) for x in c[4:8]]),
+        "vehicle0_poses_quaternion.csv:11: q_w = -",
+    ),
+    "quaternion_not_of_length_1": (
+        table("imu0_poses_quaternion.csv", lambda c: [x.__setitem__(9, 2 * x[9]) for x in c[4:8]]),
+        "imu0_poses_quaternion.csv:11: q_w = ",
+    ),
+    "one_pose_file_later": (
+        table("camM0_poses_euler.csv", add(0, 5_000_000)),
+        "camM0_poses_euler.csv:2: timestamp = 5000000: is not the time of that row",
+    ),
+    "one_pose_file_shorter": (
+        text("vehicle0_poses_euler.csv", lines(lambda x: x[:-1])),
+        "vehicle0_poses_euler.csv: has 200 rows, not 201 as vehicle0_poses_transformation",
+    ),
     "empty_table": (text("camM0_poses_euler.csv", lambda _: ""), "camM0_poses_euler.csv: cannot be read: it is empty"),
     "empty_imu": (text("imu0_data.csv", lambda _: ""), "imu0_data.csv: cannot be read: it is empty"),
     "gyroscope_negative": (table("imu0_data.csv", negate(4, 7)), "imu0_data.csv:2: w_RS_S_z = -0.39"),
     "depth_gauge_upwards": (table("depth0_data.csv", negate(1, 2)), "depth0_data.csv:2: d_v_w = -79.8: its depth"),
-    "not_a_number_in_imu": (text("imu0_data.csv", lines(lambda x: [*x[:9], "nan" + x[9][x[9].index(","):], *x[10:]])),
-                            "imu0_data.csv:10: "),
+    "not_a_number_in_imu": (
+        text("imu0_data.csv", lines(lambda x: [*x[:9], "nan" + x[9][x[9].index(",") :], *x[10:]])),
+        "imu0_data.csv:10: ",
+    ),
 }
 """Of calibration, poses and sensors."""
 GEOMETRY = {
@@ -207,13 +236,14 @@ GEOMETRY = {
     "c_of_one_value": (images("C", lambda p: np.full_like(p, 128)), "C against the slopes of D, y"),
     "ids_of_segments_swapped": (segments(swap_ids), "segments.json: segments.0.id is 2"),
     "materials_of_segments_swapped": (segments(swap_materials), "segments.json: segments.0.material is 'light'"),
-    "a_row_of_segments_missing": (segments(lambda rows: rows.pop()),
-                                  "segments.json: lists 1 objects, but the scene has 2"),
+    "a_row_of_segments_missing": (
+        segments(lambda rows: rows.pop()),
+        "segments.json: lists 1 objects, but the scene has 2",
+    ),
     "hole_in_s": (images("S", put(0), [4]), "S-00000004.png: has nothing where D has a surface"),
     "unknown_number_in_s": (images("S", put(9), [4]), "segments.json does not list [9]"),
     "s_mirrored": (images("S", lambda p: p[:, ::-1]), "borders of S at jumps of D, across"),
-    "numbers_of_one_s_swapped": (images("S", swap_numbers, [4]),
-                                 "S-00000004.png: does not fit"),
+    "numbers_of_one_s_swapped": (images("S", swap_numbers, [4]), "S-00000004.png: does not fit"),
     "numbers_of_objects_around_each_other_swapped": (images("S", swap_numbers), None),
 }
 """Of D, C, and S with its table."""
@@ -221,8 +251,10 @@ LIGHT = {
     "mount_1_cm_x": (moved(0, 0.01), "systematic shift"),
     "mount_turned_0.1_deg": (turned(0, 0.1), "systematic shift"),
     "mount_rolled_0.2_deg": (turned(1, 0.2), "systematic shift"),
-    "focal_length_2_percent": (camera(lambda about: about.update(focal_mm=about["focal_mm"] * 0.98)),
-                               "systematic shift"),
+    "focal_length_2_percent": (
+        camera(lambda about: about.update(focal_mm=about["focal_mm"] * 0.98)),
+        "systematic shift",
+    ),
     "d_scaled_by_0.5_percent": (images("D", lambda p: np.rint(p * 1.005).astype(p.dtype)), "systematic shift"),
     "d_off_by_3_cm": (images("D", lambda p: p + p.dtype.type(80)), "systematic shift"),
     "b_shifted_1_px": (radiance("B", lambda x: np.roll(x, 1, 1)), "systematic shift"),
@@ -231,16 +263,21 @@ LIGHT = {
     "a_replaced": (radiance("A", lambda x: x[::-1]), None),
 }
 """What only A or B tell of, changed in PNG, EXR and table alike: also calibration, poses and D, consistently wrong."""
-EVERYWHERE = {name: (images, *damage) for images, damages in (("D", TABLES), ("CDS", GEOMETRY), ("ABCDS", LIGHT))
-              for name, damage in damages.items()}
+EVERYWHERE = {
+    name: (images, *damage)
+    for images, damages in (("D", TABLES), ("CDS", GEOMETRY), ("ABCDS", LIGHT))
+    for name, damage in damages.items()
+}
 """By name: the images of the dataset that is damaged, as few as tell, the damage, and the problem that it makes."""
 
 
 SHARP = {
     "mount_2_mm_x": (moved(0, 0.002), "systematic shift"),
     "mount_2_mm_y": (moved(1, 0.002), "systematic shift"),
-    "focal_length_0.2_percent": (camera(lambda about: about.update(focal_mm=about["focal_mm"] * 1.002)),
-                                 "systematic shift"),
+    "focal_length_0.2_percent": (
+        camera(lambda about: about.update(focal_mm=about["focal_mm"] * 1.002)),
+        "systematic shift",
+    ),
 }
 """What moves images by a hundredth of a pixel takes a few more pixels."""
 
@@ -282,7 +319,9 @@ def test_numbers_of_two_objects_swapped_everywhere_are_found(tmp_path):
     problems = problems_after(images("S", swap_numbers), tmp_path / "sides", tmp_path)
     assert [problem.partition("% of ")[2] for problem in problems] == [
         f"the points of number {n} (objects.{n - 1}) do not lie where the scene has it; "
-        f"they lie where number {3 - n} (objects.{2 - n}) is" for n in (1, 2)]
+        f"they lie where number {3 - n} (objects.{2 - n}) is"
+        for n in (1, 2)
+    ]
 
 
 @pytest.mark.parametrize("name", ["x_of_normals_flipped", "c_shifted_1_px", "d_shifted_1_px_down"])
@@ -319,5 +358,3 @@ def test_more_than_97_percent_of_the_list_is_found():
     missed = [name for name, (*_, problem) in EVERYWHERE.items() if problem is None]
     assert 1 + len(DAMAGE) + len(SHARP) + len(EVERYWHERE) == 94  # one has a test of its own
     assert len(missed) <= 2
-
-

@@ -16,8 +16,8 @@ def ground(roughness):
     row, col = np.indices([FINE * n for n in SHAPE]) / FINE  # [pixels]
     relief = ndimage.gaussian_filter(np.random.default_rng(1).standard_normal(row.shape), 0.25 * FINE)
     z = np.sin(col * np.pi / 10) + np.sin(row * np.pi / 10) + roughness * relief / relief.std()
-    slopes = [np.gradient(z, 1.0 / FINE, axis=axis)[FINE // 2::FINE, FINE // 2::FINE] for axis in (1, 0)]
-    seen = z[FINE // 2::FINE, FINE // 2::FINE]
+    slopes = [np.gradient(z, 1.0 / FINE, axis=axis)[FINE // 2 :: FINE, FINE // 2 :: FINE] for axis in (1, 0)]
+    seen = z[FINE // 2 :: FINE, FINE // 2 :: FINE]
     coarse = [np.gradient(seen, axis=axis) for axis in (1, 0)]
     C, D = (np.stack([-x, -y, np.ones(SHAPE)], -1) for x, y in (slopes, coarse))
     return tuple(n / np.linalg.norm(n, axis=-1, keepdims=True) for n in (C, D))
@@ -56,8 +56,9 @@ def test_what_is_finer_than_a_pixel_is_all_of_white_noise_and_little_of_a_long_w
     assert share == pytest.approx(0.5 * (1 - np.cos(2 * np.pi / 20)), rel=0.02)
 
 
-@pytest.mark.parametrize(("here", "aside", "told"), [(31, 32, False), (3100, 3200, False), (3100, 3400, True),
-                                                     (31, 70, True), (0, 30, True)])
+@pytest.mark.parametrize(
+    ("here", "aside", "told"), [(31, 32, False), (3100, 3200, False), (3100, 3400, True), (31, 70, True), (0, 30, True)]
+)
 def test_borders_that_are_everywhere_meet_jumps_aside_as_often_but_for_chance(here, aside, told):
     """Counts n and m of independent pixels differ by root(n + m) at random."""
     found = Validation(None)

@@ -66,15 +66,24 @@ def test_frames_without_sensors_are_sound(tmp_path):
     assert problems(tmp_path) == ""
 
 
-@pytest.mark.parametrize("name", ["imu0_poses_euler.csv", "imu0_data.csv", "depth0_data.csv",
-                                  "vehicle0_poses_quaternion.csv", "vehicle0_states.csv"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "imu0_poses_euler.csv",
+        "imu0_data.csv",
+        "depth0_data.csv",
+        "vehicle0_poses_quaternion.csv",
+        "vehicle0_states.csv",
+    ],
+)
 def test_a_missing_table_of_one_sensor_is_found_where_there_are_others(copy, name):
     next(copy.rglob(name)).unlink()
     assert f"{name}: there is no such file" in problems(copy)
 
 
-@pytest.mark.parametrize("damage", [lambda text: text[:len(text) // 2].rsplit("\n", 1)[0] + "\n",
-                                    lambda text: text.replace("gain", "gian")])
+@pytest.mark.parametrize(
+    "damage", [lambda text: text[: len(text) // 2].rsplit("\n", 1)[0] + "\n", lambda text: text.replace("gain", "gian")]
+)
 def test_a_truncated_exposure_table_is_found(copy, damage):
     path = next(copy.rglob("camL0_exposure_A.csv"))
     path.write_text(damage(path.read_text()))
@@ -132,8 +141,11 @@ def test_an_image_of_another_frame_under_this_name_is_found(copy):
 @pytest.fixture
 def segmented(tmp_path):
     """A dataset with images D and S."""
-    scene = make_scene(render={"outputs": ["D", "S"]}, terrain={"kind": "procedural", "material": "checker"},
-                       materials={"checker": {"kind": "diffuse", "reflectance": [0.5, 0.5, 0.5]}})
+    scene = make_scene(
+        render={"outputs": ["D", "S"]},
+        terrain={"kind": "procedural", "material": "checker"},
+        materials={"checker": {"kind": "diffuse", "reflectance": [0.5, 0.5, 0.5]}},
+    )
     produce(scene, tmp_path, quiet=True, frames=slice(0, 3))
     return tmp_path
 
@@ -239,8 +251,10 @@ def test_wrong_time_stamps_are_found(copy):
 
 def test_an_imu_that_ends_before_the_last_frame_is_found(copy):
     data = Dataset(copy)
-    for path in [data.layout.sensor("imu0"), *(data.layout.poses("imu0", f) for f in
-                                              ("euler", "quaternion", "transformation_matrix"))]:
+    for path in [
+        data.layout.sensor("imu0"),
+        *(data.layout.poses("imu0", f) for f in ("euler", "quaternion", "transformation_matrix")),
+    ]:
         edit(path, lambda t: t.update({name: column[:100] for name, column in t.items()}))
     assert "the IMU has no sample after the last frame" in problems(copy)
 
@@ -305,8 +319,11 @@ def test_damage_to_what_is_there_is_named_beside_it(part):
 def test_images_that_are_not_exposed_yet_are_told_of(tmp_path):
     for index in range(2):
         produce(make_scene(), tmp_path, quiet=True, shard=(index, 2))
-    for path in [tmp_path / "checksums", tmp_path / "contact_sheet.png", *tmp_path.rglob("*_exposure_A.csv"),
-                 *tmp_path.rglob("A/*.png")]:
+    for path in [
+        tmp_path / "checksums",
+        tmp_path / "contact_sheet.png",
+        *tmp_path.rglob("*_exposure_A.csv"),
+        *tmp_path.rglob("A/*.png"),
+    ]:
         path.unlink()
-    assert problems(tmp_path) == ("not complete: its images are rendered, but not all exposed; "
-                                  "the same `run` goes on")
+    assert problems(tmp_path) == ("not complete: its images are rendered, but not all exposed; the same `run` goes on")

@@ -34,8 +34,11 @@ def test_sha256sum_reads_the_checksums(copy):
 
 
 def test_checksums_follow_a_dataset_that_grows(tmp_path):
-    for frames, options in ((slice(0, 2), {"sensors": False}), (slice(0, 4), {"sensors": False}),
-                            (slice(0, 4), {"images": False})):
+    for frames, options in (
+        (slice(0, 2), {"sensors": False}),
+        (slice(0, 4), {"sensors": False}),
+        (slice(0, 4), {"images": False}),
+    ):
         produce(standins.make_scene(), tmp_path, quiet=True, frames=frames, **options)
         result = validate(tmp_path, quiet=True)
         assert result.problems == []

@@ -23,8 +23,10 @@ def hidden(root):
 
 def test_a_second_run_is_refused_naming_the_first(tmp_path):
     with claimed(tmp_path):
-        with pytest.raises(InputError, match=rf"another run is writing to this folder: process {os.getpid()} on"), \
-                claimed(tmp_path):
+        with (
+            pytest.raises(InputError, match=rf"another run is writing to this folder: process {os.getpid()} on"),
+            claimed(tmp_path),
+        ):
             pass
         with pytest.raises(InputError, match="another run"), claimed(tmp_path, (0, 2)):
             pass
@@ -43,8 +45,10 @@ def test_shards_of_one_division_work_beside_each_other(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_a_process_keeps_others_out_until_it_is_killed(tmp_path):
-    code = ("import sys, time; from pathlib import Path; from varos_warp.dataset.write.folder import claimed\n"
-            "with claimed(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)\n")
+    code = (
+        "import sys, time; from pathlib import Path; from varos_warp.dataset.write.folder import claimed\n"
+        "with claimed(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)\n"
+    )
     process = subprocess.Popen([sys.executable, "-c", code, tmp_path], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == "held\n"
@@ -110,6 +114,7 @@ def test_who_plans_second_is_told_and_waits(tmp_path):
     order, told = [], []
     with claimed(tmp_path, (0, 2)):
         with planning(tmp_path):
+
             def second():
                 with planning(tmp_path, lambda: told.append(1)):
                     order.append("second")

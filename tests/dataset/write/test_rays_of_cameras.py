@@ -18,8 +18,11 @@ from varos_warp.errors import InputError
 from varos_warp.scene.frames import camera_pose
 from varos_warp.scene.optics.camera import CHANNELS, camera_model, pixel_centres
 
-FLAT = {"port": {"kind": "flat", "distance_m": 0.005, "thickness_m": 0.01, "normal": [0.6, 0.1, 1.0]},
-        "n_water": {"temperature_C": 10, "salinity": 35}, "distortion": {"model": "kannala_brandt"}}
+FLAT = {
+    "port": {"kind": "flat", "distance_m": 0.005, "thickness_m": 0.01, "normal": [0.6, 0.1, 1.0]},
+    "n_water": {"temperature_C": 10, "salinity": 35},
+    "distortion": {"model": "kannala_brandt"},
+}
 BARREL = {"distortion": {"model": "brown_conrady", "k": [-0.25, 0.06, 0.001, -0.002, 0.0]}}
 SIZE = [48, 27]
 
@@ -75,7 +78,10 @@ def test_they_lead_to_what_the_pixels_see(scene, made):
 def test_only_cameras_with_a_port_or_distortion_have_one(scene, made):
     data = Dataset(made)
     assert [("rays" in data.camera(name), data.layout.rays(name).exists()) for name in data.cameras] == [
-        (True, True), (True, True), (False, False)]
+        (True, True),
+        (True, True),
+        (False, False),
+    ]
     assert "rays" not in describe_camera(data.layout, scene.vehicle.cameras[2])
     exact = camera_model(scene.vehicle.cameras[2]).rays(pixel_centres(*SIZE))
     assert np.array_equal(data.rays("M0").direction, exact.direction)
@@ -99,8 +105,10 @@ def test_colours_are_apart_by_what_the_rays_of_each_say(scene, made):
         rays = model.rays((pixel_centres(*SIZE) + offsets[channel])[hit], number)
         green = model.rays(pixel_centres(*SIZE)[hit])
         z = frame.D[hit].astype(float)
-        point, seen = (ray.origin + ((z - ray.origin[:, 2]) / ray.direction[:, 2])[:, None] * ray.direction
-                       for ray in (green, rays))
+        point, seen = (
+            ray.origin + ((z - ray.origin[:, 2]) / ray.direction[:, 2])[:, None] * ray.direction
+            for ray in (green, rays)
+        )
         np.testing.assert_allclose(seen, point, atol=1e-9)
     assert np.abs(offsets["blue"][hit]).max() > 0.02  # of 17 px a radian
     assert not np.any(data[1, "B0"].colour_offsets("red")[hit] > 1e-9)
@@ -124,9 +132,14 @@ def one_row_less(channels):
     channels |= {name: np.ascontiguousarray(plane[1:]) for name, plane in channels.items()}
 
 
-@pytest.mark.parametrize(("damage", "problem"), [
-    (one_ray, "1 pixels have other rays than lens and port give them"), (no_channel, "channel red.oy is missing"),
-    (one_row_less, "is not of 48 x 27 pixels")])
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [
+        (one_ray, "1 pixels have other rays than lens and port give them"),
+        (no_channel, "channel red.oy is missing"),
+        (one_row_less, "is not of 48 x 27 pixels"),
+    ],
+)
 def test_damage_is_found(copy, damage, problem):
     path = Dataset(copy).layout.rays("F0")
     channels = files.read_exr(path)
@@ -139,8 +152,9 @@ def test_a_port_that_the_rays_are_not_of_is_found(copy):
     meta = json.loads((copy / "dataset.json").read_text())
     meta["cameras"][0]["port"]["n_glass"] = 1.5
     files.write_json(copy / "dataset.json", meta)
-    assert any("camF0_rays.exr: " in problem and "other rays" in problem
-               for problem in validate(copy, quiet=True).problems)
+    assert any(
+        "camF0_rays.exr: " in problem and "other rays" in problem for problem in validate(copy, quiet=True).problems
+    )
 
 
 def test_a_missing_file_is_found_and_made_again(scene, made, tmp_path):

@@ -31,12 +31,20 @@ def header(path):
 def test_headers_are_those_that_users_of_the_released_data_read(written):
     vehicle = written / "vehicle0"
     assert header(vehicle / "cam0/camL0_poses/camL0_poses_transformation_matrix.csv") == (
-        "# timestamp [ns],r11,r12,r13,s_x_vw,r21,r22,r23,s_y_vw,r31,r32,r33,s_z_vw".split(","))
+        "# timestamp [ns],r11,r12,r13,s_x_vw,r21,r22,r23,s_y_vw,r31,r32,r33,s_z_vw".split(",")
+    )
     assert header(vehicle / "imu0/imu0_data.csv")[:2] == ["# timestamp [ns]", "a_RS_S_x [m s^-2]"]
     assert header(vehicle / "imu0/imu0_data.csv")[4] == "w_RS_S_x [rad s^-1]"
     assert header(vehicle / "cam0/camL0_timestamps.csv") == ["# timestamp [ns]", "A", "B", "C", "D"]
     assert header(vehicle / "ground_truth_vehicle0_poses/vehicle0_poses_euler.csv") == [
-        "# timestamp [ns]", "s_x_vw", "s_y_vw", "s_z_vw", "theta_x_vw", "theta_y_vw", "theta_z_vw"]
+        "# timestamp [ns]",
+        "s_x_vw",
+        "s_y_vw",
+        "s_z_vw",
+        "theta_x_vw",
+        "theta_y_vw",
+        "theta_z_vw",
+    ]
 
 
 def test_calibration_has_the_released_files_keys_in_millimetres(written):
@@ -86,8 +94,7 @@ def test_light_poses_point_along_the_cone_in_the_world(written):
     T_w_v = simulate(scene).trajectory.T_w_v(20 * 4)
     direction = T_w_v[:3, :3] @ np.array([0, 1, -0.2]) / np.linalg.norm([0, 1, -0.2])
     np.testing.assert_allclose([table[f"direction_w_{a}"][4] for a in "xyz"], direction, atol=1e-14)
-    np.testing.assert_allclose([table[f"p_wl_{a} [m]"][4] for a in "xyz"],
-                               (T_w_v @ [0.15, -0.1, 0, 1])[:3], atol=1e-14)
+    np.testing.assert_allclose([table[f"p_wl_{a} [m]"][4] for a in "xyz"], (T_w_v @ [0.15, -0.1, 0, 1])[:3], atol=1e-14)
 
 
 def test_a_light_pointing_straight_down_has_a_proper_pose():
@@ -245,8 +252,10 @@ def test_a_plan_says_how_outputs_are_made_and_keeps_what_it_says_already():
     scene = make_scene({"denoise": "oidn", "denoise_b": "oidn"})
     plan = Plan(4, None, 3, "path")
     told = writers.with_models(plan, scene, ["A", "B"], {"A": "nlm", "B": "oidn"})
-    assert told.models == {"A": "path tracer, at most 3 reflections on surfaces, 4 samples per pixel, denoise nlm",
-                              "B": "no water, uniform ambient light, 8 samples per pixel, denoise oidn"}
+    assert told.models == {
+        "A": "path tracer, at most 3 reflections on surfaces, 4 samples per pixel, denoise nlm",
+        "B": "no water, uniform ambient light, 8 samples per pixel, denoise oidn",
+    }
     more = writers.with_models(told, scene, ["A", "B", "D"], {"A": "none", "B": "none"})
     assert more.models == told.models | {"D": "first hits of pixel centres"}
     assert writers.with_models(more, None, ["A", "B", "D"], {}) is more

@@ -16,8 +16,9 @@ LONGEST_M = 4.0
 
 
 @wp.kernel(enable_backward=False)
-def radiances(medium: Medium, light: Light, o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3),
-              out: wp.array(dtype=wp.vec3)):
+def radiances(
+    medium: Medium, light: Light, o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.vec3)
+):
     i = wp.tid()
     out[i] = single_scattering(medium, light, o[i], d[i], LONGEST_M)
 
@@ -56,8 +57,13 @@ def test_narrow_cones_that_rays_pass_closely_keep_their_digits(g):
     light.position, light.axis, light.intensity = wp.vec3(*POSITION), wp.vec3(*AXIS), wp.vec3(1.0)
     light.cos_half, light.blend = cos_half, blend
     out = wp.zeros(RAYS, dtype=wp.vec3, device="cpu")
-    wp.launch(radiances, dim=RAYS, inputs=[medium, light, *(wp.array(v, dtype=wp.vec3, device="cpu") for v in (o, d))],
-              outputs=[out], device="cpu")
+    wp.launch(
+        radiances,
+        dim=RAYS,
+        inputs=[medium, light, *(wp.array(v, dtype=wp.vec3, device="cpu") for v in (o, d))],
+        outputs=[out],
+        device="cpu",
+    )
     expected = truth(o, d, g, 2.0 * np.degrees(np.arccos(np.float32(cos_half))), np.float32(blend))
     assert np.count_nonzero(expected) > RAYS / 2
     off = np.abs(out.numpy()[:, 0] - expected) / np.maximum(expected, 1e-3 * expected.max())

@@ -129,8 +129,10 @@ def test_means_and_standard_errors_are_those_of_all_samples(kind, spp, most):
 def test_the_squared_error_is_unbiased(spp):
     """Of 36 000 pixels of variance 1 + 4, even and odd counts: 4 standard errors of a chi-square of one degree each."""
     samples = np.zeros((4, spp, 100, 120, 3))
-    samples[:2] = np.random.default_rng(spp).normal(size=(2, *samples.shape[1:])) * np.array([1.0, 2.0])[
-        :, None, None, None, None]
+    samples[:2] = (
+        np.random.default_rng(spp).normal(size=(2, *samples.shape[1:]))
+        * np.array([1.0, 2.0])[:, None, None, None, None]
+    )
     film = exposed(samples, 3, [spp], lot=100_000)
     variance, size = tile_variances(film)[0].numpy(), np.prod(samples.shape[2:])
     pixels = tile_pixels(*samples.shape[2:4])[..., None]

@@ -20,8 +20,14 @@ def count_bodies(cells: Cells, counts: wp.array(dtype=int)):
 
 
 @wp.kernel(enable_backward=False)
-def list_bodies(cells: Cells, starts: wp.array(dtype=int), counts: wp.array(dtype=int), p: wp.array(dtype=wp.vec3),
-                r: wp.array(dtype=float), u: wp.array(dtype=wp.vec4)):
+def list_bodies(
+    cells: Cells,
+    starts: wp.array(dtype=int),
+    counts: wp.array(dtype=int),
+    p: wp.array(dtype=wp.vec3),
+    r: wp.array(dtype=float),
+    u: wp.array(dtype=wp.vec4),
+):
     i = wp.tid()
     at = bodies.cell_of(cells, i)
     for n in range(counts[i]):
@@ -81,8 +87,10 @@ def test_places_and_numbers_are_uniform_in_cells_and_independent_of_each_other(m
     inside, k = p - np.floor(p), 1.0 - SLOPE
     size = (LOW**k - np.float64(r) ** k) / (LOW**k - HIGH**k)
     columns = np.clip(np.column_stack([inside, size, u]), 0.0, 1.0)
-    assert_plausible([uniform_p(columns[:, i]) for i in range(8)]
-                     + [uniform_p(columns[:, [i, j]], 16) for i in range(8) for j in range(i)])
+    assert_plausible(
+        [uniform_p(columns[:, i]) for i in range(8)]
+        + [uniform_p(columns[:, [i, j]], 16) for i in range(8) for j in range(i)]
+    )
 
 
 def correlation_p(a, b):

@@ -16,8 +16,10 @@ def sums_of(splats: wp.array(dtype=Splat), sums: wp.array(dtype=float)):
 def summed(x, y, along, radius, edge):
     """The same by numpy, pixel by pixel."""
     reach = np.abs(along) + radius + edge + 2
-    col, row = np.meshgrid(np.arange(int(x - reach[0]) - 1, int(x + reach[0]) + 2) + 0.5,
-                           np.arange(int(y - reach[1]) - 1, int(y + reach[1]) + 2) + 0.5)
+    col, row = np.meshgrid(
+        np.arange(int(x - reach[0]) - 1, int(x + reach[0]) + 2) + 0.5,
+        np.arange(int(y - reach[1]) - 1, int(y + reach[1]) + 2) + 0.5,
+    )
     share = np.clip(((col - x) * along[0] + (row - y) * along[1]) / max(along @ along, 1e-9), -1, 1)
     distance = np.hypot(col - x - share * along[0], row - y - share * along[1])
     return soft_edge(distance - radius, edge).sum()

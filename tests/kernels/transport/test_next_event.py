@@ -21,8 +21,13 @@ from varos_warp.scene.water.phase.henyey_greenstein import HenyeyGreenstein
 from varos_warp.scene.water.phase.petzold import Petzold
 from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
-PHASES = {"HG 0.9": HenyeyGreenstein(0.9), "HG -0.6": HenyeyGreenstein(-0.6), "Rayleigh": Rayleigh(),
-          "Petzold": Petzold(), "Fournier-Forand": FournierForand(n=1.1, mu=3.58)}
+PHASES = {
+    "HG 0.9": HenyeyGreenstein(0.9),
+    "HG -0.6": HenyeyGreenstein(-0.6),
+    "Rayleigh": Rayleigh(),
+    "Petzold": Petzold(),
+    "Fournier-Forand": FournierForand(n=1.1, mu=3.58),
+}
 AWAY = wp.vec3(0.0, 0.0, 1.0)
 
 
@@ -94,8 +99,11 @@ RAYS = {"at a light": (0.004, 0.0, 2.0), "past it": (0.3, 0.2, 2.0), "away": (0.
 def test_one_sample_is_right_on_average_and_bounded(name, ray):
     """Against quadrature; and the second moment tells that no sample weighs much more than the mean."""
     here = RAYS[ray]
-    lights = [light(here, axis=(0, 0, -1 if here[2] > 0 else 1)), light((1, 0.5, 1), (-1, -0.5, 0)),
-              light((-2, 1, 3), (1, 0, 0), intensity=4.0)]
+    lights = [
+        light(here, axis=(0, 0, -1 if here[2] > 0 else 1)),
+        light((1, 0.5, 1), (-1, -0.5, 0)),
+        light((-2, 1, 3), (1, 0, 0), intensity=4.0),
+    ]
     scene, n = scene_of(PHASES[name], lights), 1 << 18
     L = launched(sample_once, scene, AWAY, 8.0, u=rng_array(len(name) + len(ray), (n, 2)), shape=n)
     truth = launched(integrate, scene, AWAY, 8.0)[0]
@@ -123,16 +131,19 @@ def test_angles_along_a_ray_follow_the_phase_function(name, ends):
     assert np.mean(1.0 / density) == pytest.approx(ends[1] - ends[0], rel=2e-3)
 
 
-@pytest.mark.parametrize(("foot", "h", "t_max"),
-                         [(2.0, 0.01, 9.0), (2.0, 0.01, 1.0), (-1.0, 0.5, 9.0), (3.0, 2.0, 4.0)])
+@pytest.mark.parametrize(
+    ("foot", "h", "t_max"), [(2.0, 0.01, 9.0), (2.0, 0.01, 1.0), (-1.0, 0.5, 9.0), (3.0, 2.0, 4.0)]
+)
 def test_places_on_a_ray_keep_what_comes_straight_from_a_light_bounded(foot, h, t_max):
     """Both what falls off as the inverse distance and what does not fall off on the way to the light."""
     n = 1 << 17
     t, weight = launched(draw_places, foot, h, t_max, u=rng_array(int(100 * h), (n, 2)), shape=n, dtype=wp.vec2).T
     inverse = 1.0 / np.hypot(h, t - foot)
     ahead = (t < foot).astype(float)
-    for f, integral in ((inverse, np.arcsinh((t_max - foot) / h) + np.arcsinh(foot / h)),
-                        (ahead, min(max(foot, 0.0), t_max))):
+    for f, integral in (
+        (inverse, np.arcsinh((t_max - foot) / h) + np.arcsinh(foot / h)),
+        (ahead, min(max(foot, 0.0), t_max)),
+    ):
         values = weight * f
         if integral > 0.0:
             assert abs(values.mean() - integral) < 3.0 * values.std() / np.sqrt(n) + 1e-5 * integral

@@ -22,8 +22,9 @@ def sample_places(scene: SceneData, camera: Camera, u: wp.array(dtype=wp.vec4), 
 
 
 @wp.kernel
-def image_again(camera: Camera, at: wp.array(dtype=wp.vec2), lens: wp.array(dtype=wp.vec2), t: float,
-                found: wp.array(dtype=wp.vec3)):
+def image_again(
+    camera: Camera, at: wp.array(dtype=wp.vec2), lens: wp.array(dtype=wp.vec2), t: float, found: wp.array(dtype=wp.vec3)
+):
     i = wp.tid()
     ray = camera_ray(camera, at[i][0], at[i][1], lens[i])
     found[i] = image_point(camera, ray.o + t * ray.d, lens[i])
@@ -43,8 +44,9 @@ def lights_at(camera, *places, depth=3.0):
     lights = []
     for x, y in places:
         light = Light()
-        light.position = camera.position + depth * wp.vec3((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy,
-                                                           1.0)
+        light.position = camera.position + depth * wp.vec3(
+            (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0
+        )
         lights.append(light)
     scene = SceneData()
     scene.lights = wp.array(lights, dtype=Light, device="cpu")
@@ -57,6 +59,7 @@ def places_of(scene, camera):
 
 def inverse_distance(at):
     """Integral of 1 / r over the pixel, r from an image point: a closed form of its corners."""
+
     def corner(x, y):
         return (x * np.arcsinh(y / abs(x)) if x else 0.0) + (y * np.arcsinh(x / abs(y)) if y else 0.0)
 
@@ -64,8 +67,14 @@ def inverse_distance(at):
     return corner(x0 + 1, y0 + 1) - corner(x0, y0 + 1) - corner(x0 + 1, y0) + corner(x0, y0)
 
 
-SEEN = {"within": (7.3, 5.8), "on the edge": (7.0, 5.5), "on a corner": (8.0, 6.0), "in the neighbour": (8.001, 5.4),
-        "half a pixel off": (8.5, 5.2), "far off": (30.0, 5.5)}
+SEEN = {
+    "within": (7.3, 5.8),
+    "on the edge": (7.0, 5.5),
+    "on a corner": (8.0, 6.0),
+    "in the neighbour": (8.001, 5.4),
+    "half a pixel off": (8.5, 5.2),
+    "far off": (30.0, 5.5),
+}
 
 
 @pytest.mark.parametrize("seen", SEEN)
@@ -74,8 +83,12 @@ def test_weighted_places_are_even_and_find_what_a_light_scatters(seen):
     x, y, weight = places_of(lights_at(camera, SEEN[seen]), camera).T
     assert ((x >= COL) & (x <= COL + 1) & (y >= ROW) & (y <= ROW + 1)).all()
     inverse = weight / np.hypot(x - SEEN[seen][0], y - SEEN[seen][1])
-    for values, expected in ((weight, 1.0), (weight * x, COL + 0.5), (weight * x * y, (COL + 0.5) * (ROW + 0.5)),
-                             (inverse, inverse_distance(SEEN[seen]))):
+    for values, expected in (
+        (weight, 1.0),
+        (weight * x, COL + 0.5),
+        (weight * x * y, (COL + 0.5) * (ROW + 0.5)),
+        (inverse, inverse_distance(SEEN[seen])),
+    ):
         assert abs(values.mean() - expected) < 4 * values.std() / np.sqrt(COUNT) + 1e-6 * expected
 
 

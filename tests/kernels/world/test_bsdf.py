@@ -16,9 +16,15 @@ COUNT = 200_000
 
 @wp.kernel(enable_backward=False)
 def sample_kernel(
-    table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, u: wp.array(dtype=wp.vec3),
+    table: wp.array2d(dtype=float),
+    bsdf: Bsdf,
+    n: wp.vec3,
+    v: wp.vec3,
+    u: wp.array(dtype=wp.vec3),
     # out
-    direction: wp.array(dtype=wp.vec3), pdf: wp.array(dtype=float), f: wp.array(dtype=wp.vec3),
+    direction: wp.array(dtype=wp.vec3),
+    pdf: wp.array(dtype=float),
+    f: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
     l = kernels.bsdf_sample(bsdf, n, v, u[i][0], u[i][1], u[i][2])
@@ -29,10 +35,14 @@ def sample_kernel(
 
 @wp.kernel(enable_backward=False)
 def eval_kernel(
-    table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3,
-    v: wp.array(dtype=wp.vec3), l: wp.array(dtype=wp.vec3),
+    table: wp.array2d(dtype=float),
+    bsdf: Bsdf,
+    n: wp.vec3,
+    v: wp.array(dtype=wp.vec3),
+    l: wp.array(dtype=wp.vec3),
     # out
-    pdf: wp.array(dtype=float), f: wp.array(dtype=wp.vec3),
+    pdf: wp.array(dtype=float),
+    f: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
     pdf[i] = kernels.bsdf_pdf(bsdf, n, v[i], l[i])
@@ -56,14 +66,18 @@ def towards(cosine, azimuth=0.4):
     x = np.cross(NORMAL, [0.0, 1.0, 0.0])
     x /= np.linalg.norm(x)
     y, sine = np.cross(NORMAL, x), np.sqrt(1.0 - np.square(cosine))
-    return (np.multiply.outer(sine * np.cos(azimuth), x) + np.multiply.outer(sine * np.sin(azimuth), y)
-            + np.multiply.outer(cosine, NORMAL))
+    return (
+        np.multiply.outer(sine * np.cos(azimuth), x)
+        + np.multiply.outer(sine * np.sin(azimuth), y)
+        + np.multiply.outer(cosine, NORMAL)
+    )
 
 
 def sampled(made, cosine, count=COUNT, seed=1):
     v = wp.vec3(*towards(cosine))
-    return run(sample_kernel, [table(), made, wp.vec3(*NORMAL), v, rng_array(seed, (count, 3))],
-               [wp.vec3, float, wp.vec3])
+    return run(
+        sample_kernel, [table(), made, wp.vec3(*NORMAL), v, rng_array(seed, (count, 3))], [wp.vec3, float, wp.vec3]
+    )
 
 
 def sphere(count=400_000, seed=2):

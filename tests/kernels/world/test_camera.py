@@ -14,8 +14,13 @@ from varos_warp.scene.frames import camera_pose, intrinsics, transform
 
 
 @wp.kernel(enable_backward=False)
-def rays(camera: kernel.Camera, image: wp.array(dtype=wp.vec2), lens: wp.array(dtype=wp.vec2),
-         o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3)):
+def rays(
+    camera: kernel.Camera,
+    image: wp.array(dtype=wp.vec2),
+    lens: wp.array(dtype=wp.vec2),
+    o: wp.array(dtype=wp.vec3),
+    d: wp.array(dtype=wp.vec3),
+):
     i = wp.tid()
     ray = kernel.camera_ray(camera, image[i][0], image[i][1], lens[i])
     o[i] = ray.o
@@ -64,8 +69,9 @@ def test_all_rays_of_an_image_point_meet_in_the_plane_of_focus(focus):
     o, d, T_w_c, view = shoot(point, rng_array(3, (1000, 2)), f_stop=1.7, focus_m=focus)
     origin, direction = (o - T_w_c[:3, 3]) @ T_w_c[:3, :3], d @ T_w_c[:3, :3]
     meet = origin + ((focus - origin[:, 2]) / direction[:, 2])[:, None] * direction
-    np.testing.assert_allclose(meet, np.tile(focus * np.linalg.inv(intrinsics(view)) @ [250, 30, 1], (1000, 1)),
-                               atol=1e-6 * focus + 2e-6)
+    np.testing.assert_allclose(
+        meet, np.tile(focus * np.linalg.inv(intrinsics(view)) @ [250, 30, 1], (1000, 1)), atol=1e-6 * focus + 2e-6
+    )
     assert np.ptp(direction[:, 0]) > 1e-4 / focus
 
 

@@ -18,8 +18,13 @@ def shade(lamp: light.Light, cos_angle: wp.array(dtype=float), share: wp.array(d
 
 
 @wp.kernel(enable_backward=False)
-def clip(lamps: wp.array(dtype=light.Light), o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3),
-         t_max: wp.array(dtype=float), lit: wp.array(dtype=light.LitInterval)):
+def clip(
+    lamps: wp.array(dtype=light.Light),
+    o: wp.array(dtype=wp.vec3),
+    d: wp.array(dtype=wp.vec3),
+    t_max: wp.array(dtype=float),
+    lit: wp.array(dtype=light.LitInterval),
+):
     i = wp.tid()
     lit[i] = light.light_beam(lamps[i], o[i], d[i], t_max[i])
 
@@ -42,8 +47,9 @@ def light_beams(cone_deg, o, d, t_max, position=None, axis=None):
     position = np.zeros((n, 3)) if position is None else position
     axis = np.tile([0.0, 0, 1], (n, 1)) if axis is None else axis
     cone_deg = np.broadcast_to(cone_deg, n)
-    lamps = wp.array([lamp(c, 0.0, p, a) for c, p, a in zip(cone_deg, position, axis, strict=True)], dtype=light.Light,
-                     device="cpu")
+    lamps = wp.array(
+        [lamp(c, 0.0, p, a) for c, p, a in zip(cone_deg, position, axis, strict=True)], dtype=light.Light, device="cpu"
+    )
     lit = run(clip, [lamps, o, d, np.broadcast_to(t_max, n).astype(float)], [light.LitInterval], dim=n)
     interval = np.column_stack([lit["ya"], lit["yb"]]).astype(float) + lit["foot"].astype(float)[:, None]
     interval[~(lit["angle"] > 0)] = np.nan
@@ -77,8 +83,10 @@ def assert_matches_brute_force(cone_deg, o, d, t_max, position, axis, nodes=400)
     assert clear.mean() > 0.9
     rays = np.flatnonzero(wrong.any(axis=1))
     for i in rays:
-        raise AssertionError(f"{len(rays)} of {len(o)} rays, first: cone {cone_deg}, o {o[i]}, d {d[i]}, "
-                             f"lamp {position[i]}, axis {axis[i]}, lit {interval[i]}")
+        raise AssertionError(
+            f"{len(rays)} of {len(o)} rays, first: cone {cone_deg}, o {o[i]}, d {d[i]}, "
+            f"lamp {position[i]}, axis {axis[i]}, lit {interval[i]}"
+        )
     return inside
 
 
@@ -207,8 +215,13 @@ def test_a_ray_from_the_lamp_itself_along_its_axis_is_lit_and_finite():
 
 
 @wp.kernel(enable_backward=False)
-def emit(lamp: light.Light, u: wp.array(dtype=wp.vec2), d: wp.array(dtype=wp.vec3), area: wp.array(dtype=float),
-         sent: wp.array(dtype=float)):
+def emit(
+    lamp: light.Light,
+    u: wp.array(dtype=wp.vec2),
+    d: wp.array(dtype=wp.vec3),
+    area: wp.array(dtype=float),
+    sent: wp.array(dtype=float),
+):
     i = wp.tid()
     d[i] = light.light_emit(lamp, u[i][0], u[i][1]).d
     area[i] = light.light_solid_angle(lamp, wp.dot(d[i], lamp.axis))
@@ -219,8 +232,9 @@ def sheet(fan_deg, thickness_deg, position=(0, 0, 0)):
     """Along z; the fan along x."""
     record = lamp(360.0, position=position)
     record.sheet = 1
-    record.right, record.up = (wp.vec3(*(np.eye(3)[i] / np.tan(np.radians(angle) / 2)))
-                               for i, angle in enumerate((fan_deg, thickness_deg)))
+    record.right, record.up = (
+        wp.vec3(*(np.eye(3)[i] / np.tan(np.radians(angle) / 2))) for i, angle in enumerate((fan_deg, thickness_deg))
+    )
     return record
 
 
@@ -253,8 +267,12 @@ def test_the_part_of_a_ray_inside_a_sheet_is_between_planes(fan_deg, thickness_d
     d[::2] = unit(aim - o)[::2]
     o[::8, 1] = d[::8, 1] = 0.0
     d = unit(d)
-    lit = run(clip, [wp.array([sheet(fan_deg, thickness_deg)] * n, dtype=light.Light, device="cpu"), o, d, t_max],
-              [light.LitInterval], dim=n)
+    lit = run(
+        clip,
+        [wp.array([sheet(fan_deg, thickness_deg)] * n, dtype=light.Light, device="cpu"), o, d, t_max],
+        [light.LitInterval],
+        dim=n,
+    )
     o, d, t_max = (np.float32(x).astype(float) for x in (o, d, t_max))
     a, b = np.tan(np.radians([fan_deg, thickness_deg]) / 2)
     low, high = np.zeros(n), t_max.copy()
@@ -268,8 +286,9 @@ def test_the_part_of_a_ray_inside_a_sheet_is_between_planes(fan_deg, thickness_d
     assert 0.1 < inside.mean() < 0.9
     found = np.column_stack([lit["ya"], lit["yb"]]).astype(float) + lit["foot"].astype(float)[:, None]
     # planes are known to a few spacings of the coordinates, and crossed at an angle
-    angle = np.min([np.abs(d @ side) / np.linalg.norm(side) for side in ([1, 0, a], [-1, 0, a], [0, 1, b], [0, -1, b])],
-                   axis=0)
+    angle = np.min(
+        [np.abs(d @ side) / np.linalg.norm(side) for side in ([1, 0, a], [-1, 0, a], [0, 1, b], [0, -1, b])], axis=0
+    )
     clear = inside & (angle > 1e-3)
     size = np.abs(o).max(axis=1) + np.abs(high)
     doubt = 16 * EPS * size / np.maximum(angle, 1e-3)

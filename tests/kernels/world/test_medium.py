@@ -19,16 +19,28 @@ def transmit(water: medium.Medium, t: wp.array(dtype=float), T: wp.array(dtype=w
 
 
 @wp.kernel(enable_backward=False)
-def free_flights(sigma: float, t_max: float, u: wp.array(dtype=float), at: wp.array(dtype=float),
-                 t: wp.array(dtype=float), pdf: wp.array(dtype=float)):
+def free_flights(
+    sigma: float,
+    t_max: float,
+    u: wp.array(dtype=float),
+    at: wp.array(dtype=float),
+    t: wp.array(dtype=float),
+    pdf: wp.array(dtype=float),
+):
     i = wp.tid()
     t[i] = medium.sample_truncated_exponential(sigma, t_max, u[i])
     pdf[i] = medium.truncated_exponential_pdf(sigma, t_max, at[i])
 
 
 @wp.kernel(enable_backward=False)
-def near_lamps(a: float, t_max: float, u: wp.array(dtype=float), at: wp.array(dtype=float), t: wp.array(dtype=float),
-               pdf: wp.array(dtype=float)):
+def near_lamps(
+    a: float,
+    t_max: float,
+    u: wp.array(dtype=float),
+    at: wp.array(dtype=float),
+    t: wp.array(dtype=float),
+    pdf: wp.array(dtype=float),
+):
     i = wp.tid()
     t[i] = medium.sample_near(a, t_max, u[i])
     pdf[i] = medium.near_pdf(a, t_max, at[i])
@@ -48,8 +60,14 @@ def test_transmittance_obeys_beer_lambert(truth):
     water.sigma_t = wp.vec3(0.125, 0.057989, 0.0)
     t = np.array([0.0, 1e-6, 1.0, 10.0, 1e4, 1e9])
     expected = np.exp(-t[:, None] * np.float32([0.125, 0.057989, 0.0]).astype(float))
-    truth("transmittance, sigma_t = 0.125, 0.057989, 0; 0 to 1e9 m", source="exp(-sigma_t t)", expected=expected,
-          got=run(transmit, [water, t], [wp.vec3]), tolerance=2e-6 * expected + 1e-38, reason="float32 rounding")
+    truth(
+        "transmittance, sigma_t = 0.125, 0.057989, 0; 0 to 1e9 m",
+        source="exp(-sigma_t t)",
+        expected=expected,
+        got=run(transmit, [water, t], [wp.vec3]),
+        tolerance=2e-6 * expected + 1e-38,
+        reason="float32 rounding",
+    )
 
 
 DEPTHS = [0.0, 1e-9, 1e-7, 9e-5, 1.1e-4, 3e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 80.0]
@@ -59,8 +77,14 @@ DEPTHS = [0.0, 1e-9, 1e-7, 9e-5, 1.1e-4, 3e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 80.0]
 @pytest.mark.parametrize("x", DEPTHS)
 def test_the_density_of_a_truncated_flight_integrates_to_one(truth, x):
     """However thin the water: 1 - exp(-x) must not cancel."""
-    truth(f"integral of the density, optical thickness {x:g}", source="a density", expected=1.0,
-          got=quadrature(free_flights, x / 5.0, t_max=5.0, scale=0.1), tolerance=3e-6, reason="float32 rounding")
+    truth(
+        f"integral of the density, optical thickness {x:g}",
+        source="a density",
+        expected=1.0,
+        got=quadrature(free_flights, x / 5.0, t_max=5.0, scale=0.1),
+        tolerance=3e-6,
+        reason="float32 rounding",
+    )
 
 
 @pytest.mark.parametrize("x", DEPTHS)

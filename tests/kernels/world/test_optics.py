@@ -55,8 +55,15 @@ def shoot(view, image, lens, channel=1):
     ray_of = make_ray(spec)
 
     @wp.kernel(enable_backward=False, module="unique")
-    def rays(camera: CameraData, image: wp.array(dtype=wp.vec2), lens: wp.array(dtype=wp.vec2), channel: int,
-             o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3), weight: wp.array(dtype=wp.vec3)):
+    def rays(
+        camera: CameraData,
+        image: wp.array(dtype=wp.vec2),
+        lens: wp.array(dtype=wp.vec2),
+        channel: int,
+        o: wp.array(dtype=wp.vec3),
+        d: wp.array(dtype=wp.vec3),
+        weight: wp.array(dtype=wp.vec3),
+    ):
         i = wp.tid()
         ray, seen = ray_of(camera, image[i][0], image[i][1], lens[i], channel)
         o[i] = ray.o
@@ -118,12 +125,14 @@ def test_all_rays_of_an_image_point_aim_at_one_point_in_the_plane_of_focus(port,
 
 
 def ending(lens, port="none"):
-    return Camera(port=PORTS[port], distortion=ENDING[lens], focal_mm=SHORT.get(lens, 3.4),
-                  rotation_euler_deg=[-15, 5, 30])
+    return Camera(
+        port=PORTS[port], distortion=ENDING[lens], focal_mm=SHORT.get(lens, 3.4), rotation_euler_deg=[-15, 5, 30]
+    )
 
 
-@pytest.mark.parametrize(("lens", "port"), [*((lens, "none") for lens in ENDING), ("tangential", "dome"),
-                                            ("kannala_brandt", "flat")])
+@pytest.mark.parametrize(
+    ("lens", "port"), [*((lens, "none") for lens in ENDING), ("tangential", "dome"), ("kannala_brandt", "flat")]
+)
 def test_where_a_lens_ends_there_is_no_ray_as_on_the_host(lens, port):
     """But for image points within 0.02 px of its edge. Directions agree as far as float32 tells image points apart:
     0.001 px, some roundings of 1280. Close to a fold that is more than elsewhere, for there the image hardly moves.

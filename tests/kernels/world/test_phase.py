@@ -30,8 +30,13 @@ def evaluate(g: float, one_minus_cos: wp.array(dtype=float), pdf: wp.array(dtype
 
 
 @wp.kernel(enable_backward=False)
-def sample(g: float, d: wp.vec3, u: wp.array(dtype=wp.vec2), one_minus_cos: wp.array(dtype=float),
-           direction: wp.array(dtype=wp.vec3)):
+def sample(
+    g: float,
+    d: wp.vec3,
+    u: wp.array(dtype=wp.vec2),
+    one_minus_cos: wp.array(dtype=float),
+    direction: wp.array(dtype=wp.vec3),
+):
     i = wp.tid()
     hg = phase.Phase()
     hg.g = g
@@ -59,8 +64,14 @@ def distribution(x, g):
 def test_the_density_has_the_known_values(truth):
     known = np.array([3.58098621957, 0.0136403924191, 0.0049121896016])
     for cosine, expected, got in zip((1, 0, -1), known, density([0.0, 1.0, 2.0], 0.8), strict=True):
-        truth(f"p(cos = {cosine}) [1/sr], g = 0.8", source=HG, expected=expected, got=got, tolerance=1e-6 * expected,
-              reason="float32 rounding")
+        truth(
+            f"p(cos = {cosine}) [1/sr], g = 0.8",
+            source=HG,
+            expected=expected,
+            got=got,
+            tolerance=1e-6 * expected,
+            reason="float32 rounding",
+        )
 
 
 @pytest.mark.parametrize("g", ANISOTROPIES)
@@ -76,18 +87,29 @@ def test_the_density_has_the_moments_g_to_the_l(truth, g):
     mu = 1 - x
     moments = [(w * eval_legendre(l, mu)).sum() for l in range(7)]
     # 1 - |g| is known to 6e-8/(1 - |g|); at g = -0.99 the peak is 5e-5 wide in a 1 - cos that is known to 1e-7
-    truth(f"<P_l>, l = 0 to 6, of the density, g = {g}", source=HG + ": g^l", expected=float(g) ** np.arange(7),
-          got=moments, tolerance=1e-3 if g < -0.9 else 2e-6 + 3 * 6e-8 / (1 - abs(g)),
-          reason="float32 rounding of 1 - |g| and of 1 - cos")
+    truth(
+        f"<P_l>, l = 0 to 6, of the density, g = {g}",
+        source=HG + ": g^l",
+        expected=float(g) ** np.arange(7),
+        got=moments,
+        tolerance=1e-3 if g < -0.9 else 2e-6 + 3 * 6e-8 / (1 - abs(g)),
+        reason="float32 rounding of 1 - |g| and of 1 - cos",
+    )
 
 
 @pytest.mark.parametrize("g", MOMENTS)
 def test_samples_have_the_moments_g_to_the_l(truth, g):
     mu = 1.0 - samples(g, rng_array(5, (8 * N, 2)))[0]
     P = np.array([eval_legendre(l, mu) for l in range(1, 7)])
-    truth(f"<P_l>, l = 1 to 6, of samples, g = {g}", source=HG + ": g^l", expected=g ** np.arange(1, 7),
-          got=P.mean(axis=1), stderr=P.std(axis=1) / np.sqrt(len(mu)), tolerance=1e-6,
-          reason="float32 rounding of 1 - g")
+    truth(
+        f"<P_l>, l = 1 to 6, of samples, g = {g}",
+        source=HG + ": g^l",
+        expected=g ** np.arange(1, 7),
+        got=P.mean(axis=1),
+        stderr=P.std(axis=1) / np.sqrt(len(mu)),
+        tolerance=1e-6,
+        reason="float32 rounding of 1 - g",
+    )
 
 
 def test_samples_are_the_inverse_of_the_distribution(truth):
@@ -95,18 +117,26 @@ def test_samples_are_the_inverse_of_the_distribution(truth):
     u = np.array([0, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99])
     cosine = [-1, 0.4, 0.8, 0.944, 0.983673469388, 0.99488399762, 0.999549558608]
     x, _ = samples(0.8, np.column_stack([u, u * 0]))
-    truth("cos(u) at u = 0, .1, .25, .5, .75, .9, .99, g = 0.8", source=HG + ", inverse of the distribution",
-          expected=cosine, got=1 - x, tolerance=3e-7, reason="float32 rounding")
+    truth(
+        "cos(u) at u = 0, .1, .25, .5, .75, .9, .99, g = 0.8",
+        source=HG + ", inverse of the distribution",
+        expected=cosine,
+        got=1 - x,
+        tolerance=3e-7,
+        reason="float32 rounding",
+    )
     np.testing.assert_allclose(x, 1 - np.array(cosine), rtol=1e-5)
 
 
-@pytest.mark.parametrize(("cosine", "share"), [(-0.5, 0.0190414899245), (0.0, 0.0506954821247), (0.5, 0.120495126515),
-                                               (0.9, 0.378115294937)])
+@pytest.mark.parametrize(
+    ("cosine", "share"), [(-0.5, 0.0190414899245), (0.0, 0.0506954821247), (0.5, 0.120495126515), (0.9, 0.378115294937)]
+)
 def test_the_share_of_light_scattered_beyond_an_angle(truth, cosine, share):
     x, _ = samples(0.8, rng_array(1, (N, 2)))
     hits = np.count_nonzero(1 - x <= cosine)
-    truth(f"P(cos <= {cosine}), g = 0.8", source=HG, expected=share, got=hits / N,
-          stderr=np.sqrt(share * (1 - share) / N))
+    truth(
+        f"P(cos <= {cosine}), g = 0.8", source=HG, expected=share, got=hits / N, stderr=np.sqrt(share * (1 - share) / N)
+    )
     np.testing.assert_allclose(1 - distribution(1 - cosine, 0.8), share, rtol=1e-9)
 
 
@@ -146,8 +176,13 @@ def test_positive_g_scatters_forward():
 # -------------------------------------------------------------------------------------------------------------- tables
 
 
-TABLES = [FournierForand(1.10, 3.5835), FournierForand.from_backscatter_fraction(0.001), Rayleigh(), Petzold(),
-          Mixture([(0.9, FournierForand(1.10, 3.5835)), (0.1, Rayleigh())])]
+TABLES = [
+    FournierForand(1.10, 3.5835),
+    FournierForand.from_backscatter_fraction(0.001),
+    Rayleigh(),
+    Petzold(),
+    Mixture([(0.9, FournierForand(1.10, 3.5835)), (0.1, Rayleigh())]),
+]
 PER_ORDER = (1, 2, 8, 64)
 
 
@@ -158,8 +193,13 @@ def evaluate_table(table: phase.Phase, one_minus_cos: wp.array(dtype=float), pdf
 
 
 @wp.kernel(enable_backward=False)
-def sample_table(table: phase.Phase, d: wp.vec3, u: wp.array(dtype=wp.vec2), one_minus_cos: wp.array(dtype=float),
-                 direction: wp.array(dtype=wp.vec3)):
+def sample_table(
+    table: phase.Phase,
+    d: wp.vec3,
+    u: wp.array(dtype=wp.vec2),
+    one_minus_cos: wp.array(dtype=float),
+    direction: wp.array(dtype=wp.vec3),
+):
     i = wp.tid()
     one_minus_cos[i] = phase.phase_sample_one_minus_cos(table, u[i][0])
     direction[i] = phase.phase_sample(table, d, u[i][0], u[i][1])
@@ -184,9 +224,14 @@ def test_a_table_on_the_device_has_the_host_s_values(host):
 def test_the_device_has_the_values_of_the_formula(truth, host):
     x = (2.0 * np.geomspace(1.001 * S_CUT, 1.0, N)).astype(np.float32)
     expected = host.eval_s(0.5 * x.astype(float))
-    truth(f"p from 1e-4 to 180 degrees over that of the formula, {host.kind}", source="the formula in float64",
-          expected=1.0, got=run(evaluate_table, [host.device_record("cpu"), x], [float]) / expected, tolerance=2.5e-5,
-          reason="float32 rounding of log s, and the table's 1e-5")
+    truth(
+        f"p from 1e-4 to 180 degrees over that of the formula, {host.kind}",
+        source="the formula in float64",
+        expected=1.0,
+        got=run(evaluate_table, [host.device_record("cpu"), x], [float]) / expected,
+        tolerance=2.5e-5,
+        reason="float32 rounding of log s, and the table's 1e-5",
+    )
 
 
 @pytest.mark.parametrize("host", TABLES, ids=repr)
@@ -214,9 +259,13 @@ def test_samples_of_a_table_follow_its_distribution(host):
 def test_samples_of_a_table_have_the_host_s_moments(truth, host):
     mu = 1.0 - 2.0 * table_samples(host, 7, 1_000_000)[0]
     P = np.array([eval_legendre(l, mu) for l in PER_ORDER])
-    truth(f"<P_l>, l = 1, 2, 8, 64, of samples, {host.kind}, B = {host.backscatter_fraction:.3g}",
-          source="quadrature of the formula in float64", expected=host.moments(64)[list(PER_ORDER)],
-          got=P.mean(axis=1), stderr=P.std(axis=1) / np.sqrt(len(mu)))
+    truth(
+        f"<P_l>, l = 1, 2, 8, 64, of samples, {host.kind}, B = {host.backscatter_fraction:.3g}",
+        source="quadrature of the formula in float64",
+        expected=host.moments(64)[list(PER_ORDER)],
+        got=P.mean(axis=1),
+        stderr=P.std(axis=1) / np.sqrt(len(mu)),
+    )
 
 
 def test_samples_at_the_ends():
@@ -242,7 +291,12 @@ def test_a_table_has_the_same_values_on_cpu_and_gpu():
     pdf = []
     for device in ("cpu", "cuda:0"):
         out = wp.empty(N, dtype=float, device=device)
-        wp.launch(evaluate_table, N, [host.device_record(device), wp.array(x, dtype=float, device=device)], [out],
-                  device=device)
+        wp.launch(
+            evaluate_table,
+            N,
+            [host.device_record(device), wp.array(x, dtype=float, device=device)],
+            [out],
+            device=device,
+        )
         pdf.append(out.numpy())
     np.testing.assert_allclose(pdf[1], pdf[0], rtol=3e-5)

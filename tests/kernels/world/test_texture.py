@@ -19,8 +19,13 @@ UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
 
 
 @wp.kernel(enable_backward=False)
-def colour(material: texture.Material, p: wp.array(dtype=wp.vec3), n: wp.array(dtype=wp.vec3),
-           footprint: float, out: wp.array(dtype=wp.vec3)):
+def colour(
+    material: texture.Material,
+    p: wp.array(dtype=wp.vec3),
+    n: wp.array(dtype=wp.vec3),
+    footprint: float,
+    out: wp.array(dtype=wp.vec3),
+):
     i = wp.tid()
     surface = texture.material_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
     out[i] = surface.reflectance + surface.specular
@@ -29,8 +34,9 @@ def colour(material: texture.Material, p: wp.array(dtype=wp.vec3), n: wp.array(d
 @cache
 def scene(seed):
     camera = {"resolution": [320, 180]}
-    return scene_from_dict({"seed": seed, "vehicle": {"cameras": [camera]},
-                            "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, ".")
+    return scene_from_dict(
+        {"seed": seed, "vehicle": {"cameras": [camera]}, "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, "."
+    )
 
 
 @cache
@@ -38,8 +44,9 @@ def textures():
     return Textures(scene(1), "cpu")
 
 
-def reflectance(material, p, n=UP, seed=1, origin=(0.0, 0.0, 0.0), local_origin=(0.0, 0.0, 0.0), at=(0.0, 0.0, 0.0),
-                footprint=0.0):
+def reflectance(
+    material, p, n=UP, seed=1, origin=(0.0, 0.0, 0.0), local_origin=(0.0, 0.0, 0.0), at=(0.0, 0.0, 0.0), footprint=0.0
+):
     """At points ``p`` [N, 3] of the device's world, whose origin is at ``local_origin``; ``at`` is the square's."""
     square = SQUARE[0] + at, SQUARE[1]
     part = Part("x", *square, material, origin)
@@ -65,11 +72,18 @@ def dirt(**values):
 
 
 MATERIALS = {
-    "sand and rock": slope_blend(), "wide tiles": slope_blend("rock", "sand", 15),
+    "sand and rock": slope_blend(),
+    "wide tiles": slope_blend("rock", "sand", 15),
     "very fine tiles": slope_blend(tiles=1e5),
-    "rust": rust(), "bare metal": rust(amount=0.0), "all rust": rust(amount=1.0), "white metal": rust(base=(1, 1, 1)),
-    "black metal": rust(base=(0, 0, 0)), "dirt": dirt(), "white dirt": dirt(silt=(1, 1, 1), amount=1.0),
-    "metal": Metal(kind="metal", base=(1, 1, 1)), "white": Diffuse(reflectance=(1, 1, 1)),
+    "rust": rust(),
+    "bare metal": rust(amount=0.0),
+    "all rust": rust(amount=1.0),
+    "white metal": rust(base=(1, 1, 1)),
+    "black metal": rust(base=(0, 0, 0)),
+    "dirt": dirt(),
+    "white dirt": dirt(silt=(1, 1, 1), amount=1.0),
+    "metal": Metal(kind="metal", base=(1, 1, 1)),
+    "white": Diffuse(reflectance=(1, 1, 1)),
 }
 
 
@@ -127,8 +141,9 @@ def test_the_edge_between_sand_and_rock_is_ragged():
     n = (np.sin(tilt), 0.0, np.cos(tilt))
     x = np.linspace(-5, 5, 4000)
     p = np.column_stack([x * np.cos(tilt), np.full_like(x, 0.3), -x * np.sin(tilt)])
-    both, sand, rock = (reflectance(m, p, n)[:, 0] for m in
-                        (slope_blend(), slope_blend("sand", "sand"), slope_blend("rock", "rock")))
+    both, sand, rock = (
+        reflectance(m, p, n)[:, 0] for m in (slope_blend(), slope_blend("sand", "sand"), slope_blend("rock", "rock"))
+    )
     nearer_sand = np.abs(both - sand) < 1e-6
     assert 0.05 < nearer_sand.mean() < 0.95
     assert 4 < np.count_nonzero(np.diff(nearer_sand.astype(int))) < 400
@@ -177,8 +192,10 @@ def test_the_share_that_is_covered_does_not_depend_on_the_footprint(make, amount
     p = points(5.0)
     n = np.random.default_rng(3).standard_normal(p.shape)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    blue = [reflectance(make(amount=amount), p, n, footprint=f / 6.0)[:, 2].mean()
-            for f in (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 2.0)]
+    blue = [
+        reflectance(make(amount=amount), p, n, footprint=f / 6.0)[:, 2].mean()
+        for f in (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 2.0)
+    ]
     assert np.ptp(blue) < 0.05 * 0.47
 
 
@@ -191,8 +208,13 @@ def test_patterns_keep_their_fineness_at_a_million_metres():
 
 
 @wp.kernel(enable_backward=False)
-def lobe(material: texture.Material, p: wp.array(dtype=wp.vec3), diffuse: wp.array(dtype=wp.vec3),
-         specular: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float)):
+def lobe(
+    material: texture.Material,
+    p: wp.array(dtype=wp.vec3),
+    diffuse: wp.array(dtype=wp.vec3),
+    specular: wp.array(dtype=wp.vec3),
+    roughness: wp.array(dtype=float),
+):
     i = wp.tid()
     surface = texture.material_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
     diffuse[i] = surface.reflectance

@@ -28,8 +28,9 @@ def sample_map(image: tiling.Image, x: wp.array(dtype=wp.vec2), footprint: float
 
 
 @wp.kernel(enable_backward=False)
-def sample_tiles(image: tiling.Image, p: wp.array(dtype=wp.vec3), n: wp.vec3, footprint: float,
-                 out: wp.array(dtype=wp.vec3)):
+def sample_tiles(
+    image: tiling.Image, p: wp.array(dtype=wp.vec3), n: wp.vec3, footprint: float, out: wp.array(dtype=wp.vec3)
+):
     i = wp.tid()
     out[i] = tiling.tiled(image, wp.uint32(5), p[i], n, footprint)
 
@@ -135,7 +136,7 @@ def test_a_coarse_texel_of_odd_sides_is_the_mean_of_its_area():
     row = np.random.default_rng(1).random(7)
     cut = np.repeat(row, 3).reshape(3, 7).mean(axis=1)  # thirds of columns, seven to each new one
     level = reflectance_pyramid(gray(np.broadcast_to(row, (4, 7))))
-    red = level.texels[level.starts[1]:level.starts[1] + 3] & 2047
+    red = level.texels[level.starts[1] : level.starts[1] + 3] & 2047
     np.testing.assert_allclose(red / 2047, cut, atol=0.51 / 2047)
 
 
@@ -232,9 +233,15 @@ def floor(tmp, tile_m, repeat, side=16.0, file="blobs.png", pixels=256):
     block = {"texture": file, "size_m": tile_m}
     terrain = {"file": "floor.glb", "up_axis": "z"} | ({} if repeat else {"material": "tiles"})
     camera = {"resolution": [pixels, pixels], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}
-    scene = scene_from_dict({
-        "terrain": terrain, "materials": {"tiles": {"kind": "slope_blend", "flat": block, "steep": block}},
-        "vehicle": {"cameras": [camera]}, "trajectory": {"poses": [{"position": [0, 0, 0.4 * side]}]}}, tmp)
+    scene = scene_from_dict(
+        {
+            "terrain": terrain,
+            "materials": {"tiles": {"kind": "slope_blend", "flat": block, "steep": block}},
+            "vehicle": {"cameras": [camera]},
+            "trajectory": {"poses": [{"position": [0, 0, 0.4 * side]}]},
+        },
+        tmp,
+    )
     return FrameRenderer(scene, device="cpu")
 
 

@@ -17,8 +17,7 @@ def unit_vectors(count, seed=0):
 
 def test_srgb_curve_goes_through_its_published_points():
     """IEC 61966-2-1: 0 and 1 are fixed, 18 % grey is 0.4613561, the two branches meet at 0.0031308."""
-    np.testing.assert_allclose(srgb_oetf(np.array([0.0, 1.0, 0.18, 0.5])), [0.0, 1.0, 0.4613561, 0.7353570],
-                               atol=1e-7)
+    np.testing.assert_allclose(srgb_oetf(np.array([0.0, 1.0, 0.18, 0.5])), [0.0, 1.0, 0.4613561, 0.7353570], atol=1e-7)
     below, above = srgb_oetf(np.array([0.0031308, 0.0031308 + 1e-9]))
     assert abs(above - below) < 1e-6
 
@@ -94,8 +93,10 @@ def test_depth_range_may_start_beyond_zero():
     assert abs(decode_depth(pixels, (2.0, 4.0))[0, 1] - 3.0) < 2 / 65535
 
 
-@pytest.mark.parametrize("encode", [lambda image: encode_color(image, 1.0), encode_normal,
-                                    lambda image: encode_depth(image[..., 0], (0.0, 25.0))])
+@pytest.mark.parametrize(
+    "encode",
+    [lambda image: encode_color(image, 1.0), encode_normal, lambda image: encode_depth(image[..., 0], (0.0, 25.0))],
+)
 def test_nan_is_never_written(encode):
     with pytest.raises(ValueError, match="NaN"):
         encode(np.full((3, 4, 3), np.nan))

@@ -15,9 +15,17 @@ from varos_warp.scene.description.render import Render
 
 ROOT = Path(varos_warp.__file__).parent
 NAMED = {value for name, value in vars(image_types).items() if name.isupper() and isinstance(value, str)}
-OTHERS = {"scene/images.py", "scene/lights/ies.py", "scene/lights/goniometry.py", "scene/geometry/files/off.py",
-          "cli/datasets.py", "cli/options.py", "dataset/validate/alignment.py", "scene/file/schema.py",
-          "sim/simulator.py"}
+OTHERS = {
+    "scene/images.py",
+    "scene/lights/ies.py",
+    "scene/lights/goniometry.py",
+    "scene/geometry/files/off.py",
+    "cli/datasets.py",
+    "cli/options.py",
+    "dataset/validate/alignment.py",
+    "scene/file/schema.py",
+    "sim/simulator.py",
+}
 """Files where such letters in quotes mean something else: modes of Pillow, types of IES, units, an unknown.
 
 The command line says its default without loading anything."""
@@ -38,8 +46,17 @@ def test_every_line_of_the_registry_leads_to_a_product_of_its_letter(letter):
 
 def test_pixels_are_those_of_the_papers_table_4_and_of_later_types():
     assert {k: (o.channels, np.dtype(o.dtype).itemsize * 8) for k, o in OUTPUTS.items()} == {
-        "A": (3, 8), "B": (3, 8), "C": (3, 8), "D": (1, 16), "S": (1, 16), "P": (3, 8), "F": (3, 16), "T": (3, 32),
-        "U": (1, 8), "N": (1, 8)}
+        "A": (3, 8),
+        "B": (3, 8),
+        "C": (3, 8),
+        "D": (1, 16),
+        "S": (1, 16),
+        "P": (3, 8),
+        "F": (3, 16),
+        "T": (3, 32),
+        "U": (1, 8),
+        "N": (1, 8),
+    }
 
 
 def test_a_scene_may_ask_for_every_type_and_for_no_other():
@@ -55,8 +72,11 @@ def test_denoisers_have_the_keys_of_the_scene_file():
 def letters_in_quotes(path):
     """Strings in a file that are the letter of an image type which has a name."""
     with tokenize.open(path) as file:
-        return [token.string for token in tokenize.generate_tokens(file.readline) if token.type == tokenize.STRING
-                and token.string[1:-1] in NAMED]
+        return [
+            token.string
+            for token in tokenize.generate_tokens(file.readline)
+            if token.type == tokenize.STRING and token.string[1:-1] in NAMED
+        ]
 
 
 def test_no_other_room_knows_image_types_by_letters_in_quotes():

@@ -30,8 +30,13 @@ WIDTH, HEIGHT, FOCAL = 24, 16, 20.0
 
 
 def scene_of(**camera):
-    view = {"id": "M0", "look_at": [0, 1, 0], "resolution": [WIDTH, HEIGHT],
-            "sensor_mm": [4.8, 3.2], "focal_mm": 4.0} | camera
+    view = {
+        "id": "M0",
+        "look_at": [0, 1, 0],
+        "resolution": [WIDTH, HEIGHT],
+        "sensor_mm": [4.8, 3.2],
+        "focal_mm": 4.0,
+    } | camera
     return Scene(water="none", vehicle={"cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]})
 
 
@@ -41,8 +46,13 @@ def half_plate(edge_px, angle_deg=0.0):
     corners = plate.vertices.copy()
     corners[:, 0] = np.where(corners[:, 0] < 0, 0.0, 400.0)
     a = np.radians(angle_deg)
-    turned = np.column_stack([np.cos(a) * corners[:, 0] + np.sin(a) * corners[:, 2], corners[:, 1],
-                              -np.sin(a) * corners[:, 0] + np.cos(a) * corners[:, 2]])
+    turned = np.column_stack(
+        [
+            np.cos(a) * corners[:, 0] + np.sin(a) * corners[:, 2],
+            corners[:, 1],
+            -np.sin(a) * corners[:, 0] + np.cos(a) * corners[:, 2],
+        ]
+    )
     turned[:, 0] += (edge_px - WIDTH / 2) / FOCAL * 2.0
     return Part("plate", turned, plate.faces, plate.material)
 
@@ -105,6 +115,7 @@ def test_what_is_out_of_focus_is_mixed_as_far_as_its_disk_reaches():
 
 def test_motion_blurs_an_edge_over_the_pixels_that_it_passes():
     """4 pixels to the right and left of where it is at the frame's time: shares rise linearly over 8 pixels."""
+
     def motion(offset_ns):
         T = np.repeat(np.eye(4)[None], len(offset_ns), 0)
         T[:, 0, 3] = offset_ns * 1e-9 * 0.8 / 0.1
@@ -192,8 +203,14 @@ def no_share(pixels):
     pixels[3, 5] = 100
 
 
-@pytest.mark.parametrize(("change", "said"), [(inside, "more mixed inside the objects of S"), (pure, "no mixed pixel"),
-                                              (no_share, "values in 1 pixels that are no shares of 32 rays")])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (inside, "more mixed inside the objects of S"),
+        (pure, "no mixed pixel"),
+        (no_share, "values in 1 pixels that are no shares of 32 rays"),
+    ],
+)
 def test_damage_within_it_is_named(whole, tmp_path, change, said):
     copy = shutil.copytree(whole, tmp_path / "copy")
     (copy / "checksums").unlink()

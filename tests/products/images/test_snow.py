@@ -22,10 +22,26 @@ SCENE = {
     "particles": [{"share": 0.01, "radius_m": [0.001, 0.004]}],
     "surface_depth_m": 10,
     "vehicle": {
-        "lights": [{"kind": "spot", "position": [0.4, 0.0, 0.2], "direction": [-0.1, 1, 0], "intensity": [50, 50, 50],
-                    "cone_deg": 100, "blend": 0.5}],
-        "cameras": [{"id": "M0", "resolution": [48, 27], "sensor_mm": [8, 4.5], "focal_mm": 6,
-                     "shutter": {"exposure_s": 0.02, "readout_s": 0.01}}]},
+        "lights": [
+            {
+                "kind": "spot",
+                "position": [0.4, 0.0, 0.2],
+                "direction": [-0.1, 1, 0],
+                "intensity": [50, 50, 50],
+                "cone_deg": 100,
+                "blend": 0.5,
+            }
+        ],
+        "cameras": [
+            {
+                "id": "M0",
+                "resolution": [48, 27],
+                "sensor_mm": [8, 4.5],
+                "focal_mm": 6,
+                "shutter": {"exposure_s": 0.02, "readout_s": 0.01},
+            }
+        ],
+    },
     "trajectory": {"poses": [{"position": [0, 0, 0], "time_s": 0}, {"position": [0.03, 0.1, 0.0], "time_s": 0.1}]},
     "render": {"outputs": ["A", "N"], "integrator": "path", "spp": 1, "linear_exr": True, "denoise": "nlm"},
 }
@@ -72,16 +88,20 @@ def test_shards_have_the_bytes_of_one_run(whole, tmp_path):
         produce(scene_of(), tmp_path / "out", quiet=True, shard=shard)
     for letter, folder in (("N", "_exr"), ("N", ""), ("A", "_exr")):
         for frame in range(2):
-            paths = [Dataset(root).layout.image_files("M0", letter, frame, {})[folder]
-                     for root in (whole, tmp_path / "out")]
+            paths = [
+                Dataset(root).layout.image_files("M0", letter, frame, {})[folder] for root in (whole, tmp_path / "out")
+            ]
             assert paths[0].read_bytes() == paths[1].read_bytes(), paths[0].name
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    (lambda channels: channels.pop("passed"), "has no channel passed"),
-    (lambda channels: channels["G"].fill(np.nan), "not finite"),
-    (lambda channels: channels["passed"].fill(-0.5), "negative share of light that passes"),
-])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda channels: channels.pop("passed"), "has no channel passed"),
+        (lambda channels: channels["G"].fill(np.nan), "not finite"),
+        (lambda channels: channels["passed"].fill(-0.5), "negative share of light that passes"),
+    ],
+)
 def test_damage_within_it_is_named(whole, tmp_path, change, said):
     copy = shutil.copytree(whole, tmp_path / "copy")
     (copy / "checksums").unlink()
@@ -107,8 +127,10 @@ def test_no_denoiser_touches_bodies():
 def test_without_bodies_a_is_that_of_a_scene_that_has_none():
     """To the byte."""
     how = {"outputs": "A", "spp": 1}
-    with_bodies, none = (FrameRenderer(scene_of(**changes), "cpu") for changes in (
-        {}, {"particles": [], "render": SCENE["render"] | {"outputs": ["A"]}}))
+    with_bodies, none = (
+        FrameRenderer(scene_of(**changes), "cpu")
+        for changes in ({}, {"particles": [], "render": SCENE["render"] | {"outputs": ["A"]}})
+    )
     plain = none.render(np.eye(4), **how).A.radiance
     np.testing.assert_array_equal(with_bodies.render(np.eye(4), snow=False, **how).A.radiance, plain)
     assert np.abs(with_bodies.render(np.eye(4), **how).A.radiance - plain).max() > 0.0
@@ -125,9 +147,15 @@ def test_what_cannot_be_is_refused(tmp_path):
         produce(scene_of(particles=[{"share": 0.01}, {"share": 0.01, "seed": 2}]), tmp_path / "out", quiet=True)
     with pytest.raises(InputError, match="the water does not scatter"):
         produce(scene_of(water="none"), tmp_path / "out", quiet=True)
-    for block, said in (({"radius_m": [0.003, 0.001]}, "does not ascend"), ({"radius_m": [0, 0.001]}, "radius_m"),
-                        ({"radius_m": [-0.001, 0.001]}, "radius_m"), ({"slope": 1.9}, "slope"),
-                        ({"slope": 6.1}, "slope"), ({"share": 0}, "share"), ({"preset": "blizzard"}, "preset")):
+    for block, said in (
+        ({"radius_m": [0.003, 0.001]}, "does not ascend"),
+        ({"radius_m": [0, 0.001]}, "radius_m"),
+        ({"radius_m": [-0.001, 0.001]}, "radius_m"),
+        ({"slope": 1.9}, "slope"),
+        ({"slope": 6.1}, "slope"),
+        ({"share": 0}, "share"),
+        ({"preset": "blizzard"}, "preset"),
+    ):
         with pytest.raises(InputError, match=said):
             scene_of(particles=[block])
     with pytest.raises(InputError, match="N shows bodies in the water"):
@@ -135,8 +163,10 @@ def test_what_cannot_be_is_refused(tmp_path):
     with pytest.raises(InputError, match="none of the light scattered once"):
         scene_of(render=SCENE["render"] | {"layers": ["direct", "multiple"]})
     camera = {"id": "M0", "resolution": [1280, 720], "sensor_mm": [8, 4.5], "focal_mm": 6}
-    many = scene_of(vehicle=SCENE["vehicle"] | {"cameras": [camera]},
-                    particles=[{"share": 0.013, "radius_m": [2e-5, 1e-4], "least_px": 0.005}])
+    many = scene_of(
+        vehicle=SCENE["vehicle"] | {"cameras": [camera]},
+        particles=[{"share": 0.013, "radius_m": [2e-5, 1e-4], "least_px": 0.005}],
+    )
     with pytest.raises(InputError, match=r"particles\.0\.least_px = 0\.005.*cells of water"):
         produce(many, tmp_path / "out", quiet=True)
     assert not (tmp_path / "out").exists()

@@ -84,9 +84,11 @@ class Renderer(standins.FlatFloorRenderer):
 def dataset(out, outputs="DT", **render):
     left, right = scene_dict()["vehicle"]["cameras"]
     cameras = [left, right | {"port": {"kind": "flat", "distance_m": 0.02, "thickness_m": 0.008}}]
-    scene = make_scene(vehicle=scene_dict()["vehicle"] | {"cameras": cameras},
-                       water={"coefficients": {"sigma_s": SIGMA_S, "sigma_a": SIGMA_A}},
-                       render={"outputs": list(outputs), "depth_exr": True} | render)
+    scene = make_scene(
+        vehicle=scene_dict()["vehicle"] | {"cameras": cameras},
+        water={"coefficients": {"sigma_s": SIGMA_S, "sigma_a": SIGMA_A}},
+        render={"outputs": list(outputs), "depth_exr": True} | render,
+    )
     with pytest.MonkeyPatch.context() as patch:
         standins.install(patch)
         produce(scene, out, quiet=True, renderer=Renderer(scene))
@@ -195,11 +197,17 @@ def one_surface_more(pixels):
     pixels[tuple(np.argwhere(pixels[..., 1] == 0.0)[0])] = np.exp(-SIGMA_T * 2.0)
 
 
-@pytest.mark.parametrize(("change", "said"), [(black, "pixels where D has a surface"),
-                                              (one_surface_less, "is 0 in 1 pixels where D has a surface"),
-                                              (one_surface_more, "has a surface in 1 pixels where D has none"),
-                                              (halved, "no distance in this water makes"),
-                                              (brighter, "not between 0 and 1"), (unknown, "not between 0 and 1")])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (black, "pixels where D has a surface"),
+        (one_surface_less, "is 0 in 1 pixels where D has a surface"),
+        (one_surface_more, "has a surface in 1 pixels where D has none"),
+        (halved, "no distance in this water makes"),
+        (brighter, "not between 0 and 1"),
+        (unknown, "not between 0 and 1"),
+    ],
+)
 def test_damage_within_it_is_named(damaged, change, said):
     rewritten(damaged, change)
     problems = validate(damaged.root, quiet=True).problems

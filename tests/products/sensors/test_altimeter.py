@@ -82,16 +82,33 @@ def test_a_beam_that_meets_nothing_reads_nothing():
 
 
 def messages(sensor: str, block: dict, **blocks) -> list[str]:
-    scene = scene_from_dict({"vehicle": {sensor: block}, **blocks, "trajectory": {
-        "poses": [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "time_s": 1.0}]}})
+    scene = scene_from_dict(
+        {
+            "vehicle": {sensor: block},
+            **blocks,
+            "trajectory": {"poses": [{"position": [0, 0, 0]}, {"position": [1, 0, 0], "time_s": 1.0}]},
+        }
+    )
     return [text for text in vw.simulate(scene).messages if sensor in text]
 
 
-@pytest.mark.parametrize(("sensor", "far", "words"), [
-    ("altimeter", {"max_range_m": 2.9}, "vehicle.altimeter: its beam meets nothing within max_range_m = 2.9 in the "
-     "whole run, so all readings are nan"),
-    ("dvl", {"range_m": [0.1, 2.9]}, "vehicle.dvl: none of its beams meets anything within range_m = [0.1, 2.9] in the "
-     "whole run, so all readings are nan")])
+@pytest.mark.parametrize(
+    ("sensor", "far", "words"),
+    [
+        (
+            "altimeter",
+            {"max_range_m": 2.9},
+            "vehicle.altimeter: its beam meets nothing within max_range_m = 2.9 in the "
+            "whole run, so all readings are nan",
+        ),
+        (
+            "dvl",
+            {"range_m": [0.1, 2.9]},
+            "vehicle.dvl: none of its beams meets anything within range_m = [0.1, 2.9] in the "
+            "whole run, so all readings are nan",
+        ),
+    ],
+)
 def test_a_sensor_that_meets_nothing_in_a_whole_run_is_told_of(sensor, far, words):
     assert messages(sensor, far, terrain=FLAT) == [words]
     assert messages(sensor, {}, terrain=FLAT) == []
@@ -115,12 +132,20 @@ def test_it_sees_the_body_of_another_vehicle_and_not_of_its_own():
     still = {"duration_s": 0.5, "poses": [{"position": [0, 0, 0]}]}
     below = {"duration_s": 0.5, "poses": [{"position": [0, 0, -1.75]}]}
     own = board | {"position": [0, 0, -0.5]}
-    scene = scene_from_dict({"terrain": FLAT, "vehicles": [
-        {"id": "0", "altimeter": {}, "body": own, "trajectory": still}, {"id": "1", "trajectory": below}]})
+    scene = scene_from_dict(
+        {
+            "terrain": FLAT,
+            "vehicles": [
+                {"id": "0", "altimeter": {}, "body": own, "trajectory": still},
+                {"id": "1", "trajectory": below},
+            ],
+        }
+    )
     np.testing.assert_allclose(vw.simulate(scene).altimeter.range, 3.0, atol=1e-6)
     other = {"id": "1", "trajectory": below, "body": board}
-    scene = scene_from_dict({"terrain": FLAT, "vehicles": [
-        {"id": "0", "altimeter": {}, "body": own, "trajectory": still}, other]})
+    scene = scene_from_dict(
+        {"terrain": FLAT, "vehicles": [{"id": "0", "altimeter": {}, "body": own, "trajectory": still}, other]}
+    )
     np.testing.assert_allclose(vw.simulate(scene).altimeter.range, 1.75, atol=1e-6)
 
 
@@ -132,9 +157,13 @@ def test_the_x_axis_of_the_sensor_is_its_beam(direction):
 
 
 def test_one_tick_at_a_time_it_reads_what_it_reads_at_once():
-    scene = scene_from_dict({"terrain": FLAT | {"relief_m": 0.5}, "vehicle": {"altimeter": {"rate_hz": 130}},
-                             "trajectory": {"duration_s": 0.5, "waypoints": [{"position": [0, 0, 0]},
-                                                                             {"position": [1, 2, 0.5]}]}})
+    scene = scene_from_dict(
+        {
+            "terrain": FLAT | {"relief_m": 0.5},
+            "vehicle": {"altimeter": {"rate_hz": 130}},
+            "trajectory": {"duration_s": 0.5, "waypoints": [{"position": [0, 0, 0]}, {"position": [1, 2, 0.5]}]},
+        }
+    )
     simulator = vw.Simulator(scene)
     steps = [simulator.state]
     while not simulator.finished:
@@ -164,9 +193,15 @@ def test_noise_is_white_about_a_scaled_and_shifted_range_and_nothing_stays_nothi
 # ------------------------------------------------------------------------------------------------------------- refusal
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"direction": [0, 0, 0]}, "must be 1e-6 to 1e6 long"), ({"max_range_m": 0}, "max_range_m"),
-    ({"rotation_euler_deg": [0, 0, 0]}, "rotation_euler_deg"), ({"rate_hz": -1}, "rate_hz")])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"direction": [0, 0, 0]}, "must be 1e-6 to 1e6 long"),
+        ({"max_range_m": 0}, "max_range_m"),
+        ({"rotation_euler_deg": [0, 0, 0]}, "rotation_euler_deg"),
+        ({"rate_hz": -1}, "rate_hz"),
+    ],
+)
 def test_what_is_no_altimeter_is_refused_by_its_key(changes, words):
     with pytest.raises(InputError, match=words) as error:
         scene_from_dict({"vehicle": {"altimeter": changes}, "trajectory": {"poses": [{}]}})
@@ -232,18 +267,25 @@ def test_noise_keeps_the_truth_beside_the_readings(made, noisy):
 
 
 def test_it_is_sound_with_and_without_noise(made, noisy):
-    for root, name in ((made, "altimeter0: range against the scene's meshes"),
-                       (noisy.root, "altimeter0: readings against profile and seed")):
+    for root, name in (
+        (made, "altimeter0: range against the scene's meshes"),
+        (noisy.root, "altimeter0: readings against profile and seed"),
+    ):
         result = validate(root, quiet=True)
         assert result.problems == []
         assert name in {measure["name"] for measure in result.measures}
 
 
-@pytest.mark.parametrize(("of_noisy", "column", "by", "problem"), [
-    (False, 1, 0.001, ": range = "), (False, 1, 5.0, "is no distance up to 2.85 m"),
-    (True, 1, 0.001, "altimeter0: readings against profile and seed"),
-    (True, 1, 1.0, "altimeter0: range off the truth, at most"),
-    (True, 2, 0.001, "is not the distance to the scene's meshes")])
+@pytest.mark.parametrize(
+    ("of_noisy", "column", "by", "problem"),
+    [
+        (False, 1, 0.001, ": range = "),
+        (False, 1, 5.0, "is no distance up to 2.85 m"),
+        (True, 1, 0.001, "altimeter0: readings against profile and seed"),
+        (True, 1, 1.0, "altimeter0: range off the truth, at most"),
+        (True, 2, 0.001, "is not the distance to the scene's meshes"),
+    ],
+)
 def test_a_changed_range_is_found(made, noisy, tmp_path, of_noisy, column, by, problem):
     copy = shutil.copytree(noisy.root if of_noisy else made, tmp_path / "copy")
     (copy / "checksums").unlink()
@@ -268,9 +310,10 @@ def test_a_lost_reading_is_found(made, tmp_path):
     table["range [m]"][row] = np.nan
     path.unlink()
     files.write_csv(path, list(table), *table.values())
-    problem, = validate(copy, quiet=True).problems
-    assert problem == (f"vehicle0/altimeter0/altimeter0_data.csv:{row + 2}: range = nan: is not the distance to the "
-                       "scene's meshes")
+    (problem,) = validate(copy, quiet=True).problems
+    assert problem == (
+        f"vehicle0/altimeter0/altimeter0_data.csv:{row + 2}: range = nan: is not the distance to the scene's meshes"
+    )
 
 
 def test_a_dataset_that_does_not_say_how_far_it_reads_is_refused(made, tmp_path):
@@ -298,8 +341,9 @@ def test_in_a_bag_it_is_a_range_along_x_and_infinite_where_it_meets_nothing(made
         found = [(t, store.deserialize_cdr(raw, c.msgtype)) for c, t, raw in bag.messages(connections)]
     read = data.readings("altimeter0")
     assert [t for t, _ in found] == read["time_ns"].tolist()
-    np.testing.assert_array_equal([m.range for _, m in found],
-                                  np.nan_to_num(read["range"], nan=np.inf).astype(np.float32))
+    np.testing.assert_array_equal(
+        [m.range for _, m in found], np.nan_to_num(read["range"], nan=np.inf).astype(np.float32)
+    )
     first = found[0][1]
     assert (first.header.frame_id, first.radiation_type, first.min_range) == ("altimeter_link", first.ULTRASOUND, 0.0)
     assert first.max_range == np.float32(2.85)

@@ -90,8 +90,9 @@ def directions_of(half_angle, inside, outside):
     """Angles to the axis of the nodes, as kernels/field/open_water.py sets them."""
     k = np.arange(inside + outside + 1)
     beyond = np.maximum(k - inside, 0) / max(outside, 1)
-    return np.where(k <= inside, half_angle * (1 - (1 - k / inside) ** 2),
-                    half_angle + (np.pi - half_angle) * beyond**2)
+    return np.where(
+        k <= inside, half_angle * (1 - (1 - k / inside) ** 2), half_angle + (np.pi - half_angle) * beyond**2
+    )
 
 
 def flux_through_spheres(light, coefficients):
@@ -102,7 +103,7 @@ def flux_through_spheres(light, coefficients):
     made, sigma = open_water([light], coefficients), coefficients["sigma_s"][2]
     assert coefficients["sigma_a"][2] == 0.0
     assert len(made._lights) == 1
-    field, = made._fields.values()
+    (field,) = made._fields.values()
     grid, E = field.grid, field.irradiance.numpy()[..., 2]
     d = solver.NEAREST_M * np.exp(grid.log_step * np.arange(grid.distances))
     net = (E[:, 0, 0] - E[:, -1, 0]).T * (d * np.exp(-grid.decay[2] * d))[:, None]
@@ -115,13 +116,17 @@ def flux_through_spheres(light, coefficients):
     return sigma * d, scattered / sent + np.exp(-sigma * d)
 
 
-@pytest.mark.parametrize(("light", "coefficients", "near", "far"), [
-    (point((0, 0, 0)), water(1.0, 1.0, 0.0), 3e-3, 1.5e-2),
-    (point((0, 0, 0)), water(1.0, 1.0, 0.9), 3e-3, 1.5e-2),
-    (point((0, 0, 0)), water(1.0, 1.0, 0.0) | {"phase": SEA}, 3e-3, 1.5e-2),
-    (spot((0, 0, 0), cone_deg=precomputed.CONES_DEG[0]), water(1.0, 1.0, 0.0) | {"phase": SEA}, 7e-3, 3.5e-2),
-    (spot((0, 0, 0)), PAPER_WATER, 1e-3, 5e-3)],
-    ids=["point, isotropic", "point, g 0.9", "point, Fournier-Forand", "narrow, Fournier-Forand", "the paper's"])
+@pytest.mark.parametrize(
+    ("light", "coefficients", "near", "far"),
+    [
+        (point((0, 0, 0)), water(1.0, 1.0, 0.0), 3e-3, 1.5e-2),
+        (point((0, 0, 0)), water(1.0, 1.0, 0.9), 3e-3, 1.5e-2),
+        (point((0, 0, 0)), water(1.0, 1.0, 0.0) | {"phase": SEA}, 3e-3, 1.5e-2),
+        (spot((0, 0, 0), cone_deg=precomputed.CONES_DEG[0]), water(1.0, 1.0, 0.0) | {"phase": SEA}, 7e-3, 3.5e-2),
+        (spot((0, 0, 0)), PAPER_WATER, 1e-3, 5e-3),
+    ],
+    ids=["point, isotropic", "point, g 0.9", "point, Fournier-Forand", "narrow, Fournier-Forand", "the paper's"],
+)
 @pytest.mark.subject("multiple scattering")
 def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, light, coefficients, near, far):
     """In water that absorbs nothing, whatever its phase function: within 0.3 % up to two free paths, 1.5 % up to five.
@@ -134,9 +139,14 @@ def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, ligh
         chosen = (d >= nearest) & (d <= farthest)
         assert chosen.sum() >= 5
         lamp = f"{light['kind']} {light.get('cone_deg', '')}"
-        truth(f"net flux through spheres of {nearest} to {farthest} free paths, {lamp}, {coefficients['phase']}",
-              source="energy is conserved", expected=1.0, got=flux[chosen], tolerance=tolerance,
-              reason="the field's stated error")
+        truth(
+            f"net flux through spheres of {nearest} to {farthest} free paths, {lamp}, {coefficients['phase']}",
+            source="energy is conserved",
+            expected=1.0,
+            got=flux[chosen],
+            tolerance=tolerance,
+            reason="the field's stated error",
+        )
 
 
 @pytest.mark.parametrize(
@@ -184,8 +194,13 @@ def plate(p, n, size=5e-4):
 
 def traced_irradiance(light, coefficients, p, n, spp):
     """Scattered irradiance of a white plate of a square millimetre, seen from 2 mm: mean and standard error [3]."""
-    view = {"position": list(p + 2e-3 * n), "look_at": list(p), "resolution": [16, 16], "sensor_mm": [1e-3, 1e-3],
-            "focal_mm": 34.0}
+    view = {
+        "position": list(p + 2e-3 * n),
+        "look_at": list(p),
+        "resolution": [16, 16],
+        "sensor_mm": [1e-3, 1e-3],
+        "focal_mm": 34.0,
+    }
     scene = Scene(
         water={"coefficients": coefficients},
         vehicle={"lights": [light], "cameras": [{"focal_mm": 1e3, **view}]},

@@ -14,18 +14,24 @@ from varos_warp.scene.description import Scene
 pytestmark = pytest.mark.subject("single scattering")
 
 PAPER = {"coefficients": VAROS_WATER | {"phase": {"g": 0.8}}}
-FOUR = [spot((x, 0.0, z), axis=(-0.3 * x, 0.2, 1.0), cone_deg=cone, blend=blend) for x, z, cone, blend in
-        ((-0.5, 0.3, 80, 0.5), (0.5, 0.3, 90, 0.8), (-0.5, -0.3, 70, 1.0), (0.5, -0.3, 100, 0.6))]
-SCENES = {"paper": (PAPER, VAROS_LAMPS), "coast": ({"jerlov": {"type": "3C"}}, FOUR),
-          "turbid": ({"coefficients": TURBID}, VAROS_LAMPS),
-          "close": (PAPER, [spot((0.04, 0.03, -0.02), cone_deg=120.0, blend=0.5)])}
+FOUR = [
+    spot((x, 0.0, z), axis=(-0.3 * x, 0.2, 1.0), cone_deg=cone, blend=blend)
+    for x, z, cone, blend in ((-0.5, 0.3, 80, 0.5), (0.5, 0.3, 90, 0.8), (-0.5, -0.3, 70, 1.0), (0.5, -0.3, 100, 0.6))
+]
+SCENES = {
+    "paper": (PAPER, VAROS_LAMPS),
+    "coast": ({"jerlov": {"type": "3C"}}, FOUR),
+    "turbid": ({"coefficients": TURBID}, VAROS_LAMPS),
+    "close": (PAPER, [spot((0.04, 0.03, -0.02), cone_deg=120.0, blend=0.5)]),
+}
 NARROW = (PAPER, [spot((-0.5, 0.0, 0.2), axis=(0.3, 0.0, 1.0), cone_deg=25.0)])
 
 
 def scene_of(water, lights) -> Scene:
     view = {"id": "M0", "resolution": [64, 40], "focal_mm": 3.4, "sensor_mm": [4.4, 2.75]}
-    return Scene(water=water, vehicle={"lights": lights, "cameras": [view]},
-                 trajectory={"poses": [{"position": [0, 0, 0]}]})
+    return Scene(
+        water=water, vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]}
+    )
 
 
 def single(water, lights) -> np.ndarray:

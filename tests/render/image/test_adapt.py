@@ -101,11 +101,21 @@ def bright_spot():
     view = {"resolution": [64, 48], "rotation_euler_deg": [-90, 0, 0]}
     lamps = [VAROS_LAMPS[0] | {"position": [0.3, 0.0, 0.0], "direction": [0, 0, -1]}]
     water = VAROS_WATER | {"phase": {"g": 0.8}}
-    scene = Scene(water={"coefficients": water}, vehicle={"lights": lamps, "cameras": [view]},
-                  trajectory={"poses": [{"position": [0, 0, 0]}]}, render={"denoise": "none", "integrator": "field"})
+    scene = Scene(
+        water={"coefficients": water},
+        vehicle={"lights": lamps, "cameras": [view]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        render={"denoise": "none", "integrator": "field"},
+    )
 
-    return FrameRenderer(scene, "cpu", parts=[plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.05] * 3)),
-                                              plate("plate", 0.11, -1.4, Diffuse(reflectance=[0.9] * 3))])
+    return FrameRenderer(
+        scene,
+        "cpu",
+        parts=[
+            plate("floor", 9.0, -2.0, Diffuse(reflectance=[0.05] * 3)),
+            plate("plate", 0.11, -1.4, Diffuse(reflectance=[0.9] * 3)),
+        ],
+    )
 
 
 @pytest.fixture(scope="module")
@@ -150,4 +160,5 @@ def test_the_standard_error_is_that_of_the_spread_between_images(shared):
     """Mean square over pixels and 12 images; its own spread with heavy tails is about 10 %."""
     found = np.mean([np.square(image.stderr, dtype=float) for image in shared])
     assert np.mean(np.var([image.radiance.astype(float) for image in shared], axis=0, ddof=1)) == pytest.approx(
-        found, rel=0.3)
+        found, rel=0.3
+    )

@@ -31,7 +31,7 @@ from varos_warp.scene.geometry.parts import Part
 def scene(spp=16, seed=0, shape=(96, 128)):
     """Truth, noisy estimate and its standard error: two tones with an edge under gamma noise (as of ``spp`` paths)."""
     truth = np.full((*shape, 3), 0.05, np.float32)
-    truth[:, shape[1] // 2:] = 0.6
+    truth[:, shape[1] // 2 :] = 0.6
     truth *= np.linspace(0.5, 1.5, shape[0], dtype=np.float32)[:, None, None]
     noisy = np.random.default_rng(seed).gamma(spp, truth / spp).astype(np.float32)
     return truth, noisy, (truth / np.sqrt(spp)).astype(np.float32)
@@ -39,9 +39,12 @@ def scene(spp=16, seed=0, shape=(96, 128)):
 
 def denoise(radiance, stderr, method):
     """A whole image, denoised."""
-    return denoise_image(SimpleNamespace(snow=None, radiance=radiance, stderr=stderr, correction=None,
-                                         base_variance=None,
-                                         albedo=None, normal=None), method)
+    return denoise_image(
+        SimpleNamespace(
+            snow=None, radiance=radiance, stderr=stderr, correction=None, base_variance=None, albedo=None, normal=None
+        ),
+        method,
+    )
 
 
 def part_denoised(part, quality=PART_QUALITY, **guides):
@@ -224,16 +227,23 @@ def layered(spp=16, seed=0, shape=(96, 128), guides=False):
     rng = np.random.default_rng(seed)
     texture = rng.uniform(0.2, 0.8, (*shape, 3)).astype(np.float32)
     level = np.full((*shape, 3), 0.1, np.float32)
-    level[:, shape[1] // 2:] = 0.02
+    level[:, shape[1] // 2 :] = 0.02
     taken = np.zeros((*shape, 3), np.float32)
-    taken[:, shape[1] // 3:2 * shape[1] // 3] = 0.03
+    taken[:, shape[1] // 3 : 2 * shape[1] // 3] = 0.03
     k = spp / SPREAD**2
     correction = (rng.gamma(k, level / k) - rng.gamma(k, np.maximum(taken, 1e-9) / k)).astype(np.float32)
     stderr = (SPREAD * np.sqrt(level**2 + taken**2) / np.sqrt(spp)).astype(np.float32)
     albedo = np.full((*shape, 3), 0.4, np.float32) if guides else None
     normal = np.full((*shape, 3), (0.0, 0.0, 1.0), np.float32) if guides else None
-    image = SimpleNamespace(snow=None, radiance=texture + correction, stderr=stderr, correction=correction,
-                            base_variance=np.zeros_like(stderr), albedo=albedo, normal=normal)
+    image = SimpleNamespace(
+        snow=None,
+        radiance=texture + correction,
+        stderr=stderr,
+        correction=correction,
+        base_variance=np.zeros_like(stderr),
+        albedo=albedo,
+        normal=normal,
+    )
     return texture + level - taken, image
 
 
@@ -267,10 +277,15 @@ def guided(base, level, albedo, direct):
     k = 0.5
     correction = np.random.default_rng(2).gamma(k, level / k).astype(np.float32)
     image = SimpleNamespace(
-        snow=None, radiance=base + correction, correction=correction, stderr=level / np.float32(np.sqrt(k)),
-                            base_variance=np.zeros_like(base))
-    inputs = on("cpu", direct=direct, radiance=image.radiance, correction=correction, albedo=albedo,
-                normal=np.zeros_like(base))
+        snow=None,
+        radiance=base + correction,
+        correction=correction,
+        stderr=level / np.float32(np.sqrt(k)),
+        base_variance=np.zeros_like(base),
+    )
+    inputs = on(
+        "cpu", direct=direct, radiance=image.radiance, correction=correction, albedo=albedo, normal=np.zeros_like(base)
+    )
     weighed = on("cpu", albedo=albedo, normal=albedo)
     wp.launch(weigh_guides, base.shape[:2], [*inputs.values()], [*weighed.values()], device="cpu")
     return SimpleNamespace(**vars(image), **{name: guide.numpy() for name, guide in weighed.items()})
@@ -340,8 +355,14 @@ def test_negative_values_do_not_brighten_the_image(method):
     k = spp / SPREAD**2
     correction = (0.05 * (rng.gamma(k, 1 / k, shape) - rng.gamma(k, 1 / k, shape))).astype(np.float32)
     image = SimpleNamespace(
-        snow=None, radiance=np.float32(1.0) + correction, stderr=np.full(shape, 0.05 * SPREAD, np.float32),
-                            correction=correction, base_variance=np.zeros(shape, np.float32), albedo=None, normal=None)
+        snow=None,
+        radiance=np.float32(1.0) + correction,
+        stderr=np.full(shape, 0.05 * SPREAD, np.float32),
+        correction=correction,
+        base_variance=np.zeros(shape, np.float32),
+        albedo=None,
+        normal=None,
+    )
     error = correction.std() / np.sqrt(correction.size)
     bias = denoise_image(image, method).mean(dtype=np.float64) - image.radiance.mean(dtype=np.float64)
     assert abs(bias) < 4 * error + 0.01 * 0.05
@@ -355,8 +376,15 @@ def test_a_constant_correction_stays_constant(method, level):
     needs(method)
     correction = np.full((32, 48, 3), level, np.float32)
     stderr = np.full_like(correction, 0.01)
-    image = SimpleNamespace(snow=None, radiance=1 + correction, stderr=stderr, correction=correction,
-                            base_variance=np.zeros_like(stderr), albedo=None, normal=None)
+    image = SimpleNamespace(
+        snow=None,
+        radiance=1 + correction,
+        stderr=stderr,
+        correction=correction,
+        base_variance=np.zeros_like(stderr),
+        albedo=None,
+        normal=None,
+    )
     inside = np.s_[8:-8, 8:-8]
     np.testing.assert_allclose(denoise_image(image, method)[inside] - 1, correction[inside], rtol=0.02)
     np.testing.assert_allclose(denoise_image(image, method) - 1, correction, rtol=0.3)
@@ -364,8 +392,9 @@ def test_a_constant_correction_stays_constant(method, level):
 
 def test_an_image_without_a_correction_is_denoised_as_a_whole():
     _, noisy, stderr = scene()
-    image = SimpleNamespace(snow=None, radiance=noisy, stderr=stderr, correction=None, base_variance=None,
-                            albedo=None, normal=None)
+    image = SimpleNamespace(
+        snow=None, radiance=noisy, stderr=stderr, correction=None, base_variance=None, albedo=None, normal=None
+    )
     for method in ("oidn", "nlm", "none"):
         needs(method)
         assert denoise_image(image, method).tobytes() == denoise(noisy, stderr, method).tobytes()
@@ -405,8 +434,8 @@ def kinds_of_images():
     for how in ({}, {"guides": True}, {"shape": (45, 77), "seed": 4}):
         yield layered(**how)[1]
     yield SimpleNamespace(
-        snow=None, radiance=scene()[1], stderr=scene()[2], correction=None, base_variance=None, albedo=None,
-                          normal=None)
+        snow=None, radiance=scene()[1], stderr=scene()[2], correction=None, base_variance=None, albedo=None, normal=None
+    )
     yield SimpleNamespace(**vars(layered()[1]) | {"correction": np.zeros((96, 128, 3), np.float32)})
     _, image = layered(guides=True)
     image.base_variance = image.stderr**2
@@ -435,6 +464,7 @@ def by_package(image, quality, albedo=None, normal=None):
 
 def around(image, side):
     """Means over squares, cut by the edges of the image."""
+
     def mean(values):
         return uniform_filter(values, (side, side, 1), mode="constant")
 
@@ -473,8 +503,9 @@ def test_kernels_denoise_as_numpy_and_the_package_do(cpu_denoiser):
 def test_a_base_of_which_nothing_is_known_is_what_the_denoiser_left(cpu_denoiser):
     *_, image = kinds_of_images()
     image.correction = 0.0 * image.correction
-    np.testing.assert_allclose(device_denoised(cpu_denoiser, image), by_package(image.radiance, PART_QUALITY),
-                               rtol=1e-6)
+    np.testing.assert_allclose(
+        device_denoised(cpu_denoiser, image), by_package(image.radiance, PART_QUALITY), rtol=1e-6
+    )
 
 
 def test_images_that_threads_denoise_side_by_side_have_the_bytes_of_each_by_itself():
@@ -533,22 +564,32 @@ POSE = transform(euler_to_matrix((-30, 0, 0)), [0.0, 0.0, 0.0])
 
 def rough_scene(material):
     """A box on a floor before two lamps; small, for it is rendered."""
-    return scene_from_dict({
-        "water": {"coefficients": {"sigma_s": [0.00175, 0.01825, 0.043125], "sigma_a": [0.12325, 0.039739, 0.0],
-                                   "phase": {"g": 0.8}}},
-        "vehicle": {
-            "lights": [{"kind": "spot", "position": [x, -0.1, 0.0], "direction": [0, 1, 0]} for x in (-0.15, 0.15)],
-            "cameras": [{"id": "M0", "resolution": [32, 20], "sensor_mm": [4.416, 2.76]}]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-        "materials": {"a": material},
-    })
+    return scene_from_dict(
+        {
+            "water": {
+                "coefficients": {
+                    "sigma_s": [0.00175, 0.01825, 0.043125],
+                    "sigma_a": [0.12325, 0.039739, 0.0],
+                    "phase": {"g": 0.8},
+                }
+            },
+            "vehicle": {
+                "lights": [{"kind": "spot", "position": [x, -0.1, 0.0], "direction": [0, 1, 0]} for x in (-0.15, 0.15)],
+                "cameras": [{"id": "M0", "resolution": [32, 20], "sensor_mm": [4.416, 2.76]}],
+            },
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "materials": {"a": material},
+        }
+    )
 
 
 def floor_and_box(material):
     floor = trimesh.creation.box((20, 20, 1)).apply_translation((0, 0, -2.0))
     box = trimesh.creation.box((0.6, 0.6, 0.6)).apply_translation((0.2, 2.2, -1.2))
-    return [Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), material)
-            for name, mesh in (("floor", floor), ("box", box))]
+    return [
+        Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), material)
+        for name, mesh in (("floor", floor), ("box", box))
+    ]
 
 
 PLAIN = {"kind": "diffuse", "reflectance": [0.4, 0.3, 0.2]}
@@ -653,8 +694,9 @@ def test_a_gpu_denoises_as_the_package_does_through_the_host():
     _, noisy, stderr = scene(shape=(180, 320))
     scale = 2.0 ** -np.round(np.log2(noisy.mean(dtype=np.float64)))
     expected = oidn_through_host(np.float32(scale) * noisy) / np.float32(scale)
-    image = SimpleNamespace(snow=None, radiance=noisy, stderr=stderr, correction=None, base_variance=None,
-                            albedo=None, normal=None)
+    image = SimpleNamespace(
+        snow=None, radiance=noisy, stderr=stderr, correction=None, base_variance=None, albedo=None, normal=None
+    )
     np.testing.assert_allclose(device_denoised(Denoiser(Launcher("cuda:0")), image), expected, rtol=2**-11)
 
 
@@ -678,8 +720,9 @@ def test_what_stays_on_a_gpu_changes_nothing_in_the_denoised_image(integrator):
     scene_ = rough_scene({"kind": "rust", "amount": 0.4})
     renderer = FrameRenderer(scene_, "cuda:0", floor_and_box(scene_.materials["a"]))
     how = {"outputs": "AB", "spp": 4, "integrator": integrator, "denoise": "oidn", "denoise_b": "oidn"}
-    whole, brief, both = (renderer.render(POSE, copied=copied, **how)
-                          for copied in (None, ["denoised"], ["radiance", "denoised"]))
+    whole, brief, both = (
+        renderer.render(POSE, copied=copied, **how) for copied in (None, ["denoised"], ["radiance", "denoised"])
+    )
     for one, other, third in ((whole.A, brief.A, both.A), (whole.B, brief.B, both.B)):
         assert other.radiance is None is third.stderr
         assert one.spp == other.spp == third.spp
@@ -725,9 +768,14 @@ def test_mixing_by_the_variance_leaves_less_error_than_either_image():
 
 
 @pytest.mark.parametrize("spp", [8, 32])
-@pytest.mark.parametrize("draw", [
-    lambda rng, shape: 0.5 + 0.5 * (rng.random(shape) < 0.005) / 0.005,
-    lambda rng, shape: rng.lognormal(-1.125, 1.5, shape)], ids=["rare", "lognormal"])
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda rng, shape: 0.5 + 0.5 * (rng.random(shape) < 0.005) / 0.005,
+        lambda rng, shape: rng.lognormal(-1.125, 1.5, shape),
+    ],
+    ids=["rare", "lognormal"],
+)
 def test_mixing_does_not_darken_what_few_bright_samples_light(draw, spp):
     """Mean 1, half of it from one sample in 200, or lognormal; the denoised image is right.
 
@@ -760,13 +808,13 @@ def test_a_noisy_base_is_denoised_where_it_is_noisy_and_keeps_its_detail_where_i
     _, width, _ = truth.shape
     rng = np.random.default_rng(11)
     base = image.radiance - image.correction
-    left = np.s_[:, :width // 2 - 8]
+    left = np.s_[:, : width // 2 - 8]
     base[left] = 0.5
     noisy = base.copy()
     noisy[left] *= rng.gamma(4.0, 0.25, noisy[left].shape)
     image.base_variance[left] = 0.5**2 / 4.0
     image.correction *= np.float32(0.0)
     image.radiance = noisy
-    left_off, right_off = ((denoise_image(image, method) - base)[part] for part in (left, np.s_[:, width // 2 + 8:]))
+    left_off, right_off = ((denoise_image(image, method) - base)[part] for part in (left, np.s_[:, width // 2 + 8 :]))
     assert rms(left_off) < rms((noisy - base)[left]) / 2.0
     assert rms(right_off) < 1e-6

@@ -58,8 +58,12 @@ def test_it_follows_from_seed_camera_image_type_and_frame_alone():
     levels = np.full((9, 7, 3), 20.5, np.float32)
     made = DITHER.rounded(levels, "M0", "A", 4)
     np.testing.assert_array_equal(made, Dither(3).rounded(levels, "M0", "A", 4))
-    for other in (Dither(4).rounded(levels, "M0", "A", 4), DITHER.rounded(levels, "R0", "A", 4),
-                  DITHER.rounded(levels, "M0", "B", 4), DITHER.rounded(levels, "M0", "A", 5)):
+    for other in (
+        Dither(4).rounded(levels, "M0", "A", 4),
+        DITHER.rounded(levels, "R0", "A", 4),
+        DITHER.rounded(levels, "M0", "B", 4),
+        DITHER.rounded(levels, "M0", "A", 5),
+    ):
         assert (other != made).any()
 
 

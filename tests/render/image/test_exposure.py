@@ -97,8 +97,10 @@ def test_black_frames_take_the_gain_of_their_neighbours_and_a_black_sequence_tak
     np.testing.assert_allclose(far, 2.0, rtol=1e-13)
 
 
-@pytest.mark.parametrize(("setting", "output", "expected"), [(0.7, "A", 0.7), (3.0, "B", 3.0), ("constant", "B", 1.0),
-                                                             ("constant", "A", 2.0)])
+@pytest.mark.parametrize(
+    ("setting", "output", "expected"),
+    [(0.7, "A", 0.7), (3.0, "B", 3.0), ("constant", "B", 1.0), ("constant", "A", 2.0)],
+)
 def test_fixed_and_constant_exposures_do_not_change_over_the_sequence(setting, output, expected):
     result = gains(setting, output, np.arange(3.0), [of(1.0), of(2.0), of(50.0)])
     np.testing.assert_allclose(result, expected, rtol=1e-12)

@@ -17,17 +17,19 @@ def image(scale=1.0, seed=0):
 
 def test_an_even_image_is_exposed_to_the_level():
     found = statistics(np.full((8, 8, 3), 0.02, np.float16), METER)
-    gain, = gains(METER, "A", np.zeros(1), [found])
+    (gain,) = gains(METER, "A", np.zeros(1), [found])
     assert gain * float(np.float16(0.02)) == pytest.approx(0.95, rel=1e-12)
 
 
 def test_the_share_of_weight_above_the_level_is_what_the_percentile_leaves():
     """To the weight of the pixels that have the value itself."""
     picture = image()
-    gain, = gains(METER, "A", np.zeros(1), [statistics(picture, METER)])
+    (gain,) = gains(METER, "A", np.zeros(1), [statistics(picture, METER)])
     brightest, weight = picture.astype(float).max(-1) * gain, centre_weights(48, 64)
-    above, at = (weight[chosen].sum() / weight.sum() for chosen in (brightest > 0.95 * (1 + 1e-9),
-                                                                    np.isclose(brightest, 0.95, 1e-9)))
+    above, at = (
+        weight[chosen].sum() / weight.sum()
+        for chosen in (brightest > 0.95 * (1 + 1e-9), np.isclose(brightest, 0.95, 1e-9))
+    )
     assert above <= 0.015 <= above + at
     assert at < 0.005
 
@@ -44,8 +46,9 @@ def test_by_looking_up_bits_it_is_what_sorting_gives(percentile):
 def test_weights_are_symmetric_and_fall_to_a_quarter_at_the_edges():
     weight = centre_weights(900, 1600)
     np.testing.assert_array_equal(weight, weight[::-1, ::-1])
-    np.testing.assert_allclose([weight[450, 800], weight[450, 0], weight[0, 800], weight[0, 0]],
-                               [1.0, 0.25, 0.25, 0.0625], atol=3e-3)
+    np.testing.assert_allclose(
+        [weight[450, 800], weight[450, 0], weight[0, 800], weight[0, 0]], [1.0, 0.25, 0.25, 0.0625], atol=3e-3
+    )
 
 
 def test_a_bright_patch_in_the_middle_counts_more_than_one_in_the_corner():
@@ -61,7 +64,7 @@ def test_dark_water_behind_the_highlights_stays_as_dark_as_it_is():
     """A tenth of the image bright, the rest a hundredth of that."""
     picture = np.full((40, 40, 3), 0.01, np.float16)
     picture[12:25, 12:25] = 1.0
-    by_meter, = gains(METER, "A", np.zeros(1), [statistics(picture, METER)])
+    (by_meter,) = gains(METER, "A", np.zeros(1), [statistics(picture, METER)])
     assert by_meter * picture[0, 0, 0] == pytest.approx(0.0095, rel=1e-3)
 
 

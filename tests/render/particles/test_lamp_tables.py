@@ -10,9 +10,10 @@ from varos_warp.render.particles import snow as module
 
 VIEW = {"resolution": [64, 40], "sensor_mm": [8, 5], "focal_mm": 6}
 BEHIND = LAMP | {"position": [0.5, -0.1, 0.2], "direction": [-0.1, 1, 0]}
-FOUR = [LAMP | {"position": [x, -0.1, z], "direction": [-0.3 * x, 1, -0.6 * z], "cone_deg": cone, "blend": blend}
-        for x, z, cone, blend in ((-0.5, 0.3, 80, 0.5), (0.5, 0.3, 90, 0.8), (-0.5, -0.3, 70, 1.0),
-                                  (0.5, -0.3, 100, 0.6))]
+FOUR = [
+    LAMP | {"position": [x, -0.1, z], "direction": [-0.3 * x, 1, -0.6 * z], "cone_deg": cone, "blend": blend}
+    for x, z, cone, blend in ((-0.5, 0.3, 80, 0.5), (0.5, 0.3, 90, 0.8), (-0.5, -0.3, 70, 1.0), (0.5, -0.3, 100, 0.6))
+]
 CLEAR = {"coefficients": {"sigma_s": [0.02, 0.03, 0.025], "sigma_a": [0.3, 0.05, 0.04], "phase": {"g": 0.8}}}
 WALL = [{"kind": "concrete_block", "only": ["block"], "size_m": [4, 0.2, 4], "position": [1.6, 1.5, -2.0]}]
 UNLIKE = {
@@ -36,7 +37,7 @@ def by_quadrature(monkeypatch):
 
 
 def is_tabulated(snow):
-    (tables, _), = snow._lamp_tables.values()
+    ((tables, _),) = snow._lamp_tables.values()
     return tables[0].radiance is not None and tables[0].radiance.size > 0
 
 
@@ -63,10 +64,15 @@ def test_images_by_table_are_as_right_as_stated(name, monkeypatch):
     assert np.all(np.abs(tabulated - known) <= PANELS * scale)
 
 
-@pytest.mark.parametrize("lights", [
-    [LAMP | {"position": [0.0, 1.0, 0.1], "direction": [0, 1, 0]}],
-    [LAMP | {"position": [-0.5, 0.5, 0.0], "direction": [1, 0.3, 0], "cone_deg": 8, "blend": 0.0}],
-    [BEHIND | {"radius_m": 0.05}]], ids=["in view", "narrow beam across", "disk"])
+@pytest.mark.parametrize(
+    "lights",
+    [
+        [LAMP | {"position": [0.0, 1.0, 0.1], "direction": [0, 1, 0]}],
+        [LAMP | {"position": [-0.5, 0.5, 0.0], "direction": [1, 0.3, 0], "cone_deg": 8, "blend": 0.0}],
+        [BEHIND | {"radius_m": 0.05}],
+    ],
+    ids=["in view", "narrow beam across", "disk"],
+)
 def test_where_a_table_would_not_be_right_there_is_none(lights, monkeypatch):
     made, snow = expected_of(snow_scene(VIEW, lights=lights))
     assert not is_tabulated(snow)

@@ -51,8 +51,11 @@ def moments_of(light):
     return centre, np.einsum("ij,ija,ijb->ab", weight, off, off)
 
 
-VIEWS = {"in focus": {}, "out of focus": {"f_stop": 1.0, "focus_m": 0.25},
-         "streaked": {"shutter": {"exposure_s": 0.05}}}
+VIEWS = {
+    "in focus": {},
+    "out of focus": {"f_stop": 1.0, "focus_m": 0.25},
+    "streaked": {"shutter": {"exposure_s": 0.05}},
+}
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -70,8 +73,9 @@ def test_what_an_image_shows_of_a_body_at_its_edge_is_what_a_larger_image_shows_
     small = CAMERA | VIEWS[view] | {"resolution": [48, 54], "sensor_mm": [4, 4.5]}
     place = np.array([24.2 / F_PX * 1.2, 1.2, 0.06])  # 0.2 pixels beyond the edge
     both = [Snowing(snow_scene(camera, STILL), (place, RADIUS))() for camera in (small, VIEWS[view])]
-    np.testing.assert_allclose(both[0].light, both[1].light[:, 24:72], rtol=0,
-                               atol=2e-5 * both[1].light.max())  # a place in float32
+    np.testing.assert_allclose(
+        both[0].light, both[1].light[:, 24:72], rtol=0, atol=2e-5 * both[1].light.max()
+    )  # a place in float32
     assert 0 < both[0].light.sum() < both[1].light.sum()
 
 
@@ -104,8 +108,9 @@ def test_a_streak_is_as_long_as_the_way_of_the_image_while_the_shutter_is_open()
 
 def test_a_rolling_shutter_sees_a_body_at_the_instant_of_its_row():
     """Rows are read over 0.1 s, in which the camera moves by 0.1 m."""
-    snowing = Snowing(snow_scene({"shutter": {"exposure_s": 0.001, "readout_s": 0.1}}, STILL),
-                      (PLACE + [0, 0, 0.15], RADIUS))
+    snowing = Snowing(
+        snow_scene({"shutter": {"exposure_s": 0.001, "readout_s": 0.1}}, STILL), (PLACE + [0, 0, 0.15], RADIUS)
+    )
     place, v = PLACE + [0, 0, 0.15], np.array([1.0, 0.0, 0.2])
     times = row_offsets_s(snowing.renderer.scene.vehicle.cameras[0])
     snowing(motion=moving(v))
@@ -130,8 +135,9 @@ def test_a_body_drifts_with_the_current_and_flow_leads_to_where_it_is_next(time_
     snowing(time_ns=time_s * 10**9 + 10**8)
     then, after = snowing.splats, snowing.bodies()
     where = {u.tobytes(): p for p, u in zip(after[0], after[2], strict=True)}
-    moved = np.array([where[u.tobytes()] - p for p, u in zip(before[0], before[2], strict=True)
-                      if u.tobytes() in where])
+    moved = np.array(
+        [where[u.tobytes()] - p for p, u in zip(before[0], before[2], strict=True) if u.tobytes() in where]
+    )
     assert len(moved) > 100
     np.testing.assert_allclose(moved, np.broadcast_to([0.02, 0.0, -0.005], moved.shape), atol=2e-5)
     off = []

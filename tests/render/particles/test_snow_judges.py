@@ -62,18 +62,26 @@ def test_meshes_of_the_bodies_look_alike_by_a_plain_path_tracer():
     part = Part("bodies", vertices, faces, Diffuse(reflectance=(0.5, 0.5, 0.5)), skin=skin)
     sigma_t = np.add(WATER["coefficients"]["sigma_s"], WATER["coefficients"]["sigma_a"])
     dark = snow_scene(VIEW, water={"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": sigma_t.tolist()}}, bodies=False)
-    image = FrameRenderer(dark, "cpu", parts=[part]).render(
-        np.eye(4), outputs="A", integrator="reference", spp=64, max_bounces=1, denoise="none").A
+    image = (
+        FrameRenderer(dark, "cpu", parts=[part])
+        .render(np.eye(4), outputs="A", integrator="reference", spp=64, max_bounces=1, denoise="none")
+        .A
+    )
     # windows of bodies that stand alone, are not close by, in a shadow or behind another
     reach = np.ceil(size + 2.0).astype(int)
     apart = np.maximum(np.abs(x - x[:, None]), np.abs(y - y[:, None])) > reach + reach[:, None] + 2
     np.fill_diagonal(apart, True)
     fits = (np.minimum(x, y) > reach + 1) & (x < WIDTH - reach - 1) & (y < HEIGHT - reach - 1)
-    good = (apart.all(1) & fits & (t > 0.3) & ~crossed(p, np.zeros(3), r)
-            & ~crossed(p, np.array(LAMP["position"], float), r))
+    good = (
+        apart.all(1)
+        & fits
+        & (t > 0.3)
+        & ~crossed(p, np.zeros(3), r)
+        & ~crossed(p, np.array(LAMP["position"], float), r)
+    )
     sums, made = [], []
     for i in np.nonzero(good)[0]:
-        window = np.s_[int(y[i]) - reach[i]:int(y[i]) + reach[i] + 1, int(x[i]) - reach[i]:int(x[i]) + reach[i] + 1]
+        window = np.s_[int(y[i]) - reach[i] : int(y[i]) + reach[i] + 1, int(x[i]) - reach[i] : int(x[i]) + reach[i] + 1]
         sums.append(S[window].sum((0, 1)))
         made.append(HALF * image.radiance[window].sum((0, 1), dtype=float))
     sums, made = np.array(sums), np.array(made)
@@ -101,8 +109,13 @@ def test_two_cameras_triangulate_the_same_bodies():
     view = {"resolution": [192, 108]}
     pair = [CAMERA | view | {"id": name, "position": [x, 0, 0]} for name, x in (("L0", -0.06), ("R0", 0.06))]
     scene = snow_scene(particles={"share": 0.008, "radius_m": [0.003, 0.006], "wander_m_s": 0, "least_px": 0.3})
-    scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={
-        "cameras": tuple(type(scene.vehicle.cameras[0])(**camera) for camera in pair)})})
+    scene = scene.model_copy(
+        update={
+            "vehicle": scene.vehicle.model_copy(
+                update={"cameras": tuple(type(scene.vehicle.cameras[0])(**camera) for camera in pair)}
+            )
+        }
+    )
     snowing = Snowing(scene)
     images, found = [], []
     for camera in scene.vehicle.cameras:
@@ -128,8 +141,9 @@ def test_two_cameras_triangulate_the_same_bodies():
         seen = [centroid(images[k], at[k]) for k in range(2)]
         if any(c is None for c in seen):
             continue
-        solved = least_squares(lambda q, seen=seen: (np.stack([projected(q, k) for k in range(2)]) - seen).ravel(),
-                               p[i] * 1.05)
+        solved = least_squares(
+            lambda q, seen=seen: (np.stack([projected(q, k) for k in range(2)]) - seen).ravel(), p[i] * 1.05
+        )
         assert np.abs(solved.fun).max() < 0.3, (p[i], solved.fun)
         back = np.stack([projected(solved.x, k) for k in range(2)])
         assert np.abs(back - at).max() < 0.3, (p[i], solved.x)

@@ -1,5 +1,7 @@
 """What is taken out of an image for its bodies: light scattered once, and what bodies add in the mean over seeds."""
 
+import itertools
+
 import numpy as np
 import pytest
 import warp as wp
@@ -47,20 +49,32 @@ def test_the_mean_of_one_ray_is_the_integral_along_it(name):
         drawn = np.clip((t - 0.05) / 0.05, 0, 1) * np.clip((distance - 0.05) / 0.05, 0, 1)
         drawn *= np.clip(4 * (1 - t / reach), 0, 1)
         phase = LambertSphere().density(0.5 * (1 + way[1] / distance))
-        return (share * SIGMA_S[channel] * drawn * phase * lamp["intensity"][channel]
-                * profile(lamp, way @ axis / distance) * np.exp(-SIGMA_T[channel] * (t + distance)) / distance**2)
+        return (
+            share
+            * SIGMA_S[channel]
+            * drawn
+            * phase
+            * lamp["intensity"][channel]
+            * profile(lamp, way @ axis / distance)
+            * np.exp(-SIGMA_T[channel] * (t + distance))
+            / distance**2
+        )
 
     ends = np.linspace(0.05, reach, 200)
-    expected = [sum(quad(integrand, a, b, (channel,), limit=200, epsrel=1e-6)[0]
-                    for a, b in zip(ends[:-1], ends[1:], strict=True)) for channel in range(3)]  # noqa: RUF007
+    expected = [
+        sum(quad(integrand, a, b, (channel,), limit=200, epsrel=1e-6)[0] for a, b in itertools.pairwise(ends))
+        for channel in range(3)
+    ]
     E = expected_of(Snowing(snow_scene(NARROW, lights=[lamp]))).mean((0, 1))
     np.testing.assert_allclose(E, expected, rtol=2e-3)
 
 
 def test_with_the_waters_own_phase_function_it_is_the_layer_of_light_scattered_once():
     """Everything drawn: the mean is the whole of it. The lit part of the rays begins beyond where bodies fade."""
-    scene = snow_scene({"resolution": [32, 32], "sensor_mm": [1, 1], "focal_mm": 6},
-                       lights=[LAMP | {"position": [0.6, 0.0, 0.0], "direction": [-0.2, 1, 0], "cone_deg": 50}])
+    scene = snow_scene(
+        {"resolution": [32, 32], "sensor_mm": [1, 1], "focal_mm": 6},
+        lights=[LAMP | {"position": [0.6, 0.0, 0.0], "direction": [-0.2, 1, 0], "cone_deg": 50}],
+    )
     snowing = Snowing(scene)
     law = snowing.snow.laws[0]
 
@@ -75,8 +89,9 @@ def test_with_the_waters_own_phase_function_it_is_the_layer_of_light_scattered_o
 
     snowing.snow._moved = whole
     E = expected_of(snowing).mean((0, 1))
-    single = snowing.renderer.render(np.eye(4), outputs="A", integrator="path", layers=["single"], spp=256,
-                                     snow=False).A
+    single = snowing.renderer.render(
+        np.eye(4), outputs="A", integrator="path", layers=["single"], spp=256, snow=False
+    ).A
     A = single.radiance.mean((0, 1), dtype=float)
     error = np.sqrt((single.stderr.astype(float) ** 2).sum((0, 1))) / single.stderr[..., 0].size / A
     assert error.max() < 5e-4
@@ -92,8 +107,11 @@ def blocks(values):
 @pytest.fixture(scope="module")
 def seeds():
     """Blocks of S and E, and of what bodies let pass, [seed, row, column, channel]."""
-    scene = snow_scene({"resolution": [32, 24], "sensor_mm": [8, 6]}, {"radius_m": [4e-4, 1.2e-3]},
-                       lights=[LAMP | {"position": [0.6, -0.2, 0.3], "direction": [-0.3, 1, -0.1], "cone_deg": 170}])
+    scene = snow_scene(
+        {"resolution": [32, 24], "sensor_mm": [8, 6]},
+        {"radius_m": [4e-4, 1.2e-3]},
+        lights=[LAMP | {"position": [0.6, -0.2, 0.3], "direction": [-0.3, 1, -0.1], "cone_deg": 170}],
+    )
     renderer, found = FrameRenderer(scene, "cpu"), []
     for seed in range(SEEDS):
         renderer.snow.scene = scene.model_copy(update={"seed": 100 + seed})
@@ -136,8 +154,11 @@ def test_denoising_never_touches_the_bodies():
 
 def test_without_bodies_an_image_has_the_bytes_of_a_scene_without_particles():
     how = {"outputs": "A", "integrator": "path", "spp": 4, "denoise": "nlm"}
-    none = FrameRenderer(snow_scene(SMALL, water=WATER, particles=None)
-                         .model_copy(update={"particles": ()}), "cpu").render(np.eye(4), **how).A
+    none = (
+        FrameRenderer(snow_scene(SMALL, water=WATER, particles=None).model_copy(update={"particles": ()}), "cpu")
+        .render(np.eye(4), **how)
+        .A
+    )
     off = FrameRenderer(snow_scene(SMALL), "cpu").render(np.eye(4), **how, snow=False).A
     for name in ("radiance", "stderr", "denoised"):
         assert np.array_equal(getattr(none, name), getattr(off, name)), name

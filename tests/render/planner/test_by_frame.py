@@ -23,11 +23,15 @@ A_POSE = sum(1.0 / fewer for fewer in by_frame.FEWER)
 """What trying one costs, in images of an image's samples."""
 
 
-@pytest.mark.parametrize(("count", "pixels", "poses"), [
-    (4713, 1.0, 33),  # as many as there ever are
-    (200, 0.8, 11),   # 7 % of 200 frames are 14, for 1.4 a pose
-    (60, 1.0, 0),     # too few to pay
-    (1, 1e-6, 0)])
+@pytest.mark.parametrize(
+    ("count", "pixels", "poses"),
+    [
+        (4713, 1.0, 33),  # as many as there ever are
+        (200, 0.8, 11),  # 7 % of 200 frames are 14, for 1.4 a pose
+        (60, 1.0, 0),  # too few to pay
+        (1, 1e-6, 0),
+    ],
+)
 def test_tried_frames_are_spread_evenly_and_cost_little(count, pixels, poses):
     frames = tried_frames(count, pixels)
     assert len(frames) == poses
@@ -62,6 +66,7 @@ def test_stretches_are_halved_where_their_ends_need_unlike_numbers():
 
 def test_a_peak_between_even_poses_is_found_and_followed():
     """Needs of a bump 40 frames wide, on the shoulder of which a pose stands: poses gather about it, and only there."""
+
     def truth(frame):
         return 5.0 + 35.0 * np.exp(-0.5 * ((frame - 420) / 40.0) ** 2)
 
@@ -150,8 +155,13 @@ def test_images_are_added_while_they_do_not_tell():
 def test_images_of_many_samples_tell_more_than_those_of_few():
     """Weighted by their samples; and the standard error is what the square varies by."""
     rng, truth, spp = np.random.default_rng(8), np.ones((60, 80, 3)), [1, 1, 2, 4, 16]
-    found = [[squared_error([truth + 0.02], [truth + rng.normal(size=truth.shape) / np.sqrt(n) for n in spp], how)
-              for how in (spp, None)] for _ in range(40)]
+    found = [
+        [
+            squared_error([truth + 0.02], [truth + rng.normal(size=truth.shape) / np.sqrt(n) for n in spp], how)
+            for how in (spp, None)
+        ]
+        for _ in range(40)
+    ]
     (square, unsure), (alike, _) = np.moveaxis(found, (1, 2), (0, 1))
     np.testing.assert_allclose(square.mean(), 0.02**2, atol=4.0 * square.std() / np.sqrt(square.size))
     np.testing.assert_allclose(square.std(), unsure.mean(), rtol=4.0 / np.sqrt(2.0 * square.size))
@@ -216,8 +226,10 @@ def test_frames_of_a_sequence_take_what_their_views_need(monkeypatch):
     assert "spp by frame" in plan.reasons[-1]
     for frame in (0, 599):
         how = plan.options | {"spp": given[frame]}
-        estimates = [renderer.render(poses[frame], outputs="A", seed=5 + k, **plan.options | {"spp": 32}).A.radiance
-                     for k in range(2)]
+        estimates = [
+            renderer.render(poses[frame], outputs="A", seed=5 + k, **plan.options | {"spp": 32}).A.radiance
+            for k in range(2)
+        ]
         found = [renderer.render(poses[frame], outputs="A", seed=80 + k, **how).A.radiance for k in range(4)]
         assert error(found, estimates, 0.0).max() <= 1.1 * scene.render.tolerance
 

@@ -4,10 +4,19 @@ import json
 
 from varos_warp.render.planner.decisions import Decision, Plan
 
-PLAN = Plan(12.5, None, 3, "field", {"M0": [[0, 4], [9, 12.5]]}, [
-    Decision("integrator", "field", "it is faster", (0.010049, 0.010049, 0.010049)),
-    Decision("spp", "12.5", "as many as that", (0.020049, 0.017449, 0.034649)), Decision("port of M0", "needed", "so")],
-    {"A": "paths"})
+PLAN = Plan(
+    12.5,
+    None,
+    3,
+    "field",
+    {"M0": [[0, 4], [9, 12.5]]},
+    [
+        Decision("integrator", "field", "it is faster", (0.010049, 0.010049, 0.010049)),
+        Decision("spp", "12.5", "as many as that", (0.020049, 0.017449, 0.034649)),
+        Decision("port of M0", "needed", "so"),
+    ],
+    {"A": "paths"},
+)
 
 
 def read_again(plan):

@@ -46,17 +46,31 @@ def test_a_target_that_no_number_of_samples_reaches_asks_for_the_most(target):
     assert SAMPLES["field"].rounded(made.samples(target)) == MOST_SPP
 
 
-@pytest.mark.parametrize(("integrator", "needed", "planned"), [
-    ("field", 0.3, 1), ("field", 1.01, 1.125), ("field", 1.125, 1.125), ("field", 3.1, 3.25), ("field", 12.2, 13),
-    ("field", 100.5, 104), ("path", 0.3, 2), ("path", 3.1, 4), ("path", 100.5, 104), ("path", 1e9, MOST_SPP)])
+@pytest.mark.parametrize(
+    ("integrator", "needed", "planned"),
+    [
+        ("field", 0.3, 1),
+        ("field", 1.01, 1.125),
+        ("field", 1.125, 1.125),
+        ("field", 3.1, 3.25),
+        ("field", 12.2, 13),
+        ("field", 100.5, 104),
+        ("path", 0.3, 2),
+        ("path", 3.1, 4),
+        ("path", 100.5, 104),
+        ("path", 1e9, MOST_SPP),
+    ],
+)
 def test_samples_are_rounded_up_in_steps_of_an_eighth_or_less(integrator, needed, planned):
     made = SAMPLES[integrator].rounded(needed)
     assert made == planned
     assert isinstance(made, int) == (made == int(made))  # 2, not 2.0, in plans
 
 
-@pytest.mark.parametrize(("step", "needed", "planned"), [
-    (0, 1.01, 1.125), (1, 0.3, 2), (1, 2.5, 3), (6, 0.3, 6), (6, 6.5, 12), (6, 40, 42), (6, 100.5, 108)])
+@pytest.mark.parametrize(
+    ("step", "needed", "planned"),
+    [(0, 1.01, 1.125), (1, 0.3, 2), (1, 2.5, 3), (6, 0.3, 6), (6, 6.5, 12), (6, 40, 42), (6, 100.5, 108)],
+)
 def test_samples_that_all_pixels_take_alike_are_planned_in_whole_steps(step, needed, planned):
     """One alone tells no noise, and sixes are of all colours."""
     assert SAMPLES["field"].in_multiples(step).rounded(needed) == planned

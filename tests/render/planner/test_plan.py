@@ -31,9 +31,12 @@ TOLD = []
 def make_scene(water=PAPER_WATER, lights=VAROS_LAMPS, camera=(), **render):
     """The VAROS rig above a flat floor; ``render`` changes its block."""
     view = {"resolution": [48, 27], "rotation_euler_deg": [-25, 0, 0], "focal_mm": 3.4} | dict(camera)
-    return Scene(water="none" if water is None else {"coefficients": water},
-                 vehicle={"lights": lights, "cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]},
-                 render={"denoise": "none", "tolerance": 0.1, "integrator": "path"} | render)
+    return Scene(
+        water="none" if water is None else {"coefficients": water},
+        vehicle={"lights": lights, "cameras": [view]},
+        trajectory={"poses": [{"position": [0, 0, 0]}]},
+        render={"denoise": "none", "tolerance": 0.1, "integrator": "path"} | render,
+    )
 
 
 def make_renderer(scene, **how):
@@ -113,10 +116,13 @@ def test_a_port_is_weighed_at_the_distances_that_its_camera_sees():
     scene = make_scene(spp=4, camera=camera, outputs=["D"])
     renderer = make_renderer(scene)
     plan = plan_render(scene, renderer, [POSE])
-    sentence, = plan.ports
+    (sentence,) = plan.ports
     near, far = np.quantile(renderer.render(POSE, outputs="D").D.range, (0.01, 0.99))
-    assert re.fullmatch(r"port of M0 needed: a pinhole with the best distortion is off by [\d.]+ px rms, [\d.]+ px at "
-                        rf"most \({near:.2g} to {far:.2g} m\)", sentence)
+    assert re.fullmatch(
+        r"port of M0 needed: a pinhole with the best distortion is off by [\d.]+ px rms, [\d.]+ px at "
+        rf"most \({near:.2g} to {far:.2g} m\)",
+        sentence,
+    )
     assert sentence in plan.to_dict()["reasons"]
     assert plan_render(make_scene(spp=4, outputs=["D"]), None, [POSE]).ports == []
 
@@ -124,7 +130,7 @@ def test_a_port_is_weighed_at_the_distances_that_its_camera_sees():
 def test_a_port_without_which_all_looks_the_same_is_said_to_be_needless():
     scene = make_scene(spp=4, camera={"port": {"kind": "dome", "radius_m": 0.05}}, outputs=["D"])
     renderer = make_renderer(scene)
-    sentence, = plan_render(scene, renderer, [POSE]).ports
+    (sentence,) = plan_render(scene, renderer, [POSE]).ports
     assert sentence.startswith("port of M0 not needed: within 0.05 px a pinhole without port shows the same (")
     assert sentence.endswith(", with the keys focal_mm: 3.4")
     up = scene.vehicle.cameras[0].model_copy(update={"rotation_euler_deg": (90.0, 0.0, 0.0)})
@@ -184,9 +190,14 @@ def test_samples_stay_within_limits_and_the_plan_says_so(planned):
     assert plan.shortfall is None
 
 
-@pytest.mark.parametrize(("camera", "fewest", "step"), [
-    ({}, 1, 0.125), ({"resolution": [48, 1]}, 2, 1.0),
-    ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": [1.331, 1.335, 1.342]}, 6, 6.0)])
+@pytest.mark.parametrize(
+    ("camera", "fewest", "step"),
+    [
+        ({}, 1, 0.125),
+        ({"resolution": [48, 1]}, 2, 1.0),
+        ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": [1.331, 1.335, 1.342]}, 6, 6.0),
+    ],
+)
 def test_samples_are_planned_in_steps_that_the_camera_takes(camera, fewest, step):
     """A port parts colours if the water has an index for each; then samples come in sixes."""
     scene = make_scene(camera=camera, integrator="field")
@@ -196,8 +207,11 @@ def test_samples_are_planned_in_steps_that_the_camera_takes(camera, fewest, step
     assert sample_step(scene.vehicle.cameras[0], True) == (step if step >= 1 else 0)
 
 
-@pytest.mark.parametrize(("tolerance", "seconds", "spp", "asked"), [
-    (1e-4, None, 2766, "0.01 %"), (5e-324, 0.1, 4, "4.9e-322 %")], ids=["small", "tiny"])
+@pytest.mark.parametrize(
+    ("tolerance", "seconds", "spp", "asked"),
+    [(1e-4, None, 2766, "0.01 %"), (5e-324, 0.1, 4, "4.9e-322 %")],
+    ids=["small", "tiny"],
+)
 def test_a_tolerance_that_cannot_be_had_is_said_first(planned, monkeypatch, tolerance, seconds, spp, asked):
     """64 x 36 pixels; a CPU's samples take 16 microseconds nominally, of paths alone 1.7 times less.
 
@@ -236,8 +250,13 @@ def test_the_noisiest_of_the_poses_rules(planned):
 def images_of(truth, sigma, count, seed=1):
     """Images [H, W, 3] with independent noise."""
     rng = np.random.default_rng(seed)
-    return [RadianceImage((truth + rng.normal(scale=sigma, size=truth.shape)).astype(np.float32),
-                          np.full(truth.shape, sigma, np.float32)) for _ in range(count)]
+    return [
+        RadianceImage(
+            (truth + rng.normal(scale=sigma, size=truth.shape)).astype(np.float32),
+            np.full(truth.shape, sigma, np.float32),
+        )
+        for _ in range(count)
+    ]
 
 
 def test_an_error_is_found_without_a_reference_by_images_that_are_noisier():
@@ -303,9 +322,15 @@ def test_the_pilot_keeps_the_field_of_view():
     assert pilot_camera(small) == small
 
 
-@pytest.mark.parametrize(("resolution", "frames", "pixels"), [
-    ((1280, 720), 1, 320 * 180), ((1280, 720), 100, 0.4 * 1280 * 720), ((1280, 720), 4713, 1280 * 720),
-    ((64, 48), 9000, 64 * 48)])
+@pytest.mark.parametrize(
+    ("resolution", "frames", "pixels"),
+    [
+        ((1280, 720), 1, 320 * 180),
+        ((1280, 720), 100, 0.4 * 1280 * 720),
+        ((1280, 720), 4713, 1280 * 720),
+        ((64, 48), 9000, 64 * 48),
+    ],
+)
 def test_long_sequences_are_planned_at_their_own_resolution(resolution, frames, pixels):
     camera = make_scene(camera={"resolution": list(resolution)}).vehicle.cameras[0]
     found = pilot_camera(camera, pixels_tried(camera, frames)).resolution
@@ -329,14 +354,20 @@ class Watched:
 
 def test_frames_are_tried_as_a_run_makes_them_each_at_its_own_time_and_blurred():
     """Along x by one metre in each 3 ns, from x = 100 m on."""
+
     def pose(time_ns):
         T = POSE.copy()
         T[0, 3] = time_ns / 3
         return T
 
     times, watched = [3 * k for k in range(100, 700)], Watched()
-    plan_render(make_scene(tolerance=0.2), watched, list(map(pose, times)), time_ns=times,
-                motion=lambda time_ns: lambda offset_ns: np.array([pose(time_ns + offset) for offset in offset_ns]))
+    plan_render(
+        make_scene(tolerance=0.2),
+        watched,
+        list(map(pose, times)),
+        time_ns=times,
+        motion=lambda time_ns: lambda offset_ns: np.array([pose(time_ns + offset) for offset in offset_ns]),
+    )
     assert len({time_ns for *_, time_ns in watched.told}) > 5
     for x, moved, time_ns in watched.told:
         assert (x, moved) == (time_ns / 3, (time_ns + 7) / 3)
@@ -369,9 +400,10 @@ class Clockwork:
         self.now += 1e-6 * DENOISING * pixels
 
 
-@pytest.mark.parametrize(("outputs", "microseconds"), [
-    (["A", "B", "C", "D", "F"], 16 + DENOISING + 20 + DENOISING + 1), (["D"], 1), (["F"], 1),
-    (["A"], 16 + DENOISING)])
+@pytest.mark.parametrize(
+    ("outputs", "microseconds"),
+    [(["A", "B", "C", "D", "F"], 16 + DENOISING + 20 + DENOISING + 1), (["D"], 1), (["F"], 1), (["A"], 16 + DENOISING)],
+)
 def test_the_cost_is_that_of_whole_images_with_denoising_without_compiling(monkeypatch, outputs, microseconds):
     clockwork = Clockwork()
     monkeypatch.setattr(cost.time, "process_time", lambda: CORES * clockwork.now)
@@ -407,25 +439,33 @@ def test_an_image_that_lacks_light_carried_by_rare_pixels_is_found_too_dark():
     """One pixel in a thousand of each estimate holds 5 % of the light, as in turbid water; a denoiser cuts them."""
     rng = np.random.default_rng(7)
     image = np.full((60, 80, 3), 0.95, np.float32)
-    estimates = [np.where(rng.random((60, 80, 1)) < 1e-3, 50.95, 0.95).astype(np.float32).repeat(3, -1)
-                 for _ in range(64)]
+    estimates = [
+        np.where(rng.random((60, 80, 1)) < 1e-3, 50.95, 0.95).astype(np.float32).repeat(3, -1) for _ in range(64)
+    ]
     found = error([image], estimates, sigmas=0.0)
     light = 0.05 / np.sqrt(64 * 4800 * 1e-3)  # standard error of the rare light's mean
     np.testing.assert_allclose(found, 0.05, atol=5.0 * light)
 
 
-@pytest.mark.parametrize(("paths", "field", "gain"), [
-    ((4.0, 3.0), (2.0, 3.0), 2.0),
-    ((0.4, 1.3), (1.0, 1.0), 1.3 / RARE_COUNTS),
-    ((0.3, 17.0), (1.0, 1.0), 17.0 / RARE_COUNTS),
-])
+@pytest.mark.parametrize(
+    ("paths", "field", "gain"),
+    [
+        ((4.0, 3.0), (2.0, 3.0), 2.0),
+        ((0.4, 1.3), (1.0, 1.0), 1.3 / RARE_COUNTS),
+        ((0.3, 17.0), (1.0, 1.0), 17.0 / RARE_COUNTS),
+    ],
+)
 def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, paths, field, gain):
     """Squares of the noise after and before denoising: the latter tells where paths have rare bright samples."""
     made = {"path": paths, "field": field}
-    monkeypatch.setattr(Planner, "image", lambda self, frame, camera, spp, number, integrator: SimpleNamespace(
-        spp=spp, squares=made[integrator]))
-    monkeypatch.setattr(View, "noise", lambda self, method, rare: np.sqrt(
-        [0.0, self.images[0].squares[method == "none"], 0.0]))
+    monkeypatch.setattr(
+        Planner,
+        "image",
+        lambda self, frame, camera, spp, number, integrator: SimpleNamespace(spp=spp, squares=made[integrator]),
+    )
+    monkeypatch.setattr(
+        View, "noise", lambda self, method, rare: np.sqrt([0.0, self.images[0].squares[method == "none"], 0.0])
+    )
     scene = make_scene(denoise="oidn")
     planner = Planner(scene, Frames.of(scene, None, []))
     planner.worst = View(0, scene.vehicle.cameras[0], ())
@@ -434,6 +474,7 @@ def test_rare_bright_samples_count_that_two_denoised_images_hide(monkeypatch, pa
 
 def test_an_integrator_is_refused_only_where_an_image_takes_one():
     """A of clear water has no field; a run of B, C and D needs none."""
+
     def planned_for(*outputs):
         scene = make_scene(None, integrator="field", outputs=outputs, spp=1)
         still = SimpleNamespace(poses=lambda: POSE[None], time_ns=np.zeros(1, np.int64))

@@ -138,9 +138,15 @@ def storage(path, **entries):
     return path.read_text()
 
 
-@pytest.mark.parametrize(("camera", "distortion"), [
-    ("cam0", BROWN), ("cam1", {"model": "double_sphere", "xi": -0.1996, "alpha": 0.5924}),
-    ("cam2", {"model": "kannala_brandt", "k": EQUI}), ("cam3", None)])
+@pytest.mark.parametrize(
+    ("camera", "distortion"),
+    [
+        ("cam0", BROWN),
+        ("cam1", {"model": "double_sphere", "xi": -0.1996, "alpha": 0.5924}),
+        ("cam2", {"model": "kannala_brandt", "k": EQUI}),
+        ("cam3", None),
+    ],
+)
 @pytest.mark.parametrize("head", ["", "%YAML:1.0\n", "%YAML:1.0\n---\n"])
 def test_kalibr(tmp_path, camera, distortion, head):
     found = read(tmp_path, head + KALIBR, camera)
@@ -151,14 +157,19 @@ def test_euroc(tmp_path):
     assert read(tmp_path, EUROC) == ((FX, FY, CX, CY), BROWN, SIZE)
 
 
-@pytest.mark.parametrize(("model", "D", "distortion"), [
-    ("plumb_bob", FIVE, {"model": "brown_conrady", "k": FIVE}), ("plumb_bob", [0.0] * 5, None),
-    ("rational_polynomial", EIGHT, {"model": "rational", "k": EIGHT}),
-    ("rational_polynomial", [*EIGHT, 0.0, 0.0, 0.0, 0.0], {"model": "rational", "k": EIGHT}),
-    ("rational_polynomial", [*FIVE, 0.0, 0.0, 0.0], {"model": "brown_conrady", "k": FIVE}),
-    ("equidistant", EQUI, {"model": "kannala_brandt", "k": EQUI}),
-    ("fisheye", EQUI, {"model": "kannala_brandt", "k": EQUI}),
-    ("equidistant", [0.0] * 4, {"model": "kannala_brandt", "k": [0.0] * 4})])
+@pytest.mark.parametrize(
+    ("model", "D", "distortion"),
+    [
+        ("plumb_bob", FIVE, {"model": "brown_conrady", "k": FIVE}),
+        ("plumb_bob", [0.0] * 5, None),
+        ("rational_polynomial", EIGHT, {"model": "rational", "k": EIGHT}),
+        ("rational_polynomial", [*EIGHT, 0.0, 0.0, 0.0, 0.0], {"model": "rational", "k": EIGHT}),
+        ("rational_polynomial", [*FIVE, 0.0, 0.0, 0.0], {"model": "brown_conrady", "k": FIVE}),
+        ("equidistant", EQUI, {"model": "kannala_brandt", "k": EQUI}),
+        ("fisheye", EQUI, {"model": "kannala_brandt", "k": EQUI}),
+        ("equidistant", [0.0] * 4, {"model": "kannala_brandt", "k": [0.0] * 4}),
+    ],
+)
 def test_ros(tmp_path, model, D, distortion):
     assert read(tmp_path, ros(model, D)) == ((FX, FY, CX, CY), distortion, SIZE)
 
@@ -178,21 +189,41 @@ def test_the_name_that_ros_gives_a_camera_may_be_asked_for(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["yaml", "yml", "xml", "json"])
-@pytest.mark.parametrize(("D", "more", "distortion"), [
-    (FIVE, {}, {"model": "brown_conrady", "k": FIVE}), (EIGHT, {}, {"model": "rational", "k": EIGHT}),
-    ([*EIGHT, *[0.0] * 6], {}, {"model": "rational", "k": EIGHT}),
-    (RADTAN, {"fisheye_model": 0}, BROWN), (EQUI, {"fisheye_model": 1}, {"model": "kannala_brandt", "k": EQUI}),
-    (EQUI, {"distortion_model": "equidistant"}, {"model": "kannala_brandt", "k": EQUI})])
+@pytest.mark.parametrize(
+    ("D", "more", "distortion"),
+    [
+        (FIVE, {}, {"model": "brown_conrady", "k": FIVE}),
+        (EIGHT, {}, {"model": "rational", "k": EIGHT}),
+        ([*EIGHT, *[0.0] * 6], {}, {"model": "rational", "k": EIGHT}),
+        (RADTAN, {"fisheye_model": 0}, BROWN),
+        (EQUI, {"fisheye_model": 1}, {"model": "kannala_brandt", "k": EQUI}),
+        (EQUI, {"distortion_model": "equidistant"}, {"model": "kannala_brandt", "k": EQUI}),
+    ],
+)
 def test_opencv(tmp_path, suffix, D, more, distortion):
     """As OpenCV's own calibration sample names things, in each form that its writer has."""
     name = f"camera.{suffix}"
-    text = storage(tmp_path / name, image_width=640, image_height=512, **more, camera_matrix=K,
-                   distortion_coefficients=np.array([D]).T)
+    text = storage(
+        tmp_path / name,
+        image_width=640,
+        image_height=512,
+        **more,
+        camera_matrix=K,
+        distortion_coefficients=np.array([D]).T,
+    )
     assert read(tmp_path, text, name=name) == ((FX, FY, CX, CY), distortion, SIZE)
 
 
-@pytest.mark.parametrize(("k", "d"), [("K", "D"), ("cameraMatrix", "distCoeffs"), ("M", "D"),
-                                      ("Camera_Matrix", "Distortion_Coefficients"), ("camera_matrix", "dist_coeffs")])
+@pytest.mark.parametrize(
+    ("k", "d"),
+    [
+        ("K", "D"),
+        ("cameraMatrix", "distCoeffs"),
+        ("M", "D"),
+        ("Camera_Matrix", "Distortion_Coefficients"),
+        ("camera_matrix", "dist_coeffs"),
+    ],
+)
 def test_other_names_of_matrices(tmp_path, k, d):
     text = storage(tmp_path / "a.yaml", **{k: K, d: np.array([FIVE]), "image_size": np.array([[640, 512]])})
     assert read(tmp_path, text) == ((FX, FY, CX, CY), {"model": "brown_conrady", "k": FIVE}, SIZE)
@@ -202,8 +233,9 @@ def test_other_names_of_matrices(tmp_path, k, d):
 def test_the_two_cameras_of_opencvs_stereo_sample(tmp_path, suffix):
     """Its file says no size."""
     name = f"intrinsics.{suffix}"
-    text = storage(tmp_path / name, M1=K, D1=np.array([FIVE]), M2=2.0 * K - np.diag([0.0, 0.0, 1.0]),
-                   D2=np.array([EIGHT]))
+    text = storage(
+        tmp_path / name, M1=K, D1=np.array([FIVE]), M2=2.0 * K - np.diag([0.0, 0.0, 1.0]), D2=np.array([EIGHT])
+    )
     assert read(tmp_path, text, "1", name) == ((FX, FY, CX, CY), {"model": "brown_conrady", "k": FIVE}, None)
     second = read(tmp_path, text, "2", name)
     assert second.intrinsics == (2.0 * FX, 2.0 * FY, 2.0 * CX, 2.0 * CY)
@@ -212,10 +244,12 @@ def test_the_two_cameras_of_opencvs_stereo_sample(tmp_path, suffix):
 
 def test_opencvs_first_line_and_an_old_exponent(tmp_path):
     """OpenCV before 5, and numbers that YAML 1.1 takes for text."""
-    text = f"%YAML:1.0\n---\ncalibration_time: \"Thu 01 Jan 2026\"\nimage_width: 640\nimage_height: 512\n" \
-           f"camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {K.ravel().tolist()}\n" \
-           "distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n" \
-           "   data: [ -1.1e-001, 9e-2, 1e-3, 4e-4, 0. ]\n"
+    text = (
+        f'%YAML:1.0\n---\ncalibration_time: "Thu 01 Jan 2026"\nimage_width: 640\nimage_height: 512\n'
+        f"camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {K.ravel().tolist()}\n"
+        "distortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n"
+        "   data: [ -1.1e-001, 9e-2, 1e-3, 4e-4, 0. ]\n"
+    )
     assert read(tmp_path, text).distortion == BROWN
 
 
@@ -244,8 +278,9 @@ def kalibr(**changes):
 
 
 def matrix(K=K, D=FIVE, **more):
-    return yaml.safe_dump({"image_width": 640, "image_height": 512, "camera_matrix": np.asarray(K).tolist(),
-                           "dist_coeffs": D} | more)
+    return yaml.safe_dump(
+        {"image_width": 640, "image_height": 512, "camera_matrix": np.asarray(K).tolist(), "dist_coeffs": D} | more
+    )
 
 
 SKEWED = K + [[0.0, 0.4, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -253,8 +288,10 @@ BAD = {
     "omni": (kalibr(camera_model="omni"), "cam0.camera_model = 'omni': is no camera model that is had here"),
     "eucm": (kalibr(camera_model="eucm"), "cam0.camera_model = 'eucm'"),
     "fov": (kalibr(distortion_model="fov", distortion_coeffs=[0.9]), "cam0.distortion_model = 'fov': is no model"),
-    "distorted sphere": (kalibr(camera_model="ds", intrinsics=[0.1, 0.6, 1, 1, 1, 1]),
-                         "cam0.distortion_model = 'radtan': is a distortion beside a double sphere"),
+    "distorted sphere": (
+        kalibr(camera_model="ds", intrinsics=[0.1, 0.6, 1, 1, 1, 1]),
+        "cam0.distortion_model = 'radtan': is a distortion beside a double sphere",
+    ),
     "few intrinsics": (kalibr(intrinsics=[500, 320, 240]), "cam0.intrinsics: has 3 numbers"),
     "few coefficients": (kalibr(distortion_coeffs=[0.1, 0.2, 0.3]), "cam0.distortion_coeffs: has 3 coefficients, but"),
     "no coefficients": (kalibr(distortion_coeffs=None), "cam0: has no distortion_coeffs"),
@@ -276,8 +313,10 @@ BAD = {
     "plumb_bob of eight": (ros("plumb_bob", EIGHT), "has 8 coefficients, but plumb_bob has 4 or 5"),
     "binned": (matrix(binning_x=2), "binning_x = 2: bins pixels"),
     "cropped": (matrix(roi={"x_offset": 4, "y_offset": 0}), "roi.x_offset = 4: cuts a region"),
-    "cropped at its corner": (matrix(roi={"x_offset": 0, "y_offset": 0, "width": 320, "height": 512}),
-                              "roi.width = 320: cuts a region"),
+    "cropped at its corner": (
+        matrix(roi={"x_offset": 0, "y_offset": 0, "width": 320, "height": 512}),
+        "roi.width = 320: cuts a region",
+    ),
     "cropped below": (matrix(roi={"width": 640, "height": 256}), "roi.height = 256: cuts a region"),
     "rows and columns": (ros("plumb_bob", FIVE).replace("cols: 3", "cols: 4", 1), "has 9 numbers, but rows"),
     "none of these": ("a: 1\n", "holds no camera of a form that is read here"),
@@ -288,13 +327,17 @@ BAD = {
     "no yaml": ("a: [1\n", "is not valid YAML"),
     "object": ("a: !!python/object:os.system []\n", "is not valid YAML"),
     "no xml": ("<opencv_storage><a>1</a>", "is not valid XML"),
-    "entities": ('<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaa">]><opencv_storage>&a;</opencv_storage>',
-                 "declares a document type or entities"),
+    "entities": (
+        '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaa">]><opencv_storage>&a;</opencv_storage>',
+        "declares a document type or entities",
+    ),
     "twice in xml": ("<opencv_storage><K>1</K><K>1</K></opencv_storage>", "K: is given twice"),
     "deep xml": ("<a>" * 50 + "</a>" * 50, "more than 20 elements"),
     "too long": (matrix(D=[0.1] * 2000), "has more than 1000 numbers"),
-    "channels": ("K: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: \"2d\"\n   data: [1.0]\nD: [0.0]\n",
-                 "K.dt = '2d': is a matrix of several channels"),
+    "channels": (
+        'K: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: "2d"\n   data: [1.0]\nD: [0.0]\n',
+        "K.dt = '2d': is a matrix of several channels",
+    ),
 }
 
 
@@ -337,8 +380,11 @@ def scene(folder, **camera):
 def test_a_scene_has_the_camera_of_the_file(tmp_path):
     (tmp_path / "camchain.yaml").write_text(KALIBR)
     camera = scene(tmp_path, calibration="camchain.yaml#cam1").vehicle.cameras[0]
-    alone = Camera(resolution=SIZE, intrinsics={"fx": FX, "fy": FY, "cx": CX, "cy": CY},
-                   distortion={"model": "double_sphere", "xi": -0.1996, "alpha": 0.5924})
+    alone = Camera(
+        resolution=SIZE,
+        intrinsics={"fx": FX, "fy": FY, "cx": CX, "cy": CY},
+        distortion={"model": "double_sphere", "xi": -0.1996, "alpha": 0.5924},
+    )
     assert camera.model_copy(update={"calibration": None}) == alone
 
 
@@ -356,8 +402,9 @@ def test_files_of_a_scene_are_relative_to_it(tmp_path, monkeypatch):
     """Also where the scene's own path is relative."""
     (tmp_path / "calibrations").mkdir()
     (tmp_path / "calibrations" / "a.yaml").write_text(EUROC)
-    (tmp_path / "scene.yaml").write_text("vehicle: {cameras: [{calibration: calibrations/a.yaml}]}\n"
-                                         "trajectory: {poses: [{position: [0, 0, 0]}]}\n")
+    (tmp_path / "scene.yaml").write_text(
+        "vehicle: {cameras: [{calibration: calibrations/a.yaml}]}\ntrajectory: {poses: [{position: [0, 0, 0]}]}\n"
+    )
     monkeypatch.chdir(tmp_path.parent)
     loaded = load_scene(f"{tmp_path.name}/scene.yaml")
     assert loaded.vehicle.cameras[0].resolution == SIZE
@@ -367,20 +414,43 @@ def test_files_of_a_scene_are_relative_to_it(tmp_path, monkeypatch):
 NO_SIZE = yaml.safe_dump({"K": K.tolist(), "D": FIVE})
 
 
-@pytest.mark.parametrize(("text", "keys", "says"), [
-    (KALIBR, {"calibration": "a.yaml#cam0", "resolution": [640, 480]}, "resolution: is not that of the calibration"),
-    (KALIBR, {"calibration": "a.yaml#cam0", "intrinsics": {"fx": 1, "fy": 1, "cx": 1, "cy": 1}},
-     "intrinsics: stands beside calibration"),
-    (KALIBR, {"calibration": "a.yaml#cam0", "distortion": {"model": "radtan", "k": RADTAN}},
-     "distortion: stands beside calibration"),
-    (KALIBR, {"calibration": "a.yaml#cam0", "focal_mm": 3.0}, "focal_mm: stands beside calibration"),
-    (KALIBR, {"calibration": "a.yaml#cam0", "sensor_mm": [4.0, 3.0]}, "sensor_mm: stands beside calibration"),
-    (KALIBR, {"calibration": "a.yaml#cam0", "f_stop": 2.0}, "f_stop: beside calibration, in pixels, it needs focal_mm"),
-    (KALIBR, {"calibration": "a.yaml"}, "calibration: "), (KALIBR, {"calibration": 3}, "calibration = 3: "),
-    (NO_SIZE, {"calibration": "a.yaml"}, "calibration: the file does not say of what resolution it is"),
-    (kalibr(intrinsics=[-1.0, 500.0, 320.0, 240.0]), {"calibration": "a.yaml"}, "a.yaml: intrinsics.fx = -1.0"),
-    (kalibr(distortion_coeffs=[1e9, 0.0, 0.0, 0.0]), {"calibration": "a.yaml"}, "a.yaml: distortion.0 = 1000000000.0"),
-    (kalibr(resolution=[0, 480]), {"calibration": "a.yaml"}, "a.yaml: resolution.0 = 0")])
+@pytest.mark.parametrize(
+    ("text", "keys", "says"),
+    [
+        (
+            KALIBR,
+            {"calibration": "a.yaml#cam0", "resolution": [640, 480]},
+            "resolution: is not that of the calibration",
+        ),
+        (
+            KALIBR,
+            {"calibration": "a.yaml#cam0", "intrinsics": {"fx": 1, "fy": 1, "cx": 1, "cy": 1}},
+            "intrinsics: stands beside calibration",
+        ),
+        (
+            KALIBR,
+            {"calibration": "a.yaml#cam0", "distortion": {"model": "radtan", "k": RADTAN}},
+            "distortion: stands beside calibration",
+        ),
+        (KALIBR, {"calibration": "a.yaml#cam0", "focal_mm": 3.0}, "focal_mm: stands beside calibration"),
+        (KALIBR, {"calibration": "a.yaml#cam0", "sensor_mm": [4.0, 3.0]}, "sensor_mm: stands beside calibration"),
+        (
+            KALIBR,
+            {"calibration": "a.yaml#cam0", "f_stop": 2.0},
+            "f_stop: beside calibration, in pixels, it needs focal_mm",
+        ),
+        (KALIBR, {"calibration": "a.yaml"}, "calibration: "),
+        (KALIBR, {"calibration": 3}, "calibration = 3: "),
+        (NO_SIZE, {"calibration": "a.yaml"}, "calibration: the file does not say of what resolution it is"),
+        (kalibr(intrinsics=[-1.0, 500.0, 320.0, 240.0]), {"calibration": "a.yaml"}, "a.yaml: intrinsics.fx = -1.0"),
+        (
+            kalibr(distortion_coeffs=[1e9, 0.0, 0.0, 0.0]),
+            {"calibration": "a.yaml"},
+            "a.yaml: distortion.0 = 1000000000.0",
+        ),
+        (kalibr(resolution=[0, 480]), {"calibration": "a.yaml"}, "a.yaml: resolution.0 = 0"),
+    ],
+)
 def test_what_a_scene_says_beside_a_calibration_must_not_contradict_it(tmp_path, text, keys, says):
     (tmp_path / "a.yaml").write_text(text)
     with pytest.raises(InputError) as error:

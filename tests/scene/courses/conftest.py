@@ -9,6 +9,7 @@ from varos_warp.scene.file.load import scene_from_dict
 @pytest.fixture
 def course(tmp_path):
     """Reads a text as a recorded course, with keys of the trajectory and the vehicle."""
+
     def read(text, vehicle=None, name="course.txt", **trajectory):
         data = text if isinstance(text, bytes) else text.encode()
         (tmp_path / name).write_bytes(data)

@@ -22,8 +22,10 @@ COLUMNS = {"time": "t", "position": ["x", "y", "z"]}
 
 def table(places, turns=TURNS):
     q = turns.as_quat(scalar_first=True)
-    return HEADER + "".join(f"{k},{','.join(map(repr, [*p, *r]))}\n" for k, (p, r) in
-                            enumerate(zip(np.asarray(places).tolist(), q.tolist(), strict=True)))
+    return HEADER + "".join(
+        f"{k},{','.join(map(repr, [*p, *r]))}\n"
+        for k, (p, r) in enumerate(zip(np.asarray(places).tolist(), q.tolist(), strict=True))
+    )
 
 
 def axes(stops, k=0):
@@ -54,13 +56,19 @@ def test_yaw_of_ros_is_anticlockwise_from_east_and_x_looks_forward(course, yaw):
     a = np.radians(yaw)
     q = Rotation.from_rotvec(np.tile(a * UP, (4, 1)))
     forward = np.cos(a) * EAST + np.sin(a) * NORTH
-    np.testing.assert_allclose(axes(course(table(PLACES, q))), [np.sin(a) * EAST - np.cos(a) * NORTH, forward, UP],
-                               atol=1e-15)
+    np.testing.assert_allclose(
+        axes(course(table(PLACES, q))), [np.sin(a) * EAST - np.cos(a) * NORTH, forward, UP], atol=1e-15
+    )
 
 
-@pytest.mark.parametrize(("body", "right", "forward", "up"), [
-    ("rfu", (1, 0, 0), (0, 1, 0), (0, 0, 1)), ("flu", (0, -1, 0), (1, 0, 0), (0, 0, 1)),
-    ("frd", (0, 1, 0), (1, 0, 0), (0, 0, -1))])
+@pytest.mark.parametrize(
+    ("body", "right", "forward", "up"),
+    [
+        ("rfu", (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        ("flu", (0, -1, 0), (1, 0, 0), (0, 0, 1)),
+        ("frd", (0, 1, 0), (1, 0, 0), (0, 0, -1)),
+    ],
+)
 @pytest.mark.parametrize("frame", ["enu", "ned"])
 def test_the_letters_of_a_body_are_its_axes(course, frame, body, right, forward, up):
     stops = course(table(PLACES), frame=frame, body=body)
@@ -79,20 +87,28 @@ def test_without_a_word_bodies_are_those_of_rep_103_and_of_aviation(course):
 
 def test_an_opposite_quaternion_is_the_same_attitude(course):
     q = TURNS.as_quat() * np.array([1, -1, -1, 1])[:, None]
-    np.testing.assert_allclose(course(table(PLACES, Rotation.from_quat(q))).attitude.as_matrix(),
-                               course(table(PLACES)).attitude.as_matrix(), atol=1e-15)
+    np.testing.assert_allclose(
+        course(table(PLACES, Rotation.from_quat(q))).attitude.as_matrix(),
+        course(table(PLACES)).attitude.as_matrix(),
+        atol=1e-15,
+    )
 
 
 @pytest.mark.parametrize("order", ["zyx", "ZYX", "XYZ", "xzy"])
 def test_angles_are_about_the_axes_of_the_order_one_after_the_other(course, order):
     angles = np.radians([20.0, -30.0, 110.0])
-    turns = [Rotation.from_rotvec(angle * np.eye(3)["xyz".index(axis.lower())])
-             for angle, axis in zip(angles, order, strict=True)]
+    turns = [
+        Rotation.from_rotvec(angle * np.eye(3)["xyz".index(axis.lower())])
+        for angle, axis in zip(angles, order, strict=True)
+    ]
     first, second, third = turns
     expected = third * second * first if order.islower() else first * second * third
     row = ",".join(map(repr, angles.tolist()))
-    stops = course(f"t,x,y,z,a,b,c\n0,0,0,0,{row}\n1,0,0,0,{row}\n", body="rfu",
-                   columns=COLUMNS | {"euler": ["a", "b", "c"], "euler_order": order})
+    stops = course(
+        f"t,x,y,z,a,b,c\n0,0,0,0,{row}\n1,0,0,0,{row}\n",
+        body="rfu",
+        columns=COLUMNS | {"euler": ["a", "b", "c"], "euler_order": order},
+    )
     np.testing.assert_allclose(stops.attitude[0].as_matrix(), expected.as_matrix(), atol=1e-15)
 
 
@@ -185,27 +201,45 @@ def test_along_the_path_a_camera_is_where_it_was_recorded(course):
 # ---------------------------------------------------------------------------------------------------------- bad input
 
 
-@pytest.mark.parametrize(("trajectory", "vehicle", "key", "says"), [
-    ({"of": "X9"}, {}, "trajectory.of", r"no camera has the id 'X9' \(there are: M0; or vehicle, imu\)"),
-    ({"of": "camera"}, {}, "trajectory.of", "vehicle, imu or the id of a camera"),
-    ({"of": "imu"}, {"imu": None}, "trajectory.of", "the vehicle has no imu"),
-    ({"of": "M0"}, {"cameras": [{"id": "M0", "mount": "world"}]}, "trajectory.of", "stands in the world"),
-    ({"of": "M0", "body": "flu"}, {}, "trajectory.body", "body: the axes of a vehicle"),
-    ({"body": "flu", "attitude": "unrotated"}, {}, "trajectory.body", "attitude is unrotated"),
-    ({"frame": "nwu"}, {}, "trajectory.frame", "is not one of the choices"),
-    ({"constant_speed": True}, {}, "trajectory", "constant_speed is for waypoints"),
-    ({"poses": [{"position": [0, 0, 0]}]}, {}, "trajectory", "give exactly one of waypoints, poses, pattern, file"),
-    ({"columns": COLUMNS | {"euler": ["a", "b", "c"], "euler_deg": ["a", "b", "c"]}}, {}, "trajectory.columns",
-     "give one of quaternion, euler, euler_deg"),
-    ({"columns": COLUMNS | {"euler_order": "xxy"}}, {}, "trajectory.columns.euler_order", "twice in a row")])
+@pytest.mark.parametrize(
+    ("trajectory", "vehicle", "key", "says"),
+    [
+        ({"of": "X9"}, {}, "trajectory.of", r"no camera has the id 'X9' \(there are: M0; or vehicle, imu\)"),
+        ({"of": "camera"}, {}, "trajectory.of", "vehicle, imu or the id of a camera"),
+        ({"of": "imu"}, {"imu": None}, "trajectory.of", "the vehicle has no imu"),
+        ({"of": "M0"}, {"cameras": [{"id": "M0", "mount": "world"}]}, "trajectory.of", "stands in the world"),
+        ({"of": "M0", "body": "flu"}, {}, "trajectory.body", "body: the axes of a vehicle"),
+        ({"body": "flu", "attitude": "unrotated"}, {}, "trajectory.body", "attitude is unrotated"),
+        ({"frame": "nwu"}, {}, "trajectory.frame", "is not one of the choices"),
+        ({"constant_speed": True}, {}, "trajectory", "constant_speed is for waypoints"),
+        ({"poses": [{"position": [0, 0, 0]}]}, {}, "trajectory", "give exactly one of waypoints, poses, pattern, file"),
+        (
+            {"columns": COLUMNS | {"euler": ["a", "b", "c"], "euler_deg": ["a", "b", "c"]}},
+            {},
+            "trajectory.columns",
+            "give one of quaternion, euler, euler_deg",
+        ),
+        ({"columns": COLUMNS | {"euler_order": "xxy"}}, {}, "trajectory.columns.euler_order", "twice in a row"),
+    ],
+)
 def test_what_a_scene_says_of_a_course_must_fit(course, trajectory, vehicle, key, says):
     with pytest.raises(InputError, match=says) as error:
         course(table(PLACES), vehicle, **trajectory)
     assert error.value.key == key
 
 
-@pytest.mark.parametrize(("key", "value"), [("frame", "ned"), ("of", "M0"), ("body", "flu"), ("start_s", 1.0),
-                                            ("columns", COLUMNS), ("smoothing_s", 1.0), ("origin", [0, 0, 0])])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("frame", "ned"),
+        ("of", "M0"),
+        ("body", "flu"),
+        ("start_s", 1.0),
+        ("columns", COLUMNS),
+        ("smoothing_s", 1.0),
+        ("origin", [0, 0, 0]),
+    ],
+)
 def test_keys_of_a_recorded_course_mean_nothing_without_one(key, value):
     with pytest.raises(InputError, match=f"{key}: for a recorded course only"):
         scene_from_dict({"trajectory": {"poses": [{"position": [0, 0, 0]}], key: value}})

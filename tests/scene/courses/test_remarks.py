@@ -25,8 +25,9 @@ def table(header):
 # -------------------------------------------------------------------------------------------------------------- remarks
 
 
-@pytest.mark.parametrize("remark", ["# ms mm mm mm 1 1 1 1", "#[ms] [mm] [mm] [mm] [] [] [] []",
-                                    "# units: ms, mm, mm, mm, -, -, -, -"])
+@pytest.mark.parametrize(
+    "remark", ["# ms mm mm mm 1 1 1 1", "#[ms] [mm] [mm] [mm] [] [] [] []", "# units: ms, mm, mm, mm, -, -, -, -"]
+)
 @pytest.mark.parametrize("names", ["", "# timestamp tx ty tz qx qy qz qw\n", "timestamp tx ty tz qx qy qz qw\n"])
 def test_a_row_of_units_that_fits_the_columns_is_followed(course, names, remark):
     stops = course(f"{remark}\n{names}{ROWS}")
@@ -39,21 +40,50 @@ def test_a_row_of_units_against_a_name_of_a_column_is_refused(course):
     assert "column 'z_cm' is in 'mm' by the remark in line 1" in error.message
 
 
-@pytest.mark.parametrize(("remark", "unit"), [
-    ("# [s] [mm] [mm]", "mm"), ("# units: mm", "mm"), ("# position in millimetres", "millimetres"),
-    ("# t[s] x[mm] y[mm] z[mm] q[xyzw]", "mm"), ("# time(ms) x(mm) y(mm) z(mm) quaternion(x,y,z,w)", "ms"),
-    ("# z in cm", "cm"), ("# UNITS: MM", "mm"), ("# X_MM Y_MM", "mm"), ("# time in min", "min"), ("# t [h]", "h"),
-    ("# all in feet", "feet"), ("# fathoms", "fathoms"), ("# tms xmm", "ms"), ("# stamps in us", "us"), ("# t/h", "h"),
-    ("# unit: in", "in"), ("# x in milli metres", "millimetres"), ("# mm are units of all of these", "mm")])
+@pytest.mark.parametrize(
+    ("remark", "unit"),
+    [
+        ("# [s] [mm] [mm]", "mm"),
+        ("# units: mm", "mm"),
+        ("# position in millimetres", "millimetres"),
+        ("# t[s] x[mm] y[mm] z[mm] q[xyzw]", "mm"),
+        ("# time(ms) x(mm) y(mm) z(mm) quaternion(x,y,z,w)", "ms"),
+        ("# z in cm", "cm"),
+        ("# UNITS: MM", "mm"),
+        ("# X_MM Y_MM", "mm"),
+        ("# time in min", "min"),
+        ("# t [h]", "h"),
+        ("# all in feet", "feet"),
+        ("# fathoms", "fathoms"),
+        ("# tms xmm", "ms"),
+        ("# stamps in us", "us"),
+        ("# t/h", "h"),
+        ("# unit: in", "in"),
+        ("# x in milli metres", "millimetres"),
+        ("# mm are units of all of these", "mm"),
+    ],
+)
 def test_a_remark_of_a_unit_that_is_not_followed_is_refused_with_its_line(course, remark, unit):
     error = refusal(course, f"# made by a tracker\n{remark}\n{ROWS}")
     assert (error.line, error.key) == (2, "trajectory.file")
     assert f"may say that its numbers are in {unit}, which is not followed" in error.message
 
 
-@pytest.mark.parametrize("remark", [
-    "# all in metres and seconds", "# [s] [m] [m] [m]", "# in this file", "# drift of 3 cm/s", "# speeds in cm/s",
-    "# in US waters", "# min and max", "# three days of it", "# aboard MS Fram", "# quaternions, not degrees"])
+@pytest.mark.parametrize(
+    "remark",
+    [
+        "# all in metres and seconds",
+        "# [s] [m] [m] [m]",
+        "# in this file",
+        "# drift of 3 cm/s",
+        "# speeds in cm/s",
+        "# in US waters",
+        "# min and max",
+        "# three days of it",
+        "# aboard MS Fram",
+        "# quaternions, not degrees",
+    ],
+)
 def test_a_remark_of_other_things_or_of_the_unit_that_is_used_changes_nothing(course, remark):
     stops = course(f"{remark}\n{ROWS}", of="vehicle")
     np.testing.assert_array_equal(stops.position, NUMBERS)
@@ -129,8 +159,9 @@ def test_a_unit_inside_the_name_of_a_position_is_refused_unless_it_is_stated(cou
     text = table(f"t,{name},b,c")
     error = refusal(course, text, columns={"time": "t", "position": [2, 3, 4]}, attitude="unrotated", frame="ned")
     assert f"column '{name}' may be in 'mm' by its name" in error.message
-    stops = course(text, columns={"time": "t", "position": [2, 3, 4], "position_unit": "mm"}, attitude="unrotated",
-                   frame="ned")
+    stops = course(
+        text, columns={"time": "t", "position": [2, 3, 4], "position_unit": "mm"}, attitude="unrotated", frame="ned"
+    )
     np.testing.assert_allclose(stops.position, 1e-3 * NUMBERS[:, [1, 0, 2]] * [1, 1, -1], rtol=1e-15)
 
 
@@ -171,8 +202,18 @@ def test_a_depth_alone_does_not_say_which_columns_are_north_and_east(course, nam
     np.testing.assert_array_equal(stops.position, NUMBERS[:, [1, 0, 2]] * [1, 1, -1])
 
 
-@pytest.mark.parametrize("names", ["x_north,y_east,z_down", "north_x,east_y,down_z", "x_ned,y_ned,z_ned",
-                                   "ned_x,ned_y,ned_z", "pn,pe,pd", "PosN,PosE,PosD", "posNorth,posEast,posDown"])
+@pytest.mark.parametrize(
+    "names",
+    [
+        "x_north,y_east,z_down",
+        "north_x,east_y,down_z",
+        "x_ned,y_ned,z_ned",
+        "ned_x,ned_y,ned_z",
+        "pn,pe,pd",
+        "PosN,PosE,PosD",
+        "posNorth,posEast,posDown",
+    ],
+)
 def test_names_that_say_ned_in_other_words_are_followed_or_need_the_frame(course, names):
     columns = {"time": "t", "position": names.split(",")}
     stops = course(table(f"t,{names}"), columns=columns, attitude="along_path")
@@ -182,8 +223,10 @@ def test_names_that_say_ned_in_other_words_are_followed_or_need_the_frame(course
     assert "its positions are ned by the names of their columns, not enu" in error.message
 
 
-@pytest.mark.parametrize(("whole", "part"), [("stamp.sec", "stamp.nanosec"), ("head.stamp.secs", "head.stamp.nsecs"),
-                                             ("sec", "nanosec"), ("t_sec", "t_usec")])
+@pytest.mark.parametrize(
+    ("whole", "part"),
+    [("stamp.sec", "stamp.nanosec"), ("head.stamp.secs", "head.stamp.nsecs"), ("sec", "nanosec"), ("t_sec", "t_usec")],
+)
 def test_whole_seconds_beside_a_column_of_their_parts_are_refused(course, whole, part):
     text = f"{whole},{part},x,y,z\n0,5,1,2,3\n1,5,4,5,6\n"
     error = refusal(course, text, columns={"time": whole, "position": ["x", "y", "z"]}, attitude="unrotated")

@@ -13,7 +13,7 @@ MIDDLE = slice(800, 1200)
 
 
 def gain(period_s, smoothing_s):
-    return 1.0 / (1.0 + (smoothing_s / period_s)**4)
+    return 1.0 / (1.0 + (smoothing_s / period_s) ** 4)
 
 
 @pytest.mark.parametrize("period_s", [0.5, 1.0, 2.0])
@@ -22,7 +22,9 @@ def test_an_oscillation_keeps_its_phase_and_the_share_that_its_period_says(perio
     wave = np.sin(2.0 * np.pi * TIMES / period_s)[:, None]
     found = smoothed(TIMES, wave, 1.0)
     # sums for integrals: splines follow a wave to (step / period)^4, and the ends are exp(-36) away
-    np.testing.assert_allclose(found[MIDDLE], gain(period_s, 1.0) * wave[MIDDLE], atol=(2 * np.pi * 0.01 / period_s)**4)
+    np.testing.assert_allclose(
+        found[MIDDLE], gain(period_s, 1.0) * wave[MIDDLE], atol=(2 * np.pi * 0.01 / period_s) ** 4
+    )
 
 
 def test_a_straight_line_at_constant_speed_stays_up_to_its_ends_however_its_times_lie():
@@ -36,7 +38,7 @@ def test_it_is_the_smoothing_spline_of_scipy():
     times, values = np.cumsum(rng.uniform(0.02, 0.2, 200)), rng.normal(size=200)
     step = np.diff(times)
     weight = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
-    expected = make_smoothing_spline(times, values, w=weight, lam=(0.8 / (2.0 * np.pi))**4)(times)
+    expected = make_smoothing_spline(times, values, w=weight, lam=(0.8 / (2.0 * np.pi)) ** 4)(times)
     np.testing.assert_allclose(smoothed(times, values[:, None], 0.8)[:, 0], expected, atol=1e-12)
 
 
@@ -57,11 +59,12 @@ def test_a_course_is_smoothed_and_says_by_how_much(course):
     rng = np.random.default_rng(4)
     places = np.stack([0.5 * TIMES, 0.0 * TIMES, 0.0 * TIMES], axis=1)
     noisy = places + rng.normal(size=places.shape) * 0.01
-    text = "".join(f"{t!r} {' '.join(map(repr, p))} 0 0 0 1\n" for t, p in zip(TIMES.tolist(), noisy.tolist(),
-                                                                               strict=True))
+    text = "".join(
+        f"{t!r} {' '.join(map(repr, p))} 0 0 0 1\n" for t, p in zip(TIMES.tolist(), noisy.tolist(), strict=True)
+    )
     stops = course(text, smoothing_s=1.0, of="vehicle")
     # of white noise up to 50 Hz the mean of gain^2 is left
-    share = np.sqrt(np.mean(gain(1.0 / np.linspace(1e-6, 50.0, 200_001), 1.0)**2))
+    share = np.sqrt(np.mean(gain(1.0 / np.linspace(1e-6, 50.0, 200_001), 1.0) ** 2))
     off = (stops.position - places)[100:-100].std()
     assert off == pytest.approx(0.01 * share, rel=0.3)  # some 40 independent values in each axis: 6 % standard error
     moved = np.linalg.norm(stops.position - noisy, axis=1)

@@ -5,9 +5,14 @@ import pytest
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import load_scene, scene_from_dict
 
-BARE = {"trajectory": {"poses": [{"position": [0, 0, 2]}]}, "terrain": {"kind": "procedural"},
-        "objects": [{"kind": "boulder"}, {"kind": "boulder", "path": [
-            {"time_s": 0, "position": [0, 0, 1]}, {"time_s": 5, "position": [1, 0, 1]}]}]}
+BARE = {
+    "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+    "terrain": {"kind": "procedural"},
+    "objects": [
+        {"kind": "boulder"},
+        {"kind": "boulder", "path": [{"time_s": 0, "position": [0, 0, 1]}, {"time_s": 5, "position": [1, 0, 1]}]},
+    ],
+}
 GOOD = {"on": ["terrain", "objects.0"], "kind": "barnacle"}
 
 
@@ -19,21 +24,25 @@ def test_a_good_block_is_read():
     assert scene(per_m2=10).growth[0].per_m2 == 10
 
 
-@pytest.mark.parametrize(("changes", "problem"), [
-    ({"on": ["objects.7"]}, r"growth\.0\.on\.0.*no surface 'objects\.7'.*objects\.0"),
-    ({"on": ["terrain", "rocks"]}, r"growth\.0\.on\.1.*no surface 'rocks'"),
-    ({"on": ["objects.1"]}, r"growth\.0\.on\.0.*moves"),
-    ({"on": ["scatter.0"]}, r"growth\.0\.on\.0.*no surface"),
-    ({"on": ["terrain", "terrain"]}, r"growth\.0.*twice"),
-    ({"on": []}, r"growth\.0\.on"),
-    ({"kind": "coral"}, r"growth\.0\.kind"),
-    ({"per_m2": -1}, r"growth\.0\.per_m2"),
-    ({"cluster": -1}, r"growth\.0\.cluster"),
-    ({"up": [0.5, -0.5]}, r"growth\.0\.up.*begins above its end"),
-    ({"up": [-2, 1]}, r"growth\.0\.up"),
-    ({"size_m": [0.0, 0.1]}, r"growth\.0\.size_m"),
-    ({"size_m": [0.2, 0.1]}, r"growth\.0\.size_m.*begins above its end"),
-    ({"depth_m": [20, 10]}, r"growth\.0\.depth_m.*begins above its end")])
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"on": ["objects.7"]}, r"growth\.0\.on\.0.*no surface 'objects\.7'.*objects\.0"),
+        ({"on": ["terrain", "rocks"]}, r"growth\.0\.on\.1.*no surface 'rocks'"),
+        ({"on": ["objects.1"]}, r"growth\.0\.on\.0.*moves"),
+        ({"on": ["scatter.0"]}, r"growth\.0\.on\.0.*no surface"),
+        ({"on": ["terrain", "terrain"]}, r"growth\.0.*twice"),
+        ({"on": []}, r"growth\.0\.on"),
+        ({"kind": "coral"}, r"growth\.0\.kind"),
+        ({"per_m2": -1}, r"growth\.0\.per_m2"),
+        ({"cluster": -1}, r"growth\.0\.cluster"),
+        ({"up": [0.5, -0.5]}, r"growth\.0\.up.*begins above its end"),
+        ({"up": [-2, 1]}, r"growth\.0\.up"),
+        ({"size_m": [0.0, 0.1]}, r"growth\.0\.size_m"),
+        ({"size_m": [0.2, 0.1]}, r"growth\.0\.size_m.*begins above its end"),
+        ({"depth_m": [20, 10]}, r"growth\.0\.depth_m.*begins above its end"),
+    ],
+)
 def test_bad_blocks_are_refused_by_key(changes, problem):
     with pytest.raises(InputError, match=problem):
         scene(**changes)
@@ -47,8 +56,10 @@ def test_two_blocks_do_not_put_copies_in_the_same_places():
 
 def test_on_is_a_key_and_no_truth_value(tmp_path):
     path = tmp_path / "scene.yaml"
-    path.write_text("terrain: {kind: procedural}\ntrajectory: {poses: [{position: [0, 0, 2]}]}\n"
-                    "growth:\n  - {on: [terrain], kind: shell}\n")
+    path.write_text(
+        "terrain: {kind: procedural}\ntrajectory: {poses: [{position: [0, 0, 2]}]}\n"
+        "growth:\n  - {on: [terrain], kind: shell}\n"
+    )
     assert load_scene(path).growth[0].on == ["terrain"]
 
 

@@ -16,13 +16,30 @@ from varos_warp.scene.materials.textures import read_image
 
 BASE = "trajectory: {poses: [{position: [0, 0, 0]}]}\n"
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True))
+    f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
 
 
-@pytest.mark.parametrize("text", [
-    LAUGHS, "name: !!bool x", "seed: !!int ''", "name: !!timestamp x", "name: !!python/object:os.x {}", "? [1, 2]\n: 3",
-    'name: "\\ud800"', 'name: "\\0"', f"name: {'[' * 100_000}", f"name: {'9' * 5000}", "name: !!set {x}",
-    "seed: 1e400", "materials: &m {*m : 1}", "<<: &x {a: *x}"], ids=lambda text: text[:24])
+@pytest.mark.parametrize(
+    "text",
+    [
+        LAUGHS,
+        "name: !!bool x",
+        "seed: !!int ''",
+        "name: !!timestamp x",
+        "name: !!python/object:os.x {}",
+        "? [1, 2]\n: 3",
+        'name: "\\ud800"',
+        'name: "\\0"',
+        f"name: {'[' * 100_000}",
+        f"name: {'9' * 5000}",
+        "name: !!set {x}",
+        "seed: 1e400",
+        "materials: &m {*m : 1}",
+        "<<: &x {a: *x}",
+    ],
+    ids=lambda text: text[:24],
+)
 def test_yaml_that_explodes_or_makes_more_than_values_is_refused(tmp_path, text):
     (tmp_path / "scene.yaml").write_text(text)
     result = CliRunner().invoke(app, ["info", str(tmp_path / "scene.yaml")])
@@ -58,13 +75,25 @@ def test_paths_at_which_there_is_no_file_are_refused(tmp_path, name, key, verb):
     assert "there is no such" in result.output or "unknown mesh format" in result.output
 
 
-@pytest.mark.parametrize("override", [
-    "vehicle.mass_kg=5e-324", "vehicle.mass_kg=1e30", "vehicle.cameras=[{shutter: {exposure_s: 5e-324}}]",
-    "render.frame_rate_hz=1e-300", "trajectory.duration_s=1e12",
-    "vehicle.cameras=[{resolution: [1000000000000, 2]}]", "gravity=1e300", "trajectory.speed=5e-324",
-    "water={principled: {density: 1e308, color: [1, 1, 1], absorption_color: [0, 0, 0]}}",
-    "current={velocity: [1e300, 0, 0]}", "vehicle.net_buoyancy=-1e308", "surface_depth_m=1e999",
-    "trajectory={waypoints: [{position: [0, 0, 0]}, {position: [1e9, 1e9, 0]}]}"], ids=str)
+@pytest.mark.parametrize(
+    "override",
+    [
+        "vehicle.mass_kg=5e-324",
+        "vehicle.mass_kg=1e30",
+        "vehicle.cameras=[{shutter: {exposure_s: 5e-324}}]",
+        "render.frame_rate_hz=1e-300",
+        "trajectory.duration_s=1e12",
+        "vehicle.cameras=[{resolution: [1000000000000, 2]}]",
+        "gravity=1e300",
+        "trajectory.speed=5e-324",
+        "water={principled: {density: 1e308, color: [1, 1, 1], absorption_color: [0, 0, 0]}}",
+        "current={velocity: [1e300, 0, 0]}",
+        "vehicle.net_buoyancy=-1e308",
+        "surface_depth_m=1e999",
+        "trajectory={waypoints: [{position: [0, 0, 0]}, {position: [1e9, 1e9, 0]}]}",
+    ],
+    ids=str,
+)
 def test_numbers_of_no_vehicle_camera_or_water_are_refused(tmp_path, override):
     (tmp_path / "scene.yaml").write_text("trajectory: {waypoints: [{position: [0, 0, 0]}, {position: [0, 1, 0]}]}\n")
     result = CliRunner().invoke(app, ["info", str(tmp_path / "scene.yaml"), "--set", override])
@@ -109,8 +138,10 @@ def test_copies_of_copies_count_as_triangles(tmp_path, monkeypatch):
 
 
 def test_a_header_that_promises_more_than_the_file_holds_is_refused(tmp_path):
-    (tmp_path / "x.ply").write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\n"
-                                     b"property float x\nproperty float y\nproperty float z\nend_header\n")
+    (tmp_path / "x.ply").write_bytes(
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\n"
+        b"property float x\nproperty float y\nproperty float z\nend_header\n"
+    )
     (tmp_path / "x.stl").write_bytes(b"\0" * 80 + (2**32 - 1).to_bytes(4, "little") + b"\0" * 50)
     for name in ("x.ply", "x.stl"):
         with pytest.raises(InputError):

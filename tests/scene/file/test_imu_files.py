@@ -20,16 +20,25 @@ gyroscope_random_walk: 2.2e-6
 rostopic: /imu/data
 update_rate: 200.0
 """
-DENSITIES = {"accelerometer_noise_density": 2.1e-3, "accelerometer_random_walk": 4.0e-4,
-             "gyroscope_noise_density": 1.9e-4, "gyroscope_random_walk": 2.2e-6}
+DENSITIES = {
+    "accelerometer_noise_density": 2.1e-3,
+    "accelerometer_random_walk": 4.0e-4,
+    "gyroscope_noise_density": 1.9e-4,
+    "gyroscope_random_walk": 2.2e-6,
+}
 EUROC = """sensor_type: imu
 comment: VI-Sensor IMU (ADIS16448)
 T_BS: {cols: 4, rows: 4, data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}
 rate_hz: 200
 """ + "".join(f"{key}: {value}\n" for key, value in DENSITIES.items())
-OPENVINS = "%YAML:1.0\n\nimu0:\n" + "".join(f"  {line}\n" for line in KALIBR.splitlines()) + (
-    "  time_offset: 0.0\n  model: kalibr\n  T_i_b: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
-    "  Tw: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n")
+OPENVINS = (
+    "%YAML:1.0\n\nimu0:\n"
+    + "".join(f"  {line}\n" for line in KALIBR.splitlines())
+    + (
+        "  time_offset: 0.0\n  model: kalibr\n  T_i_b: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+        "  Tw: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+    )
+)
 IMU_UTILS = """%YAML:1.0
 ---
 type: IMU
@@ -49,15 +58,17 @@ Acc:
       acc_w: 4.0e-04
 """
 FORK = IMU_UTILS.replace('" rad/s"', '"gyr_n: rad / sqrt(s), gyr_w: rad / s^2 / sqrt(Hz)"').replace(
-    '" m/s^2"', '"acc_n: m / s^2 / sqrt(Hz), acc_w: m / s^3 / sqrt(Hz)"')
+    '" m/s^2"', '"acc_n: m / s^2 / sqrt(Hz), acc_w: m / s^3 / sqrt(Hz)"'
+)
 
 
 @pytest.fixture
 def scene(tmp_path):
     def load(text, noise="imu.yaml", **imu):
         (tmp_path / "imu.yaml").write_text(text)
-        return scene_from_dict({"trajectory": {"poses": [{"position": [0, 0, 0]}]},
-                                "vehicle": {"imu": {"noise": noise, **imu}}}, tmp_path)
+        return scene_from_dict(
+            {"trajectory": {"poses": [{"position": [0, 0, 0]}]}, "vehicle": {"imu": {"noise": noise, **imu}}}, tmp_path
+        )
 
     return load
 
@@ -115,8 +126,12 @@ def test_a_least_allan_deviation_of_nothing_is_no_random_walk(scene):
 
 
 def test_the_fork_of_imu_utils_writes_densities_and_says_so(scene, recwarn):
-    assert densities(scene(FORK)) == {"accelerometer_noise_density": 2.1e-2, "accelerometer_random_walk": 4.0e-4,
-                                      "gyroscope_noise_density": 1.9e-3, "gyroscope_random_walk": 2.2e-5}
+    assert densities(scene(FORK)) == {
+        "accelerometer_noise_density": 2.1e-2,
+        "accelerometer_random_walk": 4.0e-4,
+        "gyroscope_noise_density": 1.9e-3,
+        "gyroscope_random_walk": 2.2e-5,
+    }
     assert not recwarn.list
 
 
@@ -131,8 +146,15 @@ def test_a_scene_is_written_with_the_numbers_not_the_file(scene, tmp_path):
 def test_each_of_several_vehicles_may_have_its_file(tmp_path):
     (tmp_path / "imu.yaml").write_text(KALIBR)
     course = {"poses": [{"position": [0, 0, 0]}]}
-    scene = scene_from_dict({"vehicles": [{"id": "0", "trajectory": course},
-                                          {"id": "1", "trajectory": course, "imu": {"noise": "imu.yaml"}}]}, tmp_path)
+    scene = scene_from_dict(
+        {
+            "vehicles": [
+                {"id": "0", "trajectory": course},
+                {"id": "1", "trajectory": course, "imu": {"noise": "imu.yaml"}},
+            ]
+        },
+        tmp_path,
+    )
     assert densities(scene.observed_by("1")) == DENSITIES
     assert scene.vehicle.imu.noise is None
 
@@ -145,27 +167,31 @@ def test_a_file_may_be_set_and_is_relative_to_the_scene_file(tmp_path, monkeypat
         assert densities(load_scene(path, ["vehicle.imu.noise=imu.yaml"])) == DENSITIES
 
 
-@pytest.mark.parametrize(("text", "line", "key", "says"), [
-    (KALIBR.replace("4.0e-4", "much"), 3, "accelerometer_random_walk", "should be a finite number"),
-    (KALIBR.replace("4.0e-4", "-1"), 3, "accelerometer_random_walk", "should be a finite number, 0 at least"),
-    (KALIBR.replace("4.0e-4", ".nan"), 3, "accelerometer_random_walk", "should be a finite number"),
-    (KALIBR.replace("4.0e-4", "[1, 2, 3]"), 3, "accelerometer_random_walk", "should be a finite number"),
-    (KALIBR.replace("4.0e-4", "true"), 3, "accelerometer_random_walk", "should be a finite number"),
-    (KALIBR.replace("4.0e-4", "1e7"), 3, "accelerometer_random_walk", "at most 1e+06"),
-    (KALIBR.replace("rostopic", "ros_topic"), 7, "ros_topic", "unknown key. Did you mean 'rostopic'?"),
-    (KALIBR.replace("gyroscope_random_walk: 2.2e-6\n", ""), None, None, "has no gyroscope_random_walk"),
-    (KALIBR + KALIBR, 10, "accelerometer_noise_density", "is given twice"),
-    (OPENVINS.replace("1.9e-4", "x"), 8, "imu0.gyroscope_noise_density", "should be a finite number"),
-    ("imu0: 3\n", 1, "imu0", "should be a block of keys"),
-    (IMU_UTILS.replace(" rad/s", "deg/h"), 6, "Gyr.unit", "is a unit that imu_utils does not write"),
-    (IMU_UTILS.replace("avg-axis", "mean", 1), 5, "Gyr", "has no avg-axis with gyr_n"),
-    (IMU_UTILS.replace("Acc:", "Bcc:"), 13, "Bcc", "unknown key"),
-    (IMU_UTILS.replace("x-axis", "q-axis"), 10, "Gyr.q-axis", "unknown key"),
-    (IMU_UTILS.replace("2.2e-05", "2.2e-03"), 7, "Gyr.avg-axis", "its least Allan deviation, 0.0022, is more than"),
-    ("- 1\n", None, None, "is a mapping of keys to values"),
-    ("", None, None, "is empty"),
-    ("a: [", 2, None, "is not valid YAML"),
-    ("speed: 3\n", 1, "speed", "unknown key")])
+@pytest.mark.parametrize(
+    ("text", "line", "key", "says"),
+    [
+        (KALIBR.replace("4.0e-4", "much"), 3, "accelerometer_random_walk", "should be a finite number"),
+        (KALIBR.replace("4.0e-4", "-1"), 3, "accelerometer_random_walk", "should be a finite number, 0 at least"),
+        (KALIBR.replace("4.0e-4", ".nan"), 3, "accelerometer_random_walk", "should be a finite number"),
+        (KALIBR.replace("4.0e-4", "[1, 2, 3]"), 3, "accelerometer_random_walk", "should be a finite number"),
+        (KALIBR.replace("4.0e-4", "true"), 3, "accelerometer_random_walk", "should be a finite number"),
+        (KALIBR.replace("4.0e-4", "1e7"), 3, "accelerometer_random_walk", "at most 1e+06"),
+        (KALIBR.replace("rostopic", "ros_topic"), 7, "ros_topic", "unknown key. Did you mean 'rostopic'?"),
+        (KALIBR.replace("gyroscope_random_walk: 2.2e-6\n", ""), None, None, "has no gyroscope_random_walk"),
+        (KALIBR + KALIBR, 10, "accelerometer_noise_density", "is given twice"),
+        (OPENVINS.replace("1.9e-4", "x"), 8, "imu0.gyroscope_noise_density", "should be a finite number"),
+        ("imu0: 3\n", 1, "imu0", "should be a block of keys"),
+        (IMU_UTILS.replace(" rad/s", "deg/h"), 6, "Gyr.unit", "is a unit that imu_utils does not write"),
+        (IMU_UTILS.replace("avg-axis", "mean", 1), 5, "Gyr", "has no avg-axis with gyr_n"),
+        (IMU_UTILS.replace("Acc:", "Bcc:"), 13, "Bcc", "unknown key"),
+        (IMU_UTILS.replace("x-axis", "q-axis"), 10, "Gyr.q-axis", "unknown key"),
+        (IMU_UTILS.replace("2.2e-05", "2.2e-03"), 7, "Gyr.avg-axis", "its least Allan deviation, 0.0022, is more than"),
+        ("- 1\n", None, None, "is a mapping of keys to values"),
+        ("", None, None, "is empty"),
+        ("a: [", 2, None, "is not valid YAML"),
+        ("speed: 3\n", 1, "speed", "unknown key"),
+    ],
+)
 def test_what_is_no_such_file_is_refused_with_its_line_and_key(scene, tmp_path, text, line, key, says):
     with pytest.raises(InputError, match=re.escape(says)) as error:
         scene(text)
@@ -174,7 +200,8 @@ def test_what_is_no_such_file_is_refused_with_its_line_and_key(scene, tmp_path, 
 
 def test_a_file_that_is_not_there_is_refused_where_the_scene_names_it(tmp_path):
     (tmp_path / "scene.yaml").write_text(
-        "trajectory: {poses: [{position: [0, 0, 0]}]}\nvehicle:\n  imu:\n    noise: lost.yaml\n")
+        "trajectory: {poses: [{position: [0, 0, 0]}]}\nvehicle:\n  imu:\n    noise: lost.yaml\n"
+    )
     with pytest.raises(InputError, match=r"there is no such file of an IMU's noise \(.*lost\.yaml\)") as error:
         load_scene(tmp_path / "scene.yaml")
     assert (error.value.file, error.value.line, error.value.key) == (tmp_path / "scene.yaml", 4, "vehicle.imu.noise")

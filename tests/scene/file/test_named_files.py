@@ -18,14 +18,22 @@ def scene(folder, **changes):
     return scene_from_dict({"trajectory": {"poses": [{"position": [0, 0, 0]}]}} | changes, folder)
 
 
-@pytest.mark.parametrize(("changes", "key"), [
-    ({"terrain": {"file": "lost.ply"}}, "terrain.file"),
-    ({"terrain": {"file": ["there.ply", "lost.ply"]}}, "terrain.file"),
-    ({"objects": [{"file": "there.ply"}, {"file": "lost.ply"}]}, "objects.1.file"),
-    ({"terrain": {"kind": "procedural"}, "scatter": [{"object": {"file": "lost.ply"}, "count": 1}]},
-     "scatter.0.object.file"),
-    ({"materials": {"wall": {"kind": "slope_blend", "steep": {"texture": "lost.ply"}}}},
-     "materials.wall.steep.texture")])
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"terrain": {"file": "lost.ply"}}, "terrain.file"),
+        ({"terrain": {"file": ["there.ply", "lost.ply"]}}, "terrain.file"),
+        ({"objects": [{"file": "there.ply"}, {"file": "lost.ply"}]}, "objects.1.file"),
+        (
+            {"terrain": {"kind": "procedural"}, "scatter": [{"object": {"file": "lost.ply"}, "count": 1}]},
+            "scatter.0.object.file",
+        ),
+        (
+            {"materials": {"wall": {"kind": "slope_blend", "steep": {"texture": "lost.ply"}}}},
+            "materials.wall.steep.texture",
+        ),
+    ],
+)
 def test_a_missing_mesh_or_image_is_refused_by_its_key(tmp_path, changes, key):
     (tmp_path / "there.ply").touch()
     with pytest.raises(InputError, match="there is no such") as error:
@@ -67,15 +75,18 @@ def test_what_is_found_after_loading_is_told_with_file_line_and_value_of_the_sce
     path, floor = tmp_path / "scene.yaml", tmp_path / "floor.obj"
     path.write_text(SCENE)
     floor.touch()
-    assert refusal(path, require_files) == ("HERE/scene.yaml:6: terrain.file.1 = 'flor.obj': there is no such mesh "
-                                            "file (HERE/flor.obj). Did you mean 'floor.obj'?")
+    assert refusal(path, require_files) == (
+        "HERE/scene.yaml:6: terrain.file.1 = 'flor.obj': there is no such mesh "
+        "file (HERE/flor.obj). Did you mean 'floor.obj'?"
+    )
     folder = refusal(path, require_files, ["terrain.file=."])
     assert "there is no such mesh file: this is a folder" in folder
     assert refusal(path, require_files, ["terrain.file=flor.obj"]).startswith("--set terrain.file=flor.obj: terrain.")
     lamp = refusal(path, lambda scene: distribution(scene.lights[0], scene))
     assert lamp.startswith("HERE/scene.yaml:11: vehicle.lights.0.file = 'lamp.csv': there is no such")
-    assert refusal(path, build_object).startswith("HERE/scene.yaml:8: objects.0.file = 'floor.obj': the mesh file is "
-                                                  "empty (0 bytes) (HERE/floor.obj). Copy")
+    assert refusal(path, build_object).startswith(
+        "HERE/scene.yaml:8: objects.0.file = 'floor.obj': the mesh file is empty (0 bytes) (HERE/floor.obj). Copy"
+    )
     assert refusal(path, vehicle_radius).startswith("HERE/scene.yaml:12: vehicle.net_buoyancy = -1000.0: would leave")
     (tmp_path / "lamp.csv").write_text("angle_deg,intensity\n0,1\n9,-1\n")
     assert "HERE/lamp.csv:3: vehicle.lights.0.file" in refusal(path, lambda scene: distribution(scene.lights[0], scene))
@@ -96,10 +107,15 @@ def build_object(scene):
 
 
 @pytest.mark.skipif(os.sep != "/", reason="backslashes part folders")
-@pytest.mark.parametrize("block", [
-    {"terrain": {"file": "parts\\rock.obj"}}, {"objects": [{"file": "parts\\rock.obj"}]},
-    {"materials": {"wall": {"kind": "slope_blend", "flat": {"texture": "parts\\rock.obj"}}}},
-    {"vehicle": {"lights": [{"kind": "profile", "file": "parts\\rock.obj"}]}}])
+@pytest.mark.parametrize(
+    "block",
+    [
+        {"terrain": {"file": "parts\\rock.obj"}},
+        {"objects": [{"file": "parts\\rock.obj"}]},
+        {"materials": {"wall": {"kind": "slope_blend", "flat": {"texture": "parts\\rock.obj"}}}},
+        {"vehicle": {"lights": [{"kind": "profile", "file": "parts\\rock.obj"}]}},
+    ],
+)
 def test_a_backslash_is_told_of_and_whether_the_file_is_there_with_a_slash(tmp_path, block):
     """Of a scene that was written on Windows."""
     made = scene(tmp_path, **block)

@@ -13,10 +13,21 @@ from varos_warp.scene.file.templates import TEMPLATES, template_text
 
 SCHEMA = json_schema()
 BLOCKS = {"Scene": SCHEMA, **SCHEMA["$defs"]}
-KEYS = [(f"{name}.{key}", entry, key in block.get("required", ()))
-        for name, block in BLOCKS.items() for key, entry in block.get("properties", {}).items()]
-SUFFIXES = {"_m": "m", "_mm": "mm", "_s": "s", "_hz": "Hz", "_kg": "kg", "_deg": "degrees", "_C": "degrees Celsius",
-            "_T": "T"}
+KEYS = [
+    (f"{name}.{key}", entry, key in block.get("required", ()))
+    for name, block in BLOCKS.items()
+    for key, entry in block.get("properties", {}).items()
+]
+SUFFIXES = {
+    "_m": "m",
+    "_mm": "mm",
+    "_s": "s",
+    "_hz": "Hz",
+    "_kg": "kg",
+    "_deg": "degrees",
+    "_C": "degrees Celsius",
+    "_T": "T",
+}
 """Of names of keys; ``sigma_s`` is a symbol."""
 
 
@@ -47,9 +58,14 @@ def is_block(entry) -> bool:
 
 def test_what_has_no_default_value_has_an_example():
     """Blocks and choices aside: the keys of a block, and the choices, say what to write."""
-    without = [key for key, entry, required in KEYS
-               if (required or entry.get("default", 0) is None) and "examples" not in entry and not is_block(entry)
-               and not re.search(r'"(const|enum|deprecated|boolean)"', json.dumps(entry))]
+    without = [
+        key
+        for key, entry, required in KEYS
+        if (required or entry.get("default", 0) is None)
+        and "examples" not in entry
+        and not is_block(entry)
+        and not re.search(r'"(const|enum|deprecated|boolean)"', json.dumps(entry))
+    ]
     assert without == []
 
 
@@ -84,8 +100,15 @@ def fits(value, schema) -> bool:
         return count == 1 if "oneOf" in schema else count >= 1
     if "const" in schema or "enum" in schema:
         return value in schema.get("enum", [schema.get("const")])
-    types = {"number": (int, float), "integer": int, "string": str, "boolean": bool, "null": type(None),
-             "array": list, "object": dict}
+    types = {
+        "number": (int, float),
+        "integer": int,
+        "string": str,
+        "boolean": bool,
+        "null": type(None),
+        "array": list,
+        "object": dict,
+    }
     if not isinstance(value, types[schema["type"]]) if "type" in schema else False:
         return False
     if isinstance(value, dict):
@@ -96,16 +119,19 @@ def fits(value, schema) -> bool:
         return sizes and all(map(fits, value, items))
     if isinstance(value, str):
         return re.search(schema.get("pattern", ""), value) is not None
-    return value is None or (schema.get("minimum", value) <= value <= schema.get("maximum", value)
-                             and not value <= schema.get("exclusiveMinimum", value - 1)
-                             and not value >= schema.get("exclusiveMaximum", value + 1))
+    return value is None or (
+        schema.get("minimum", value) <= value <= schema.get("maximum", value)
+        and not value <= schema.get("exclusiveMinimum", value - 1)
+        and not value >= schema.get("exclusiveMaximum", value + 1)
+    )
 
 
 def object_fits(value, schema) -> bool:
     known, others = schema.get("properties", {}), schema.get("additionalProperties", False)
     return set(schema.get("required", ())) <= set(value) and all(
         fits(item, known[key]) if key in known else isinstance(others, dict) and fits(item, others)
-        for key, item in value.items())
+        for key, item in value.items()
+    )
 
 
 @pytest.mark.parametrize("name", TEMPLATES)
@@ -126,19 +152,30 @@ def test_a_key_is_explained_by_meaning_range_unit_default_and_example():
     assert "example: 0.06" in explain("vehicle.cameras.port.radius_m")
 
 
-@pytest.mark.parametrize(("key", "words"), [
-    ("vehicle.cameras.position", "list of 3 numbers from -1e+09 to 1e+09"),
-    ("scatter.circle", "list of 3: number, number, number above 0"), ("scatter.polygon", "list of lists of 2 numbers"),
-    ("vehicle.lights", "list of blocks"), ("seed", "whole number at least 0 and below 2147483648"),
-    ("terrain.file", "text or list of texts")])
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("vehicle.cameras.position", "list of 3 numbers from -1e+09 to 1e+09"),
+        ("scatter.circle", "list of 3: number, number, number above 0"),
+        ("scatter.polygon", "list of lists of 2 numbers"),
+        ("vehicle.lights", "list of blocks"),
+        ("seed", "whole number at least 0 and below 2147483648"),
+        ("terrain.file", "text or list of texts"),
+    ],
+)
 def test_what_a_key_may_be_is_told_as_people_say_it(key, words):
     assert f"value:   {words}\n" in explain(key)
 
 
 def test_a_block_is_explained_by_its_kinds_and_their_keys():
     text = explain("vehicle.cameras.0.port")
-    for words in ("kind flat: A flat pane", "    distance_m     required        From the lens",
-                  "    clear_radius_m absent          Radius", "kind dome:", "half_angle_deg"):
+    for words in (
+        "kind flat: A flat pane",
+        "    distance_m     required        From the lens",
+        "    clear_radius_m absent          Radius",
+        "kind dome:",
+        "half_angle_deg",
+    ):
         assert words in text
     assert text == explain("vehicle.cameras.port").replace("cameras.port", "cameras.0.port")
 
@@ -156,10 +193,17 @@ def test_names_of_materials_may_be_given_or_left_out():
     assert explain("materials.my_paint.amount").count("default: 0.5") == 2
 
 
-@pytest.mark.parametrize(("key", "says"), [
-    ("vehicle.camera.port", "Did you mean 'cameras'?"), ("vehicle.cameras.focus", "Did you mean 'focus_m'?"),
-    ("seed.x", "nothing is under it"), ("vehicle.", "Known there: id"), ("", "Known there: name"),
-    ("materials.a.b.c", "Known there: kind, reflectance")])
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ("vehicle.camera.port", "Did you mean 'cameras'?"),
+        ("vehicle.cameras.focus", "Did you mean 'focus_m'?"),
+        ("seed.x", "nothing is under it"),
+        ("vehicle.", "Known there: id"),
+        ("", "Known there: name"),
+        ("materials.a.b.c", "Known there: kind, reflectance"),
+    ],
+)
 def test_an_unknown_key_is_refused_with_what_is_near(key, says):
     with pytest.raises(InputError, match=re.escape(says)):
         explain(key)
@@ -167,6 +211,7 @@ def test_an_unknown_key_is_refused_with_what_is_near(key, says):
 
 def test_every_key_can_be_explained():
     """By its path from the scene, through every kind of block."""
+
     def walk(prefix, block, seen):
         for key, entry in block.get("properties", {}).items():
             path = f"{prefix}{key}"

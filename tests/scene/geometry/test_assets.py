@@ -56,7 +56,7 @@ def make(data, chord_error_m=None) -> trimesh.Trimesh:
 def assert_sound(mesh):
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
-    slender = 2.0 * mesh.area_faces / np.ptp(mesh.triangles, axis=1).max(axis=1)**2
+    slender = 2.0 * mesh.area_faces / np.ptp(mesh.triangles, axis=1).max(axis=1) ** 2
     assert slender.min() > 1e-7  # no three points in line
     assert all(solid.volume > 0.0 for solid in mesh.split())
 
@@ -102,7 +102,7 @@ def rounding(b, r, side):
 
 def tube_volume(r, wall, length):
     b = 0.25 * wall
-    return np.pi * (r**2 - (r - wall)**2) * length - 2.0 * (rounding(b, r, 1) + rounding(b, r - wall, -1))
+    return np.pi * (r**2 - (r - wall) ** 2) * length - 2.0 * (rounding(b, r, 1) + rounding(b, r - wall, -1))
 
 
 def test_a_pipe_has_the_volume_of_its_wall():
@@ -158,7 +158,7 @@ def test_a_short_bolt_has_the_volume_of_its_head_and_shank():
     d, s, k, length = 0.024, 0.036, 0.015, 0.004  # shorter than two pitches: no thread
     mesh = make({"kind": "bolt", "size": "M24", "length": length}, 2e-6)
     washer, c = 0.0008, 0.3 * length
-    head = prism(s, 0.0, k - washer) + np.pi * (0.47 * s)**2 * washer
+    head = prism(s, 0.0, k - washer) + np.pi * (0.47 * s) ** 2 * washer
     shank = np.pi * 0.25 * d**2 * (length - c) + frustum(0.5 * d, 0.5 * d - c, c)
     b = 0.02 * s  # roundings take no more than (1 - pi / 4) b^2 off their edges, six corners (2 b) a fourth of that
     edges = (1.0 - np.pi / 4.0) * b**2 * (2.0 * np.sqrt(3.0) * s + np.pi * s + np.pi * s + np.pi * d + 6.0 * k)
@@ -228,8 +228,12 @@ def test_a_flange_has_the_measures_of_the_standard_and_between_its_sizes_they_ar
     assert mesh.extents == pytest.approx([0.22, 0.22, 0.022])
     angle = np.pi / 8.0 + np.pi / 4.0 * np.arange(8)
     at = {"hole": angle, "between": angle + np.pi / 8.0}
-    inside = {name: is_inside(mesh.vertices, mesh.faces, np.column_stack(
-        [0.09 * np.cos(a), 0.09 * np.sin(a), np.full(8, 0.011)])) for name, a in at.items()}
+    inside = {
+        name: is_inside(
+            mesh.vertices, mesh.faces, np.column_stack([0.09 * np.cos(a), 0.09 * np.sin(a), np.full(8, 0.011)])
+        )
+        for name, a in at.items()
+    }
     assert not inside["hole"].any()
     assert inside["between"].all()
 
@@ -370,11 +374,15 @@ def test_the_form_of_a_boulder_is_written_only_where_it_is_given():
     np.testing.assert_array_equal(make(plain).vertices, rounded.vertices)
 
 
-@pytest.mark.parametrize(("data", "key"), [
-    ({"kind": "bolt", "size": "M7"}, "object.size"), ({"kind": "nut", "size": "M100"}, "object.size"),
-    ({"kind": "elbow", "radius": 0.2, "bend_radius": 0.2}, "object.bend_radius"),
-    ({"kind": "pipe_support", "radius": 0.2, "height": 0.2}, "object.height"),
-])
+@pytest.mark.parametrize(
+    ("data", "key"),
+    [
+        ({"kind": "bolt", "size": "M7"}, "object.size"),
+        ({"kind": "nut", "size": "M100"}, "object.size"),
+        ({"kind": "elbow", "radius": 0.2, "bend_radius": 0.2}, "object.bend_radius"),
+        ({"kind": "pipe_support", "radius": 0.2, "height": 0.2}, "object.height"),
+    ],
+)
 def test_measures_that_make_no_solid_are_refused(data, key):
     with pytest.raises(InputError) as caught:
         make(data)

@@ -41,14 +41,19 @@ def test_colours_change_at_each_inner_corner_and_nowhere_else(board):
 
 def seen(block, eye, width):
     """Image of B [H, W] uint8 of a board at (0, 1, 0), and image points of points of it."""
-    scene = scene_from_dict({
-        "objects": [{"kind": "calibration_board", "position": [0, 1.0, 0], **block}],
-        "vehicle": {"cameras": [{"resolution": [width, width * 9 // 16]}]},
-        "trajectory": {"poses": [{"position": eye, "look_at": [0, 1.0, 0]}]}})
+    scene = scene_from_dict(
+        {
+            "objects": [{"kind": "calibration_board", "position": [0, 1.0, 0], **block}],
+            "vehicle": {"cameras": [{"resolution": [width, width * 9 // 16]}]},
+            "trajectory": {"poses": [{"position": eye, "look_at": [0, 1.0, 0]}]},
+        }
+    )
     T_w_v, renderer = pose_matrix(scene.trajectory.poses[0]), FrameRenderer(scene, "cpu")
     image = renderer.render(T_w_v, outputs="B", spp_b=16, denoise_b="none").B.radiance.mean(axis=-1)
-    return (np.rint(255.0 * image / image.max()).astype(np.uint8),
-            lambda x, z: renderer.project(np.stack([x, np.full(len(x), 1.0), z], axis=-1), T_w_v))
+    return (
+        np.rint(255.0 * image / image.max()).astype(np.uint8),
+        lambda x, z: renderer.project(np.stack([x, np.full(len(x), 1.0), z], axis=-1), T_w_v),
+    )
 
 
 def test_opencv_finds_the_inner_corners_where_the_scene_has_them():
@@ -71,8 +76,11 @@ def test_opencv_reads_the_tags_of_an_aprilgrid_where_kalibr_has_them():
     Corners between a tag and the black squares beside it are saddles, which are found as those of a checkerboard are.
     """
     columns, rows, tag, spacing = 4, 3, 0.08, 0.25
-    grey, project = seen({"pattern": "aprilgrid", "columns": columns, "rows": rows, "tag_m": tag, "spacing": spacing},
-                         [0.1, 0.4, 0.1], 480)
+    grey, project = seen(
+        {"pattern": "aprilgrid", "columns": columns, "rows": rows, "tag_m": tag, "spacing": spacing},
+        [0.1, 0.4, 0.1],
+        480,
+    )
     how = cv2.aruco.DetectorParameters()
     how.markerBorderBits = 2
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
@@ -88,11 +96,15 @@ def test_opencv_reads_the_tags_of_an_aprilgrid_where_kalibr_has_them():
     assert (np.abs(offset.mean(axis=0)) < 3.0 * offset.std(axis=0) / np.sqrt(len(offset))).all()
 
 
-@pytest.mark.parametrize(("keys", "message"), [
-    ({}, "square_m: is missing"), ({"pattern": "aprilgrid"}, "tag_m: is missing"),
-    ({"square_m": 0.1, "tag_m": 0.1}, "tag_m: is not a key"),
-    ({"pattern": "aprilgrid", "tag_m": 0.1, "rows": 60, "columns": 10}, "600 is more than the 587 tags"),
-])
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({}, "square_m: is missing"),
+        ({"pattern": "aprilgrid"}, "tag_m: is missing"),
+        ({"square_m": 0.1, "tag_m": 0.1}, "tag_m: is not a key"),
+        ({"pattern": "aprilgrid", "tag_m": 0.1, "rows": 60, "columns": 10}, "600 is more than the 587 tags"),
+    ],
+)
 def test_a_board_has_the_keys_of_its_pattern(keys, message):
     with pytest.raises(ValueError, match=message):
         CalibrationBoard(kind="calibration_board", **keys)

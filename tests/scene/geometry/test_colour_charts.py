@@ -74,12 +74,18 @@ def test_colours_are_those_that_colour_science_integrates():
     assert chart_colours()[PATCHES.index("cyan"), 0] == pytest.approx(-0.033, abs=2e-3)
 
 
-@pytest.mark.parametrize(("keys", "message"), [
-    ({"patch_m": 0.05}, "6 patches of 0.05 m with gaps of 0.006 m are 0.33 m wide"),
-    ({"size_m": [0.3, 0.17]}, "are 0.178 m high"), ({"square_m": 0.1}, "square_m"), ({"gap_m": 0.0}, "gap_m"),
-])
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"patch_m": 0.05}, "6 patches of 0.05 m with gaps of 0.006 m are 0.33 m wide"),
+        ({"size_m": [0.3, 0.17]}, "are 0.178 m high"),
+        ({"square_m": 0.1}, "square_m"),
+        ({"gap_m": 0.0}, "gap_m"),
+    ],
+)
 def test_measures_that_make_no_chart_are_refused_by_key(tmp_path, keys, message):
     with pytest.raises(InputError, match=r"objects\.0") as refused:
-        scene_from_dict({"objects": [{"kind": "color_chart", **keys}],
-                         "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
+        scene_from_dict(
+            {"objects": [{"kind": "color_chart", **keys}], "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path
+        )
     assert message in str(refused.value)

@@ -41,16 +41,28 @@ def write_xyz(path, offset):
     surveys.write_text(path, mesh(offset)[0])
 
 
-WRITERS = {"ply": lambda path, offset: write_ply(path, *mesh(offset)), "obj": write_obj, "tif": write_tif,
-           "xyz": write_xyz}
+WRITERS = {
+    "ply": lambda path, offset: write_ply(path, *mesh(offset)),
+    "obj": write_obj,
+    "tif": write_tif,
+    "xyz": write_xyz,
+}
 
 
 def scene(folder, offset, terrain, **blocks):
     """The floor from 2.5 m above it, from the south."""
     camera = {"id": "M0", "resolution": [48, 27], "sensor_mm": [4.416, 2.484], "focal_mm": 3.4}
     pose = {"position": [3.0 + offset[0], 0.5 + offset[1], -27.5], "rotation_euler_deg": [-60, 0, 0]}
-    return scene_from_dict({"terrain": terrain, "vehicle": {"lights": [], "cameras": [camera]},
-                            "trajectory": {"poses": [pose]}, "render": {"outputs": ["C", "D"]}, **blocks}, folder)
+    return scene_from_dict(
+        {
+            "terrain": terrain,
+            "vehicle": {"lights": [], "cameras": [camera]},
+            "trajectory": {"poses": [pose]},
+            "render": {"outputs": ["C", "D"]},
+            **blocks,
+        },
+        folder,
+    )
 
 
 def seen(folder, offset, ending, terrain=None, blocks=None):
@@ -80,11 +92,18 @@ def test_files_of_every_kind_are_read_in_double(tmp_path, ending):
     assert_alike(seen(tmp_path, 0.0 * FAR, ending), seen(tmp_path, FAR, ending))
 
 
-@pytest.mark.parametrize("terrain", [
-    {"preprocess": {"merge_tolerance_m": 0.001}}, {"preprocess": {"target_vertices": 400}},
-    {"preprocess": {"shrinkwrap_resolution": 33}},
-    {"preprocess": {"shrinkwrap_resolution": 65, "target_vertices": 600}}, {"preprocess": {"smoothing_rounds": 5}},
-    {"detail": {"relief_m": 0.25, "feature_m": 2}}], ids=str)
+@pytest.mark.parametrize(
+    "terrain",
+    [
+        {"preprocess": {"merge_tolerance_m": 0.001}},
+        {"preprocess": {"target_vertices": 400}},
+        {"preprocess": {"shrinkwrap_resolution": 33}},
+        {"preprocess": {"shrinkwrap_resolution": 65, "target_vertices": 600}},
+        {"preprocess": {"smoothing_rounds": 5}},
+        {"detail": {"relief_m": 0.25, "feature_m": 2}},
+    ],
+    ids=str,
+)
 def test_steps_of_terrain_work_in_double(tmp_path, terrain):
     assert_alike(*(seen(tmp_path, offset, "ply", terrain) for offset in (0.0 * FAR, FAR)))
 
@@ -99,8 +118,16 @@ def test_a_region_is_cut_out_in_double(tmp_path):
 
 def test_copies_stand_on_the_terrain_where_they_stand_at_the_origin(tmp_path):
     def strewn(offset):
-        return {"scatter": [{"object": {"kind": "boulder", "diameter": 0.3, "chord_error_m": 0.02}, "count": 12,
-                             "circle": [3.0 + offset[0], 2.0 + offset[1], 1.5], "max_tilt_deg": 45}]}
+        return {
+            "scatter": [
+                {
+                    "object": {"kind": "boulder", "diameter": 0.3, "chord_error_m": 0.02},
+                    "count": 12,
+                    "circle": [3.0 + offset[0], 2.0 + offset[1], 1.5],
+                    "max_tilt_deg": 45,
+                }
+            ]
+        }
 
     assert_alike(*(seen(tmp_path, offset, "tif", blocks=strewn) for offset in (0.0 * FAR, FAR)))
 

@@ -98,10 +98,19 @@ def test_an_absent_key_is_not_written_to_datasets():
     assert block_of(data | {"max_edge_m": 0.01}).model_dump()["max_edge_m"] == 0.01
 
 
-@pytest.mark.parametrize("data", [
-    {"kind": "pipe", "radius": 1, "length": 50}, {"kind": "elbow", "radius": 20, "bend_radius": 50},
-    {"kind": "flange", "radius": 20}, {"kind": "boulder", "diameter": 90}, {"kind": "pipe_support", "radius": 20},
-    {"kind": "valve", "radius": 20}, {"kind": "hull_section"}, {"kind": "quay_wall"}])
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"kind": "pipe", "radius": 1, "length": 50},
+        {"kind": "elbow", "radius": 20, "bend_radius": 50},
+        {"kind": "flange", "radius": 20},
+        {"kind": "boulder", "diameter": 90},
+        {"kind": "pipe_support", "radius": 20},
+        {"kind": "valve", "radius": 20},
+        {"kind": "hull_section"},
+        {"kind": "quay_wall"},
+    ],
+)
 def test_more_than_20_million_triangles_are_refused_before_they_are_made(data):
     with pytest.raises(InputError) as caught:
         make_asset(block_of(data | {"max_edge_m": 0.001}), "objects.3")

@@ -61,8 +61,10 @@ def test_every_format_gives_the_same_mesh(tmp_path, suffix):
 
 def test_utm_coordinates_survive_in_every_format_that_has_double_precision(tmp_path):
     write_ply(tmp_path / "a.ply", WEDGE + UTM, FACES)
-    (tmp_path / "a.obj").write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (WEDGE + UTM).tolist())
-                                    + "".join(f"f {a} {b} {c}\n" for a, b, c in FACES + 1))
+    (tmp_path / "a.obj").write_text(
+        "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (WEDGE + UTM).tolist())
+        + "".join(f"f {a} {b} {c}\n" for a, b, c in FACES + 1)
+    )
     dae(tmp_path / "a.dae", WEDGE + UTM)
     moved = dae(tmp_path / "b.dae", transforms="<translate>{} {} {}</translate>".format(*UTM.tolist()))
     for path in (tmp_path / "a.ply", tmp_path / "a.obj", tmp_path / "a.dae", moved):
@@ -223,8 +225,12 @@ def test_parts_are_scaled_then_turned_about_fixed_x_y_z_then_moved(tmp_path):
 
 
 def test_parts_carry_the_material_that_is_named_and_gray_where_none_is(tmp_path):
-    scene = small_scene(tmp_path, materials={"m": {"reflectance": [0.1, 0.2, 0.3]}}, terrain={"kind": "procedural",
-                        "resolution": 9, "material": "m"}, objects=[{"kind": "nut", "size": "M8"}])
+    scene = small_scene(
+        tmp_path,
+        materials={"m": {"reflectance": [0.1, 0.2, 0.3]}},
+        terrain={"kind": "procedural", "resolution": 9, "material": "m"},
+        objects=[{"kind": "nut", "size": "M8"}],
+    )
     terrain, nut = build_parts(scene)
     assert terrain.material.reflectance == (0.1, 0.2, 0.3)
     assert nut.material.reflectance == (0.5, 0.5, 0.5)
@@ -248,7 +254,7 @@ def test_a_missing_mesh_names_its_key_in_the_scene(tmp_path):
 
 def test_the_example_has_its_terrain_in_metres_around_the_course():
     scene = load_scene(EXAMPLE / "scene.yaml")
-    terrain, = build_single_parts(scene.model_copy(update={"objects": []}))
+    (terrain,) = build_single_parts(scene.model_copy(update={"objects": []}))
     np.testing.assert_allclose(terrain.vertices[:, :2].min(axis=0), [850, 270])
     np.testing.assert_allclose(terrain.vertices[:, :2].max(axis=0), [930, 350])
     assert len(scene.trajectory.waypoints) == 20

@@ -56,7 +56,9 @@ def test_two_densities_agree_to_the_square_of_the_edge():
     def error(edge):
         along = np.array([edge, 0.0, 0.0])
         ends = [fbm(start + k * along, 1.0, 3, seed=2, edge=edge) for k in (0.0, 1.0)]
-        return np.sqrt(np.mean((fbm(start + 0.5 * along, 1.0, 3, seed=2, edge=0.5 * edge) - np.mean(ends, axis=0))**2))
+        return np.sqrt(
+            np.mean((fbm(start + 0.5 * along, 1.0, 3, seed=2, edge=0.5 * edge) - np.mean(ends, axis=0)) ** 2)
+        )
 
     assert error(0.04) / error(0.02) == pytest.approx(4.0, rel=0.15)
 
@@ -103,8 +105,9 @@ def test_noise_does_not_depend_on_the_number_of_threads(monkeypatch):
 def test_noise_on_a_gpu_is_that_of_the_cpu(sum_of):
     """But for the rounding of fused operations."""
     p = places()
-    np.testing.assert_allclose(sum_of(p, 3.0, 5, seed=1, edge=0.01, device="cuda:0"),
-                               sum_of(p, 3.0, 5, seed=1, edge=0.01), atol=1e-5)
+    np.testing.assert_allclose(
+        sum_of(p, 3.0, 5, seed=1, edge=0.01, device="cuda:0"), sum_of(p, 3.0, 5, seed=1, edge=0.01), atol=1e-5
+    )
 
 
 @pytest.mark.gpu
@@ -156,8 +159,9 @@ def test_cells_are_those_of_a_search_through_all_points(flat):
 
 def test_flat_cells_do_not_depend_on_height():
     p = places()
-    np.testing.assert_array_equal(np.array(worley(p, 2.0, seed=1, flat=True)),
-                                  np.array(worley(p * [1.0, 1.0, 0.1], 2.0, seed=1, flat=True)))
+    np.testing.assert_array_equal(
+        np.array(worley(p, 2.0, seed=1, flat=True)), np.array(worley(p * [1.0, 1.0, 0.1], 2.0, seed=1, flat=True))
+    )
 
 
 def test_patterns_are_the_noises_at_a_mesh():

@@ -41,8 +41,9 @@ def test_clearance_is_the_distance_within_reach_and_infinite_beyond(reach):
     points = np.random.default_rng(0).uniform([-14, -14, -5], [14, 14, 5], (500, 3))
     exact, _ = Surface(vertices, faces).nearest(points)
     # of two faces that are as far to single precision, the part of the mesh may find the other
-    np.testing.assert_allclose(clearance(vertices, faces, points, reach), np.where(exact < reach, exact, np.inf),
-                               atol=4 * 2.0**-24 * 30.0)
+    np.testing.assert_allclose(
+        clearance(vertices, faces, points, reach), np.where(exact < reach, exact, np.inf), atol=4 * 2.0**-24 * 30.0
+    )
     assert np.isinf(clearance(vertices, faces, points + [0, 0, 50], reach)).all()
 
 

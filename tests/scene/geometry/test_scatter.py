@@ -21,8 +21,10 @@ FLAT = {**HILLS, "relief_m": 0.0}
 
 
 def scene(*blocks, terrain=HILLS, folder=".", **more):
-    return scene_from_dict({"trajectory": {"poses": [{"position": [0, 0, 5]}]}, "terrain": terrain,
-                            "scatter": list(blocks), **more}, folder)
+    return scene_from_dict(
+        {"trajectory": {"poses": [{"position": [0, 0, 5]}]}, "terrain": terrain, "scatter": list(blocks), **more},
+        folder,
+    )
 
 
 def scattered(*blocks, **more) -> list[Instances]:
@@ -43,8 +45,9 @@ def slope(folder, angle_deg=30.0):
 
 
 def test_copies_stand_on_the_terrain_and_sink_in_as_far_as_is_asked():
-    (still,), (sunk,) = (scattered({"object": ROCK, "count": 40, "sink_m": sink, "scale_range": [0.5, 2.0]})
-                         for sink in (0.0, 0.1))
+    (still,), (sunk,) = (
+        scattered({"object": ROCK, "count": 40, "sink_m": sink, "scale_range": [0.5, 2.0]}) for sink in (0.0, 0.1)
+    )
     terrain = build_single_parts(scene())[0]
     ground = np.array([z[-1] for z in heights_at(terrain.vertices, terrain.faces, places(still)[:, :2])])
     np.testing.assert_allclose(places(still)[:, 2], ground, atol=1e-9)
@@ -63,16 +66,20 @@ def test_copies_keep_the_clearance_between_the_circles_around_them():
 
 
 def test_copies_of_two_blocks_keep_clear_of_each_other():
-    one, two = scattered({"object": NUT, "count": 30, "circle": [0, 0, 2]},
-                         {"object": ROCK, "count": 10, "circle": [0, 0, 2], "clearance_m": 0.1})
+    one, two = scattered(
+        {"object": NUT, "count": 30, "circle": [0, 0, 2]},
+        {"object": ROCK, "count": 10, "circle": [0, 0, 2], "clearance_m": 0.1},
+    )
     radii = [np.linalg.norm(i.vertices[:, :2], axis=1).max() for i in (one, two)]
     gap = np.linalg.norm(places(one)[:, None, :2] - places(two)[None, :, :2], axis=2) - sum(radii)
     assert gap.min() >= 0.1
 
 
 def test_copies_keep_clear_of_objects_and_do_not_lie_in_them():
-    objects = [{"kind": "pipe", "radius": 0.2, "length": 6, "position": [0, 0, 0.2], "rotation_euler_deg": [0, 90, 0]},
-               {"kind": "boulder", "diameter": 5.0, "position": [0, 4, 0], "chord_error_m": 0.05}]
+    objects = [
+        {"kind": "pipe", "radius": 0.2, "length": 6, "position": [0, 0, 0.2], "rotation_euler_deg": [0, 90, 0]},
+        {"kind": "boulder", "diameter": 5.0, "position": [0, 4, 0], "chord_error_m": 0.05},
+    ]
     stone = ROCK | {"chord_error_m": 0.1, "diameter": 0.2}
     block = {"object": stone, "count": 80, "area": [-4, -2, 4, 5], "clearance_m": 0.3}
     s = scene(block, terrain=FLAT, objects=objects)
@@ -88,15 +95,16 @@ def test_copies_keep_clear_of_objects_and_do_not_lie_in_them():
     assert (np.abs(places(free)[:, 1]) < 0.3).any()  # without the objects there are some
 
 
-@pytest.mark.parametrize("region", [{"area": [-3, -1, 2, 5]}, {"circle": [2, -3, 1.5]},
-                                    {"polygon": [[0, 0], [6, 1], [1, 2], [0, 7]]}])
+@pytest.mark.parametrize(
+    "region", [{"area": [-3, -1, 2, 5]}, {"circle": [2, -3, 1.5]}, {"polygon": [[0, 0], [6, 1], [1, 2], [0, 7]]}]
+)
 def test_copies_fill_their_area_evenly_and_nothing_else(region):
     (instances,) = scattered({"object": {"kind": "nut", "size": "M3"}, "count": 400, **region}, terrain=FLAT)
     xy = places(instances)[:, :2]
     if "area" in region:
         u = (xy - [-3, -1]) / [5, 6]
     elif "circle" in region:
-        u = ((np.linalg.norm(xy - [2, -3], axis=1) / 1.5)**2)[:, None]
+        u = ((np.linalg.norm(xy - [2, -3], axis=1) / 1.5) ** 2)[:, None]
     else:
         arrow = (xy[:, 0] + 6 * xy[:, 1] <= 13) | (5 * xy[:, 0] + xy[:, 1] <= 7)  # below either side of the dent
         assert (xy >= 0).all()
@@ -119,8 +127,9 @@ def test_copies_follow_from_the_seeds_alone_and_more_of_them_keep_the_first_ones
 def test_copies_lean_with_the_slope_as_far_as_they_may(tmp_path):
     normal = np.array([-np.sin(np.pi / 6), 0.0, np.cos(np.pi / 6)])
     for most, angle in ((0.0, 0.0), (10.0, 10.0), (90.0, 30.0)):
-        (instances,) = scattered({"object": NUT, "count": 5, "max_tilt_deg": most}, terrain=slope(tmp_path),
-                                 folder=tmp_path)
+        (instances,) = scattered(
+            {"object": NUT, "count": 5, "max_tilt_deg": most}, terrain=slope(tmp_path), folder=tmp_path
+        )
         up = instances.T_w_o[:, :3, 2]
         np.testing.assert_allclose(np.degrees(np.arccos(up[:, 2])), angle, atol=1e-6)
         if most == 90.0:
@@ -131,8 +140,10 @@ def test_copies_leave_steep_ground_alone():
     terrain = build_single_parts(scene())[0]
     (instances,) = scattered({"object": {"kind": "nut", "size": "M3"}, "count": 200, "max_slope_deg": 5})
     xy, d = places(instances)[:, :2], 0.002
-    z = [np.array([h[-1] for h in heights_at(terrain.vertices, terrain.faces, xy + step)])
-         for step in ([d, 0], [-d, 0], [0, d], [0, -d])]
+    z = [
+        np.array([h[-1] for h in heights_at(terrain.vertices, terrain.faces, xy + step)])
+        for step in ([d, 0], [-d, 0], [0, d], [0, -d])
+    ]
     steepness = np.degrees(np.arctan(np.hypot(z[0] - z[1], z[2] - z[3]) / (2 * d)))
     assert np.quantile(steepness, 0.98) <= 5.0 + 1e-6  # but for an edge between the points of measure
     everywhere = scattered({"object": {"kind": "nut", "size": "M3"}, "count": 200})[0]
@@ -159,8 +170,9 @@ def test_a_block_is_one_mesh_whose_copies_have_names_and_seeds_of_their_own():
     assert [part.name for part in copies] == ["scatter.0.0", "scatter.0.1", "scatter.0.2"]
     assert len({part.origin for part in copies}) == 3
     assert copies[0].material.kind == "rust"
-    np.testing.assert_allclose(copies[1].vertices, instances.vertices @ instances.T_w_o[1, :3, :3].T
-                               + instances.T_w_o[1, :3, 3])
+    np.testing.assert_allclose(
+        copies[1].vertices, instances.vertices @ instances.T_w_o[1, :3, :3].T + instances.T_w_o[1, :3, 3]
+    )
 
 
 def test_a_mesh_file_can_be_scattered(tmp_path):
@@ -173,11 +185,14 @@ def test_a_mesh_file_can_be_scattered(tmp_path):
 # ------------------------------------------------------------------------------------------------------ bad input
 
 
-@pytest.mark.parametrize(("block", "reason"), [
-    ({"count": 500, "circle": [0, 0, 1.0]}, "too near to a copy"),
-    ({"count": 5, "area": [100, 100, 110, 110]}, "beside the terrain"),
-    ({"count": 5, "max_slope_deg": 0.001}, "too steep"),
-])
+@pytest.mark.parametrize(
+    ("block", "reason"),
+    [
+        ({"count": 500, "circle": [0, 0, 1.0]}, "too near to a copy"),
+        ({"count": 5, "area": [100, 100, 110, 110]}, "beside the terrain"),
+        ({"count": 5, "max_slope_deg": 0.001}, "too steep"),
+    ],
+)
 def test_an_area_without_room_is_refused_with_the_reason(block, reason):
     with pytest.raises(InputError) as caught:
         scattered({"object": NUT, **block})
@@ -191,11 +206,17 @@ def test_an_area_under_objects_is_refused():
         scattered({"object": NUT, "count": 3, "circle": [0, 0, 0.3]}, objects=[{"kind": "boulder", "diameter": 4}])
 
 
-@pytest.mark.parametrize(("block", "words"), [
-    ({"area": [0, 0, 1, 1], "circle": [0, 0, 1]}, "at most one"), ({"area": [1, 0, 0, 1]}, "xmin < xmax"),
-    ({"scale_range": [2, 1]}, "scale_range"), ({"object": {**NUT, "position": [0, 0, 1]}}, "no position"),
-    ({"polygon": [[0, 0], [1, 1], [2, 2]]}, "no area"), ({"object": {**NUT, "material": "gold"}}, "no material"),
-])
+@pytest.mark.parametrize(
+    ("block", "words"),
+    [
+        ({"area": [0, 0, 1, 1], "circle": [0, 0, 1]}, "at most one"),
+        ({"area": [1, 0, 0, 1]}, "xmin < xmax"),
+        ({"scale_range": [2, 1]}, "scale_range"),
+        ({"object": {**NUT, "position": [0, 0, 1]}}, "no position"),
+        ({"polygon": [[0, 0], [1, 1], [2, 2]]}, "no area"),
+        ({"object": {**NUT, "material": "gold"}}, "no material"),
+    ],
+)
 def test_blocks_that_make_no_sense_are_refused(block, words):
     with pytest.raises(InputError, match=words):
         scattered({"object": NUT, "count": 3, **block})
@@ -216,9 +237,13 @@ def test_an_unknown_size_names_its_key():
 
 
 def test_copies_in_the_way_are_noticed_once_for_their_block():
-    s = scene({"object": ROCK, "count": 200, "circle": [0, 0, 5]}, terrain=FLAT, surface_depth_m=50.0,
-              trajectory={"waypoints": [{"position": [-6, 0, 0.15 + 0.21]}, {"position": [6, 0, 0.15 + 0.21]}]},
-              vehicle={"lights": [{}]})
+    s = scene(
+        {"object": ROCK, "count": 200, "circle": [0, 0, 5]},
+        terrain=FLAT,
+        surface_depth_m=50.0,
+        trajectory={"waypoints": [{"position": [-6, 0, 0.15 + 0.21]}, {"position": [6, 0, 0.15 + 0.21]}]},
+        vehicle={"lights": [{}]},
+    )
     parts = build_parts(s)
     x = np.linspace(-6, 6, 400)
     line = np.column_stack([x, 0 * x, 0 * x + 0.36])
@@ -226,8 +251,17 @@ def test_copies_in_the_way_are_noticed_once_for_their_block():
     assert len(warnings) == 1
     assert "scatter.0" in warnings[0]
     clear = line + [0, 0, 2.0]
-    high = s.model_copy(update={"trajectory": s.trajectory.model_copy(update={"waypoints": [
-        w.model_copy(update={"position": (w.position[0], 0.0, 3.0)}) for w in s.trajectory.waypoints]})})
+    high = s.model_copy(
+        update={
+            "trajectory": s.trajectory.model_copy(
+                update={
+                    "waypoints": [
+                        w.model_copy(update={"position": (w.position[0], 0.0, 3.0)}) for w in s.trajectory.waypoints
+                    ]
+                }
+            )
+        }
+    )
     assert check_scene(high, parts, (np.arange(400) * 10**7, clear, clear, np.ones(400, int))) == []
 
 
@@ -248,8 +282,10 @@ def shares(**block):
     """How much of the height of each copy lies under the ground, which is flat at 0."""
     rock = {**ROCK, "material": "stone"}
     groups = scattered({"object": rock, "count": 60, "scale_range": [0.5, 2.0], **block}, terrain=FLAT, **STONES)
-    lowest, height = (np.concatenate([[measure(part.vertices[:, 2]) for part in group.parts()] for group in groups])
-                      for measure in (np.min, np.ptp))
+    lowest, height = (
+        np.concatenate([[measure(part.vertices[:, 2]) for part in group.parts()] for group in groups])
+        for measure in (np.min, np.ptp)
+    )
     level = build_single_parts(scene(terrain=FLAT))[0].vertices[:, 2].max()
     return (level - lowest) / height
 

@@ -42,21 +42,34 @@ def gltf(path):
     """By hand, as section 3.8 of glTF 2.0 has it: the origin of coordinates is the image's top left corner."""
     buffer = io.BytesIO()
     image().save(buffer, "PNG")
-    chunks = [SQUARE.astype("<f4").tobytes(), np.column_stack([UV[:, 0], 1 - UV[:, 1]]).astype("<f4").tobytes(),
-              FACES.astype("<u2").tobytes(), buffer.getvalue()]
+    chunks = [
+        SQUARE.astype("<f4").tobytes(),
+        np.column_stack([UV[:, 0], 1 - UV[:, 1]]).astype("<f4").tobytes(),
+        FACES.astype("<u2").tobytes(),
+        buffer.getvalue(),
+    ]
     starts = np.cumsum([0] + [len(chunk) for chunk in chunks]).tolist()
-    accessors = [{"bufferView": i, "componentType": code, "count": count, "type": kind} for i, (code, count, kind)
-                 in enumerate([(5126, 4, "VEC3"), (5126, 4, "VEC2"), (5123, 6, "SCALAR")])]
+    accessors = [
+        {"bufferView": i, "componentType": code, "count": count, "type": kind}
+        for i, (code, count, kind) in enumerate([(5126, 4, "VEC3"), (5126, 4, "VEC2"), (5123, 6, "SCALAR")])
+    ]
     accessors[0] |= {"min": SQUARE.min(axis=0).tolist(), "max": SQUARE.max(axis=0).tolist()}
     data = base64.b64encode(b"".join(chunks)).decode()
     document = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
         "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
-        "textures": [{"source": 0}], "images": [{"bufferView": 3, "mimeType": "image/png"}], "accessors": accessors,
-        "bufferViews": [{"buffer": 0, "byteOffset": a, "byteLength": len(c)} for a, c in
-                        zip(starts[:-1], chunks, strict=True)],
-        "buffers": [{"byteLength": starts[-1], "uri": f"data:application/octet-stream;base64,{data}"}]}
+        "textures": [{"source": 0}],
+        "images": [{"bufferView": 3, "mimeType": "image/png"}],
+        "accessors": accessors,
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": a, "byteLength": len(c)} for a, c in zip(starts[:-1], chunks, strict=True)
+        ],
+        "buffers": [{"byteLength": starts[-1], "uri": f"data:application/octet-stream;base64,{data}"}],
+    }
     path.write_text(json.dumps(document))
     return path
 
@@ -80,10 +93,15 @@ def ply(path):
 
 def scene_of(path, **block):
     camera = {"resolution": [32, 32], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}
-    return scene_from_dict({
-        "objects": [{"file": path.name, "up_axis": "z", **block}], "vehicle": {"cameras": [camera]},
-        "materials": {"gray": {"reflectance": [0.3, 0.3, 0.3]}},
-        "trajectory": {"poses": [{"position": [0, 0, 2]}]}}, path.parent)
+    return scene_from_dict(
+        {
+            "objects": [{"file": path.name, "up_axis": "z", **block}],
+            "vehicle": {"cameras": [camera]},
+            "materials": {"gray": {"reflectance": [0.3, 0.3, 0.3]}},
+            "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+        },
+        path.parent,
+    )
 
 
 DOWN = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 2], [0, 0, 0, 1]])
@@ -110,8 +128,11 @@ def test_every_texel_of_a_map_is_seen_in_its_place_upright_and_decoded(tmp_path,
 def test_a_map_can_be_on_the_terrain_and_on_copies(tmp_path):
     path = glb(tmp_path / "square.glb")
     skin = load_mesh(path).skin
-    block = {"terrain": {"kind": "file", "file": "square.glb", "up_axis": "z", "scale": 2.0}, "trajectory":
-             {"poses": [{"position": [0, 0, 2]}]}, "scatter": [{"object": {"file": "square.glb"}, "count": 1}]}
+    block = {
+        "terrain": {"kind": "file", "file": "square.glb", "up_axis": "z", "scale": 2.0},
+        "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+        "scatter": [{"object": {"file": "square.glb"}, "count": 1}],
+    }
     parts = build_parts(scene_from_dict(block, tmp_path))
     for part in parts:
         np.testing.assert_array_equal(part.skin.pages[0].texels, skin.pages[0].texels)
@@ -225,10 +246,12 @@ def test_copies_of_every_size_have_the_colours_of_faces_without_texture(tmp_path
     plain = {"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.8, 1.0]}}
     gltf.mesh(0.2 * made_meshes.BOARD + [0, 0, 0.1], material=gltf.add("materials", plain))
     gltf.save(tmp_path / "two.glb")
-    data = {"terrain": {"kind": "procedural", "size_m": 3, "resolution": 3, "relief_m": 0, "position": [0, 0, -0.2]},
-            "scatter": [{"object": {"file": "two.glb", "up": "z"}, "count": 3, "scale_range": [2, 2]}],
-            "vehicle": {"cameras": [{"resolution": [64, 64], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}]},
-            "trajectory": {"poses": [{"position": [0, 0, 2]}]}}
+    data = {
+        "terrain": {"kind": "procedural", "size_m": 3, "resolution": 3, "relief_m": 0, "position": [0, 0, -0.2]},
+        "scatter": [{"object": {"file": "two.glb", "up": "z"}, "count": 3, "scale_range": [2, 2]}],
+        "vehicle": {"cameras": [{"resolution": [64, 64], "sensor_mm": [2.0, 2.0], "focal_mm": 2.0}]},
+        "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+    }
     images = []
     for most in (0, 1 << 20):
         monkeypatch.setitem(device.MOST_JOINED_FACES, "cpu", most)
@@ -260,9 +283,11 @@ def test_records_of_pages_and_tints_are_there_once_and_where_they_are_needed(tmp
     gltf = made_meshes.Gltf()
     gltf.mesh(material=gltf.textured(), attributes={"TEXCOORD_0": gltf.uv(), "COLOR_0": gltf.accessor(np.ones((4, 3)))})
     gltf.save(tmp_path / "one.glb")
-    data = {"terrain": {"kind": "procedural", "size_m": 30, "resolution": 33, "relief_m": 0},
-            "scatter": [{"object": {"file": "one.glb", "up": "z"}, "count": 20}],
-            "trajectory": {"poses": [{"position": [0, 0, 2]}]}}
+    data = {
+        "terrain": {"kind": "procedural", "size_m": 30, "resolution": 33, "relief_m": 0},
+        "scatter": [{"object": {"file": "one.glb", "up": "z"}, "count": 20}],
+        "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+    }
     scene = scene_from_dict(data, tmp_path)
     world = device.DeviceScene(scene, build_parts(scene), "cpu")
     assert world.data.corner_tints.shape[0] == 3 * 2

@@ -18,8 +18,13 @@ from varos_warp.scene.geometry.surface import Surface
 
 STRUCTURES = {
     "hull": {"kind": "hull_section", "length_m": 5.0},
-    "stiffened outside": {"kind": "hull_section", "length_m": 5.0, "stiffeners": "outside", "bilge_radius_m": 0.3,
-                          "bilge_keel_m": 0.3},
+    "stiffened outside": {
+        "kind": "hull_section",
+        "length_m": 5.0,
+        "stiffeners": "outside",
+        "bilge_radius_m": 0.3,
+        "bilge_keel_m": 0.3,
+    },
     "chain": {"kind": "mooring_chain", "links": 4},
     "hanging chain": {"kind": "mooring_chain", "links": 5, "sag_m": 0.4},
     "quay": {"kind": "quay_wall", "length_m": 4.8},
@@ -54,8 +59,13 @@ def test_structures_make_grids_too(data):
 
 def test_structures_have_colours_unless_a_material_is_named():
     panel = {"kind": "wellhead_panel", "position": [0, 0, 0]}
-    scene = scene_from_dict({"objects": [panel, panel | {"material": "paint"}], "materials": {"paint": {}},
-                             "trajectory": {"poses": [{"position": [0, 0, 0]}]}})
+    scene = scene_from_dict(
+        {
+            "objects": [panel, panel | {"material": "paint"}],
+            "materials": {"paint": {}},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        }
+    )
     bare, painted = build_single_parts(scene)
     assert bare.skin.corners.shape == (len(bare.faces), 3, 3)
     assert len(np.unique(bare.skin.corners[:, 0], axis=0)) == 6
@@ -78,16 +88,28 @@ def test_pieces_that_an_object_does_not_have_are_refused():
         block_of({"kind": "hull_section", "only": ["fenders"]})
 
 
-@pytest.mark.parametrize("data", [
-    {"kind": "hull_section", "bilge_radius_m": 3.0}, {"kind": "mooring_chain", "sag_m": 1.0, "end": [1, 0, 0]},
-    {"kind": "mooring_chain", "sag_m": 5.0}, {"kind": "mooring_chain", "end": [7, 0, 0]},
-    {"kind": "mooring_chain", "end": [0, 0, -3]}, {"kind": "quay_wall", "coping_m": 7.9},
-    {"kind": "quay_wall", "ladder_m": 5.0}, {"kind": "quay_wall", "length_m": 1.0},
-    {"kind": "anode", "form": "bracelet"}, {"kind": "anode", "pipe_radius_m": 0.2}, {"kind": "anode", "length_m": 0.1},
-    {"kind": "anode", "width_m": 0.05}, {"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.02},
-    {"kind": "concrete_block", "eyes": 7}, {"kind": "concrete_block", "size_m": [1, 1, 0.05]},
-    {"kind": "wellhead_panel", "width_m": 1.0}, {"kind": "wellhead_panel", "fittings": []},
-])
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"kind": "hull_section", "bilge_radius_m": 3.0},
+        {"kind": "mooring_chain", "sag_m": 1.0, "end": [1, 0, 0]},
+        {"kind": "mooring_chain", "sag_m": 5.0},
+        {"kind": "mooring_chain", "end": [7, 0, 0]},
+        {"kind": "mooring_chain", "end": [0, 0, -3]},
+        {"kind": "quay_wall", "coping_m": 7.9},
+        {"kind": "quay_wall", "ladder_m": 5.0},
+        {"kind": "quay_wall", "length_m": 1.0},
+        {"kind": "anode", "form": "bracelet"},
+        {"kind": "anode", "pipe_radius_m": 0.2},
+        {"kind": "anode", "length_m": 0.1},
+        {"kind": "anode", "width_m": 0.05},
+        {"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.02},
+        {"kind": "concrete_block", "eyes": 7},
+        {"kind": "concrete_block", "size_m": [1, 1, 0.05]},
+        {"kind": "wellhead_panel", "width_m": 1.0},
+        {"kind": "wellhead_panel", "fittings": []},
+    ],
+)
 def test_measures_that_do_not_fit_are_refused(data):
     with pytest.raises(ValidationError):
         block_of(data)
@@ -105,7 +127,7 @@ def test_a_hanging_chain_of_too_many_triangles_is_refused():
 def test_smooth_plating_has_the_volume_of_its_plates():
     mesh = make(SMOOTH_HULL | {"chord_error_m": 1e-5})
     side, bottom, t = 3.0, 2.0, 0.014  # less the bilge of 1 m
-    section = t * (side + bottom) + np.pi / 4.0 * (1.0 - (1.0 - t)**2)
+    section = t * (side + bottom) + np.pi / 4.0 * (1.0 - (1.0 - t) ** 2)
     assert mesh.volume == pytest.approx(8.0 * section, abs=mesh.area * 1e-5)
 
 
@@ -159,8 +181,9 @@ def test_a_link_has_the_proportions_of_iso_1704_and_takes_four_diameters():
 
 def test_neighbouring_links_touch_and_do_not_cross():
     mesh = make({"kind": "mooring_chain", "link_m": 0.1, "links": 2, "chord_error_m": 1e-4})
-    bars = sorted((solid for solid in mesh.split() if np.ptp(solid.bounds[:, 0]) > 0.5),
-                  key=lambda solid: solid.bounds[0, 0])
+    bars = sorted(
+        (solid for solid in mesh.split() if np.ptp(solid.bounds[:, 0]) > 0.5), key=lambda solid: solid.bounds[0, 0]
+    )
     near = np.asarray(bars[1].vertices[bars[1].vertices[:, 0] < 0.45])
     away = Surface(bars[0].vertices, bars[0].faces).nearest(near)[0]
     inside = is_inside(bars[0].vertices, bars[0].faces, near)
@@ -174,7 +197,7 @@ def test_a_chain_hangs_in_a_catenary_as_deep_as_asked():
     assert nodes[20, 2] == pytest.approx(-2.0)
     assert nodes[-1, 2] == pytest.approx(0.0, abs=1e-12)
     x, z = nodes[:, 0] - nodes[20, 0], nodes[:, 2] + 2.0
-    a = ((0.5 * block.length)**2 - 2.0**2) / (2.0 * 2.0)
+    a = ((0.5 * block.length) ** 2 - 2.0**2) / (2.0 * 2.0)
     np.testing.assert_allclose(z, a * (np.cosh(x / a) - 1.0), atol=1e-9)
 
 
@@ -287,8 +310,9 @@ def test_a_bar_of_zinc_has_its_measures_and_leans_by_its_mould():
 
 
 def test_half_shells_of_a_bracelet_leave_gaps_and_clear_the_pipe():
-    mesh = make({"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.2, "thick_m": 0.06, "length_m": 0.5,
-                 "only": ["zinc"]})
+    mesh = make(
+        {"kind": "anode", "form": "bracelet", "pipe_radius_m": 0.2, "thick_m": 0.06, "length_m": 0.5, "only": ["zinc"]}
+    )
     shells = mesh.split()
     assert len(shells) == 2
     radius = np.linalg.norm(mesh.vertices[:, :2], axis=1)

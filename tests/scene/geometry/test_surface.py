@@ -13,8 +13,14 @@ FAR = np.array([569_000.0, 7_035_000.0, -50.0])
 
 def smallest_distance(vertices, faces, points):
     """Over all triangles, in float64."""
-    return np.array([np.linalg.norm(trimesh.triangles.closest_point(vertices[faces], np.tile(p, (len(faces), 1))) - p,
-                                    axis=1).min() for p in points])
+    return np.array(
+        [
+            np.linalg.norm(
+                trimesh.triangles.closest_point(vertices[faces], np.tile(p, (len(faces), 1))) - p, axis=1
+            ).min()
+            for p in points
+        ]
+    )
 
 
 @pytest.mark.parametrize("size", [30.0, 500.0])

@@ -49,10 +49,15 @@ def power(shape: Distribution) -> float:
 # ------------------------------------------------------------------------------------------------------------- files
 
 
-@pytest.mark.parametrize(("name", "text"), [
-    ("a.csv", "angle_deg,intensity\n0,100\n15,80\n30,40\n60,2\n90,0\n"),
-    ("scaled.csv", "# measured\nintensity,angle_deg,note\n5,0,x\n4,15\n2,30\n0.1,60\n0,90\n"),
-    ("one.ies", ies(ROW)), ("planes.IES", ies(ROW, "100 81 40 2 0", "100 79 40 2 0"))])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "angle_deg,intensity\n0,100\n15,80\n30,40\n60,2\n90,0\n"),
+        ("scaled.csv", "# measured\nintensity,angle_deg,note\n5,0,x\n4,15\n2,30\n0.1,60\n0,90\n"),
+        ("one.ies", ies(ROW)),
+        ("planes.IES", ies(ROW, "100 81 40 2 0", "100 79 40 2 0")),
+    ],
+)
 def test_files_of_one_lamp_are_one_distribution(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     shape = of_profile(read_profile(tmp_path / name, "file"))
@@ -63,15 +68,20 @@ def test_files_of_one_lamp_are_one_distribution(tmp_path, name, text):
     assert np.degrees(shape.half_angle) == pytest.approx(90.0)
 
 
-@pytest.mark.parametrize(("name", "text", "why"), [
-    ("a.csv", "angle_deg,candela\n0,1\n9,1\n", "no column intensity"),
-    ("a.csv", "angle_deg,intensity\n0,1\n10,-1\n", "intensity is negative"),
-    ("a.csv", "angle_deg,intensity\n0,0\n10,0\n", "0 everywhere"),
-    ("a.csv", "angle_deg,intensity\n10,1\n0,1\n", "does not increase"),
-    ("a.ies", "IESNA\n1 2 3", "no line TILT=NONE"),
-    ("a.ies", "TILT=NONE\n1 2 3", "ends within"),
-    ("a.ldt", "x", "not read, EULUMDAT. Convert it to IES LM-63"), ("a.XML", "<x/>", "not read, XML"),
-    (None, "", "there is no such")])
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("a.csv", "angle_deg,candela\n0,1\n9,1\n", "no column intensity"),
+        ("a.csv", "angle_deg,intensity\n0,1\n10,-1\n", "intensity is negative"),
+        ("a.csv", "angle_deg,intensity\n0,0\n10,0\n", "0 everywhere"),
+        ("a.csv", "angle_deg,intensity\n10,1\n0,1\n", "does not increase"),
+        ("a.ies", "IESNA\n1 2 3", "no line TILT=NONE"),
+        ("a.ies", "TILT=NONE\n1 2 3", "ends within"),
+        ("a.ldt", "x", "not read, EULUMDAT. Convert it to IES LM-63"),
+        ("a.XML", "<x/>", "not read, XML"),
+        (None, "", "there is no such"),
+    ],
+)
 def test_files_that_are_no_profile_are_refused(tmp_path, name, text, why):
     if name:
         (tmp_path / name).write_text(text)
@@ -83,11 +93,18 @@ def test_files_that_are_no_profile_are_refused(tmp_path, name, text, why):
     assert refused.value.key == "vehicle.lights.0.file"
 
 
-@pytest.mark.parametrize(("file", "says"), [
-    ("led-flood", "Did you mean 'led_flood'?"), ("torch", "a lamp that comes with the package: led_flood.")])
+@pytest.mark.parametrize(
+    ("file", "says"),
+    [("led-flood", "Did you mean 'led_flood'?"), ("torch", "a lamp that comes with the package: led_flood.")],
+)
 def test_names_that_are_no_lamp_of_the_package_are_told_which_there_are(tmp_path, file, says):
-    scene = scene_from_dict({"vehicle": {"lights": [{"kind": "profile", "file": file}]},
-                             "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, tmp_path)
+    scene = scene_from_dict(
+        {
+            "vehicle": {"lights": [{"kind": "profile", "file": file}]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        },
+        tmp_path,
+    )
     with pytest.raises(InputError) as refused:
         check_scene(scene, [])
     assert says in refused.value.message
@@ -95,10 +112,16 @@ def test_names_that_are_no_lamp_of_the_package_are_told_which_there_are(tmp_path
 
 def test_a_light_that_equals_another_is_named_by_its_own_key():
     two = [{"kind": "spot"}, {"kind": "spot"}]
-    scene = scene_from_dict({"vehicles": [{"id": vehicle, "lights": two, "trajectory": {"poses": [
-        {"position": [0, 0, 0]}]}} for vehicle in "ab"]}).observed_by("b")
+    scene = scene_from_dict(
+        {
+            "vehicles": [
+                {"id": vehicle, "lights": two, "trajectory": {"poses": [{"position": [0, 0, 0]}]}} for vehicle in "ab"
+            ]
+        }
+    ).observed_by("b")
     assert [scene.key_of_light(light) for light in scene.lights] == [
-        f"vehicles.{vehicle}.lights.{i}" for vehicle in (1, 0) for i in (0, 1)]
+        f"vehicles.{vehicle}.lights.{i}" for vehicle in (1, 0) for i in (0, 1)
+    ]
 
 
 # -------------------------------------------------------------------------------------------------------------- ports
@@ -116,20 +139,35 @@ def test_a_cone_behind_a_port_is_narrower_and_brighter():
 
 def test_what_an_interface_lets_through():
     """Air to water of 1.333 at 0, 30 and 45 degrees, and nothing at 90."""
-    np.testing.assert_allclose(1.0 - transmitted(np.radians([0.0, 30.0, 45.0, 90.0]), (1.0, 1.333)),
-                               [0.02037318784, 0.02143646586, 0.0278983646, 1.0], atol=1e-9)
+    np.testing.assert_allclose(
+        1.0 - transmitted(np.radians([0.0, 30.0, 45.0, 90.0]), (1.0, 1.333)),
+        [0.02037318784, 0.02143646586, 0.0278983646, 1.0],
+        atol=1e-9,
+    )
     assert np.degrees(snell(np.pi / 2, 1.0, 1.333)) == pytest.approx(48.6066263917)
 
 
-@pytest.mark.parametrize("own", [
-    Distribution(np.radians(32.5)), Distribution(np.radians(32.5), 0.15), Distribution(np.radians(60.0), 1.0),
-    of_table(np.radians([0.0, 10.0, 40.0, 70.0]), np.array([1.0, 0.7, 0.1, 0.0]))])
+@pytest.mark.parametrize(
+    "own",
+    [
+        Distribution(np.radians(32.5)),
+        Distribution(np.radians(32.5), 0.15),
+        Distribution(np.radians(60.0), 1.0),
+        of_table(np.radians([0.0, 10.0, 40.0, 70.0]), np.array([1.0, 0.7, 0.1, 0.0])),
+    ],
+)
 @pytest.mark.parametrize("n_glass", [1.0, 1.49, 1.9])
 def test_a_port_keeps_the_power_but_for_what_it_reflects(own, n_glass):
     shape = behind_port(own, LampPort(n_glass=n_glass))
     kinks = np.radians([10.0, 40.0, 70.0]) if own.has_profile else None
-    sent = quad(lambda a: own.at(a) * np.sin(a) * transmitted(a, (1.0, n_glass, 1.34)), 0.0, own.half_angle,
-                points=kinks, limit=500, epsrel=1e-9)[0]
+    sent = quad(
+        lambda a: own.at(a) * np.sin(a) * transmitted(a, (1.0, n_glass, 1.34)),
+        0.0,
+        own.half_angle,
+        points=kinks,
+        limit=500,
+        epsrel=1e-9,
+    )[0]
     assert power(shape) == pytest.approx(sent, rel=4.0 / NODES**2 + (1e-4 if own.has_profile else 0.0))
 
 
@@ -158,10 +196,16 @@ def fall(light: Light, cosine: wp.array(dtype=float), out: wp.array(dtype=float)
     out[i] = falloff(light, cosine[i])
 
 
-@pytest.mark.parametrize("shape", [
-    Distribution(), Distribution(np.radians(32.5)), Distribution(np.radians(32.5), 0.15),
-    of_table(np.radians([0.0, 20.0, 180.0]), np.array([1.0, 0.3, 0.2])),
-    behind_port(Distribution(np.radians(32.5), 0.15), LampPort())])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Distribution(),
+        Distribution(np.radians(32.5)),
+        Distribution(np.radians(32.5), 0.15),
+        of_table(np.radians([0.0, 20.0, 180.0]), np.array([1.0, 0.3, 0.2])),
+        behind_port(Distribution(np.radians(32.5), 0.15), LampPort()),
+    ],
+)
 def test_kernels_see_the_distribution(shape):
     """To float32's rounding of cosines; near the edge of a cone that decides whether a direction is inside."""
     angle = np.linspace(1e-3, np.pi - 1e-3, 997)
@@ -205,20 +249,23 @@ def test_a_spot_without_a_port_is_written_as_before_there_were_ports():
 SHEET = {"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60.0, "thickness_deg": 0.1}
 
 
-@pytest.mark.parametrize(("light", "key", "words"), [
-    ({"kind": "spot", "radius_m": -0.1}, "radius_m", "greater than 0"),
-    ({"kind": "spot", "radius_m": 0.0}, "radius_m", "greater than 0"),
-    ({"kind": "point", "radius_m": 0.1}, "radius_m", "unknown key"),
-    (SHEET | {"radius_m": 0.1}, "radius_m", "unknown key"),
-    (SHEET | {"port": {"kind": "flat"}}, "port", "unknown key"),
-    (SHEET | {"fan_deg": 0.0}, "fan_deg", "at least 0.1"),
-    (SHEET | {"fan_deg": 180.0}, "fan_deg", "at most 170"),
-    (SHEET | {"thickness_deg": 0.0}, "thickness_deg", "at least 0.01"),
-    ({"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60.0}, "thickness_deg", "missing"),
-    (SHEET | {"normal": [0.0, 0.0, 0.0]}, "normal", "not lie along"),
-    (SHEET | {"direction": [0.0, 0.0, -2.0]}, "normal", "not lie along"),
-    (SHEET | {"direction": [0.0, 0.0, 0.0]}, "direction", "1e-6 long"),
-])
+@pytest.mark.parametrize(
+    ("light", "key", "words"),
+    [
+        ({"kind": "spot", "radius_m": -0.1}, "radius_m", "greater than 0"),
+        ({"kind": "spot", "radius_m": 0.0}, "radius_m", "greater than 0"),
+        ({"kind": "point", "radius_m": 0.1}, "radius_m", "unknown key"),
+        (SHEET | {"radius_m": 0.1}, "radius_m", "unknown key"),
+        (SHEET | {"port": {"kind": "flat"}}, "port", "unknown key"),
+        (SHEET | {"fan_deg": 0.0}, "fan_deg", "at least 0.1"),
+        (SHEET | {"fan_deg": 180.0}, "fan_deg", "at most 170"),
+        (SHEET | {"thickness_deg": 0.0}, "thickness_deg", "at least 0.01"),
+        ({"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60.0}, "thickness_deg", "missing"),
+        (SHEET | {"normal": [0.0, 0.0, 0.0]}, "normal", "not lie along"),
+        (SHEET | {"direction": [0.0, 0.0, -2.0]}, "normal", "not lie along"),
+        (SHEET | {"direction": [0.0, 0.0, 0.0]}, "direction", "1e-6 long"),
+    ],
+)
 def test_disks_and_sheets_that_cannot_be_are_refused_with_the_key(light, key, words):
     with pytest.raises(InputError) as error:
         scene_of_lights(light)
@@ -228,8 +275,9 @@ def test_disks_and_sheets_that_cannot_be_are_refused_with_the_key(light, key, wo
 
 def test_the_axes_of_a_sheet_are_its_fan_its_normal_and_its_direction():
     """The normal is made perpendicular; a light of another kind has the axes that it had."""
-    sheet, spot = scene_of_lights(SHEET | {"direction": [0, 2, 0], "normal": [0.5, 7.0, 0.5]},
-                                  {"kind": "spot", "direction": [0, 0, -1]}).vehicle.lights
+    sheet, spot = scene_of_lights(
+        SHEET | {"direction": [0, 2, 0], "normal": [0.5, 7.0, 0.5]}, {"kind": "spot", "direction": [0, 0, -1]}
+    ).vehicle.lights
     half = np.sqrt(0.5)
     np.testing.assert_allclose(light_axes(sheet), [[-half, half, 0], [0, 0, 1], [half, half, 0]], atol=1e-12)
     np.testing.assert_allclose(light_axes(spot)[:, 2], [0, 0, -1], atol=1e-12)

@@ -52,8 +52,12 @@ def file_of(folder, text, **how):
 
 
 @wp.kernel(enable_backward=False)
-def look(records: wp.array(dtype=lights.Light), p: wp.array(dtype=wp.vec3), sent: wp.array(dtype=float),
-         in_beam: wp.array(dtype=float)):
+def look(
+    records: wp.array(dtype=lights.Light),
+    p: wp.array(dtype=wp.vec3),
+    sent: wp.array(dtype=float),
+    in_beam: wp.array(dtype=float),
+):
     i = wp.tid()
     sent[i] = lights.light_sample(records[0], p[i]).L[0]
     in_beam[i] = lights.light_towards(records[0], p[i], wp.length(p[i] - records[0].position))[0]
@@ -106,16 +110,39 @@ def same(one, other):
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("polar", "azimuth", "intensity"))
 
 
-@pytest.mark.parametrize("text", [
-    PLAIN.replace("IESNA:LM-63-2002", "any lamp"), PLAIN.replace("IESNA:LM-63-2002", "IESNA91"),
-    PLAIN.replace("IESNA:LM-63-2002", "IES:LM-63-2019"), PLAIN.replace("TILT=NONE", "Tilt=None"),
-    PLAIN.replace("TILT=NONE", "  tilt = NONE  "), PLAIN.replace("[TEST] none", "[OTHER] TILT=none of your business"),
-    PLAIN.replace("TILT=NONE", TILTED), PLAIN.replace("\n", "\r\n"), PLAIN.replace("\n", "\r"), PLAIN + "\x1a",
-    PLAIN.replace("[TEST] none\n[MANUFAC] none\n", ""),
-    PLAIN[:PLAIN.index("TILT")] + PLAIN[PLAIN.index("TILT"):].replace(" ", ",\n"),
-    PLAIN[:PLAIN.index("1 -1")] + PLAIN[PLAIN.index("1 -1"):].replace("\n", " "),
-], ids=["1986", "1991", "2019", "Tilt=None", "blanks", "TILT in a keyword", "TILT=INCLUDE", "CR LF", "CR", "ctrl-Z",
-        "no keywords", "commas and lines", "one line"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        PLAIN.replace("IESNA:LM-63-2002", "any lamp"),
+        PLAIN.replace("IESNA:LM-63-2002", "IESNA91"),
+        PLAIN.replace("IESNA:LM-63-2002", "IES:LM-63-2019"),
+        PLAIN.replace("TILT=NONE", "Tilt=None"),
+        PLAIN.replace("TILT=NONE", "  tilt = NONE  "),
+        PLAIN.replace("[TEST] none", "[OTHER] TILT=none of your business"),
+        PLAIN.replace("TILT=NONE", TILTED),
+        PLAIN.replace("\n", "\r\n"),
+        PLAIN.replace("\n", "\r"),
+        PLAIN + "\x1a",
+        PLAIN.replace("[TEST] none\n[MANUFAC] none\n", ""),
+        PLAIN[: PLAIN.index("TILT")] + PLAIN[PLAIN.index("TILT") :].replace(" ", ",\n"),
+        PLAIN[: PLAIN.index("1 -1")] + PLAIN[PLAIN.index("1 -1") :].replace("\n", " "),
+    ],
+    ids=[
+        "1986",
+        "1991",
+        "2019",
+        "Tilt=None",
+        "blanks",
+        "TILT in a keyword",
+        "TILT=INCLUDE",
+        "CR LF",
+        "CR",
+        "ctrl-Z",
+        "no keywords",
+        "commas and lines",
+        "one line",
+    ],
+)
 def test_the_text_of_a_file_may_differ(tmp_path, text):
     assert same(file_of(tmp_path, text, newline=""), file_of(tmp_path, PLAIN))
 
@@ -129,24 +156,43 @@ def test_a_file_may_be_in_any_usual_encoding(tmp_path, encoding):
 def test_nothing_that_only_scales_a_lamp_changes_it(tmp_path):
     """Multiplier, ballast factor, lumens; and the opening is in metres."""
     table = measured("C", DOWN, DOWN)
-    scaled = file_of(tmp_path, ies_text("C", DOWN, DOWN, table, multiplier=2.5, ballast=0.9, lumens=1200, unit=1,
-                                        opening="-1 0 0.5"))
+    scaled = file_of(
+        tmp_path, ies_text("C", DOWN, DOWN, table, multiplier=2.5, ballast=0.9, lumens=1200, unit=1, opening="-1 0 0.5")
+    )
     plain = file_of(tmp_path, PLAIN)
     assert of_profile(scaled) == of_profile(plain)
     assert scaled.opening_m == pytest.approx((-0.3048, 0.0, 0.1524))
 
 
-@pytest.mark.parametrize(("header", "edition"), [("IESNA:LM-63-2002", "2002"), ("IESNA91", "1991"), ("own", "1986"),
-                                                 ("IESNA:LM-63-1995", "1995"), ("IES:LM-63-2019", "2019")])
+@pytest.mark.parametrize(
+    ("header", "edition"),
+    [
+        ("IESNA:LM-63-2002", "2002"),
+        ("IESNA91", "1991"),
+        ("own", "1986"),
+        ("IESNA:LM-63-1995", "1995"),
+        ("IES:LM-63-2019", "2019"),
+    ],
+)
 def test_it_is_told_which_edition_a_file_follows(tmp_path, header, edition):
     profile = file_of(tmp_path, ies_text("C", DOWN, [0.0], measured("C", DOWN, [0.0]), header=header))
-    assert profile.describe() == {"source": f"IES LM-63-{edition}, type C, 1 horizontal angle", "round": True,
-                                  "uneven": 0.0, "ends_at_deg": 90.0, "opening_m": [0.0, 0.0, 0.0], "notes": []}
+    assert profile.describe() == {
+        "source": f"IES LM-63-{edition}, type C, 1 horizontal angle",
+        "round": True,
+        "uneven": 0.0,
+        "ends_at_deg": 90.0,
+        "opening_m": [0.0, 0.0, 0.0],
+        "notes": [],
+    }
 
 
-@pytest.mark.parametrize(("text", "note"), [
-    (PLAIN.replace("TILT=NONE", TILTED), "factors of tilt"),
-    (ies_text("B", DOWN, SIDES, measured("B", DOWN, SIDES)), "shine below as above")])
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        (PLAIN.replace("TILT=NONE", TILTED), "factors of tilt"),
+        (ies_text("B", DOWN, SIDES, measured("B", DOWN, SIDES)), "shine below as above"),
+    ],
+)
 def test_it_is_told_what_a_file_leaves_to_its_reader(tmp_path, text, note):
     (told,) = file_of(tmp_path, text).describe()["notes"]
     assert note in told
@@ -160,7 +206,8 @@ def test_info_tells_by_how_much_a_lamp_changes_around_its_axis(tmp_path, capsys)
     _print_profiles([{"kind": "spot"}, facts])
     assert capsys.readouterr().out == (
         "light 1: lamp.ies, IES LM-63-2002, type C, 2 horizontal angles, up to 90 degrees from the axis, changes by up "
-        "to 1.2 % of the peak around the axis: round, by the mean\n")
+        "to 1.2 % of the peak around the axis: round, by the mean\n"
+    )
 
 
 @pytest.mark.parametrize(("off", "is_round"), [(0.019, True), (0.021, False)])
@@ -192,39 +239,42 @@ def flat(horizontal, vertical=(0, 45, 90), kind="C", rows=FLAT):
     return ies_text(kind, vertical, horizontal, rows)
 
 
-@pytest.mark.parametrize(("text", "why"), [
-    ("", "no line TILT=NONE"),
-    ("IESNA\n1 2 3", "no line TILT=NONE"),
-    (flat([0, 90]).replace("TILT=NONE", "TILT=my lamp.tlt"), "another file: TILT=my lamp.tlt"),
-    ("TILT=INCLUDE\n1 2 3", "ends within the angles and factors of tilt"),
-    ("TILT=NONE\n1 2 3", "ends within the number of vertical angles"),
-    (flat([0, 90])[:-12], "ends within the intensities: 6 are announced, 5 are there"),
-    (flat([0, 90]) + "7\n", "1 more numbers than 2 times 3 intensities"),
-    (flat([0, 90]).replace("50.0", "5x.0"), "the intensities: '5x.000000' is not a number"),
-    (flat([0, 90]).replace("50.000000", "nan"), "'nan' is not a number"),
-    (flat([0, 90]).replace("50.000000", "1e999"), "'1e999' is not a number"),
-    (flat([0, 90]).replace("50.000000", "-50"), "not 0 or more"),
-    (flat([0, 90], rows=0.0 * FLAT), "not 0 or more"),
-    (ies_text("C", [0, 45, 90], [0, 90], FLAT, multiplier=0.0), "candela multiplier is 0"),
-    (ies_text("C", [0, 45, 90], [0, 90], FLAT, ballast=-1.0), "ballast factor is -1"),
-    (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3.5 2 1 2"), "number of vertical angles is 3.5"),
-    (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 1 2 1 2"), "number of vertical angles is 1"),
-    (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3 0 1 2"), "number of horizontal angles is 0"),
-    (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3 999999999999 1 2"), "ends within the horizontal angles"),
-    (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3 2 4 2"), "type of photometry is 4"),
-    (flat([0, 90], (0, 90, 45)), "vertical angles are not increasing"),
-    (flat([0, 90], (5, 45, 90)), "vertical angles go from 5 to 90"),
-    (flat([0, 90], (0, 45, 190)), "vertical angles go from 0 to 190"),
-    (flat([90, 0]), "horizontal angles are not increasing"),
-    (flat([0, 45]), "horizontal angles go from 0 to 45"),
-    (flat([180, 360]), "horizontal angles go from 180 to 360"),
-    (flat([0, 181]), "do not close a full turn"),
-    (flat([0, 400]), "do not close a full turn"),
-    (flat([0, 360]), "0 and 360 are one, but differ by 40%"),
-    (flat([-90, 90], kind="B", vertical=(5, 45, 90)), "vertical angles go from 5 to 90"),
-    (flat([0], kind="B", rows=FLAT[:1]), "horizontal angles go from 0 to 0"),
-    (flat([-90, 100], kind="B", vertical=(-90, 0, 90)), "horizontal angles go from -90 to 100"),
-])
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "no line TILT=NONE"),
+        ("IESNA\n1 2 3", "no line TILT=NONE"),
+        (flat([0, 90]).replace("TILT=NONE", "TILT=my lamp.tlt"), "another file: TILT=my lamp.tlt"),
+        ("TILT=INCLUDE\n1 2 3", "ends within the angles and factors of tilt"),
+        ("TILT=NONE\n1 2 3", "ends within the number of vertical angles"),
+        (flat([0, 90])[:-12], "ends within the intensities: 6 are announced, 5 are there"),
+        (flat([0, 90]) + "7\n", "1 more numbers than 2 times 3 intensities"),
+        (flat([0, 90]).replace("50.0", "5x.0"), "the intensities: '5x.000000' is not a number"),
+        (flat([0, 90]).replace("50.000000", "nan"), "'nan' is not a number"),
+        (flat([0, 90]).replace("50.000000", "1e999"), "'1e999' is not a number"),
+        (flat([0, 90]).replace("50.000000", "-50"), "not 0 or more"),
+        (flat([0, 90], rows=0.0 * FLAT), "not 0 or more"),
+        (ies_text("C", [0, 45, 90], [0, 90], FLAT, multiplier=0.0), "candela multiplier is 0"),
+        (ies_text("C", [0, 45, 90], [0, 90], FLAT, ballast=-1.0), "ballast factor is -1"),
+        (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3.5 2 1 2"), "number of vertical angles is 3.5"),
+        (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 1 2 1 2"), "number of vertical angles is 1"),
+        (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3 0 1 2"), "number of horizontal angles is 0"),
+        (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3 999999999999 1 2"), "ends within the horizontal angles"),
+        (flat([0, 90]).replace("1 -1 1 3 2 1 2", "1 -1 1 3 2 4 2"), "type of photometry is 4"),
+        (flat([0, 90], (0, 90, 45)), "vertical angles are not increasing"),
+        (flat([0, 90], (5, 45, 90)), "vertical angles go from 5 to 90"),
+        (flat([0, 90], (0, 45, 190)), "vertical angles go from 0 to 190"),
+        (flat([90, 0]), "horizontal angles are not increasing"),
+        (flat([0, 45]), "horizontal angles go from 0 to 45"),
+        (flat([180, 360]), "horizontal angles go from 180 to 360"),
+        (flat([0, 181]), "do not close a full turn"),
+        (flat([0, 400]), "do not close a full turn"),
+        (flat([0, 360]), "0 and 360 are one, but differ by 40%"),
+        (flat([-90, 90], kind="B", vertical=(5, 45, 90)), "vertical angles go from 5 to 90"),
+        (flat([0], kind="B", rows=FLAT[:1]), "horizontal angles go from 0 to 0"),
+        (flat([-90, 100], kind="B", vertical=(-90, 0, 90)), "horizontal angles go from -90 to 100"),
+    ],
+)
 def test_a_file_that_is_no_lamp_is_refused_with_file_key_and_reason(tmp_path, text, why):
     with pytest.raises(InputError) as refused:
         file_of(tmp_path, text)
@@ -253,7 +303,7 @@ def test_a_beam_between_the_steps_of_a_table_is_refused_by_file_and_key(tmp_path
     """Backwards, where steps even in the sine of half the angle are 7 degrees wide."""
     vertical = [0.0, 176.0, 176.1, 176.2, 180.0]
     rows = np.zeros((3, 5))
-    rows[:len(lit), 2] = np.array(lit) + 10.0
+    rows[: len(lit), 2] = np.array(lit) + 10.0
     planes = [0, 0, 0] if len(lit) == 1 else [0, 1, 2]
     scene = lamp_scene(tmp_path, ies_text("C", vertical, [0.0, 90.0, 180.0], rows[planes]))
     with pytest.raises(InputError, match=r"lights\.0\.file: its brightest beam is so narrow") as refused:

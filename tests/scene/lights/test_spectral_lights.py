@@ -8,15 +8,23 @@ from varos_warp.scene.lights.distribution import own_distribution
 from varos_warp.scene.lights.spectral import solid_angle, spectral_intensity
 from varos_warp.scene.spectra.spectrum import STEPS
 
-SHAPES = [{"kind": "spot", "cone_deg": 65}, {"kind": "spot", "cone_deg": 100, "blend": 0.4}, {"kind": "point"},
-          {"kind": "spot", "cone_deg": 40, "blend": 0.2, "port": {}},
-          {"kind": "profile", "file": "led_flood", "port": {}}]
+SHAPES = [
+    {"kind": "spot", "cone_deg": 65},
+    {"kind": "spot", "cone_deg": 100, "blend": 0.4},
+    {"kind": "point"},
+    {"kind": "spot", "cone_deg": 40, "blend": 0.2, "port": {}},
+    {"kind": "profile", "file": "led_flood", "port": {}},
+]
 
 
 def scene_with(light):
-    return scene_from_dict({"water": {"spectral": {"jerlov": "II"}},
-                            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-                            "vehicle": {"lights": [light], "cameras": [{"response": "nikon_5100"}]}})
+    return scene_from_dict(
+        {
+            "water": {"spectral": {"jerlov": "II"}},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "vehicle": {"lights": [light], "cameras": [{"response": "nikon_5100"}]},
+        }
+    )
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -34,8 +42,9 @@ def test_intensity_over_all_directions_is_the_power(shape):
 def test_a_sheet_is_a_thin_pyramid():
     """Of 60 by 0.3 degrees: about 2 sin(30 degrees) times the thickness in radians."""
     thickness = np.radians(0.3)
-    scene = scene_with({"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60, "thickness_deg": 0.3, "spectrum": "led_b4",
-                        "lumen": 100})
+    scene = scene_with(
+        {"kind": "sheet", "normal": [0, 0, 1], "fan_deg": 60, "thickness_deg": 0.3, "spectrum": "led_b4", "lumen": 100}
+    )
     assert solid_angle(scene.lights[0], scene) == pytest.approx(2.0 * np.sin(np.radians(30)) * thickness, rel=1e-4)
 
 

@@ -14,8 +14,11 @@ HEADER = "polar_deg,azimuth_deg,intensity"
 
 
 def table(polar, azimuth, intensity):
-    rows = [f"{p:g},{a:g},{i:.9g}" for a, row in zip(azimuth, intensity, strict=True)
-            for p, i in zip(polar, row, strict=True)]
+    rows = [
+        f"{p:g},{a:g},{i:.9g}"
+        for a, row in zip(azimuth, intensity, strict=True)
+        for p, i in zip(polar, row, strict=True)
+    ]
     return [HEADER, *rows]
 
 
@@ -45,7 +48,8 @@ def test_a_table_of_two_angles_is_the_ies_file_of_the_same_lamp(tmp_path):
 def test_azimuths_may_be_those_of_any_turn(tmp_path, azimuth):
     one = of_profile(profile_of(tmp_path, table(POLAR, azimuth, measured("C", POLAR, azimuth % 360.0))))
     np.testing.assert_allclose(
-        one.profile, of_profile(profile_of(tmp_path, table(POLAR, AZIMUTH, measured("C", POLAR, AZIMUTH)))).profile)
+        one.profile, of_profile(profile_of(tmp_path, table(POLAR, AZIMUTH, measured("C", POLAR, AZIMUTH)))).profile
+    )
 
 
 @pytest.mark.parametrize("azimuth", [np.array([0.0, 7.3, 33.4, 100.0, 170.0, 200.0, 280.0, 301.1])])
@@ -68,19 +72,25 @@ def test_a_table_of_one_azimuth_is_round(tmp_path):
 GOOD = table([0, 45, 90], [0, 90, 180, 270], np.arange(12.0).reshape(4, 3))
 
 
-@pytest.mark.parametrize(("lines", "why"), [
-    ([HEADER.replace("polar", "angle"), *GOOD[1:]], "no column polar_deg"),
-    (GOOD[:-1], "no intensity at polar_deg 90, azimuth_deg 270"),
-    ([*GOOD, "45,90,99"], "two intensities in one direction"),
-    ([*GOOD[:4], "0,90,-1", *GOOD[5:]], "intensity is negative"),
-    ([*GOOD[:4], "0,90,x", *GOOD[5:]], "intensity is not a number"),
-    ([*GOOD[:4], "-1,90,1", *GOOD[5:]], "polar_deg is not between"),
-    ([*GOOD[:4], "0,361,1", *GOOD[5:]], "azimuth_deg is not between"),
-    (table([0, 45], [0, 90, 180], np.ones((3, 2)) + np.eye(3, 2)), "no azimuth in a gap of 180 degrees"),
-    (table([0, 0.8], [0, 1.57, 3.14, 4.71], np.ones((4, 2)) + np.eye(4, 2)), "These look like radians: give degrees"),
-    (table([45], [0, 90, 180, 270], np.ones((4, 1))), "one angle to the axis"),
-    (table([0, 45], [0, 90, 180, 270], np.zeros((4, 2))), "0 everywhere"),
-])
+@pytest.mark.parametrize(
+    ("lines", "why"),
+    [
+        ([HEADER.replace("polar", "angle"), *GOOD[1:]], "no column polar_deg"),
+        (GOOD[:-1], "no intensity at polar_deg 90, azimuth_deg 270"),
+        ([*GOOD, "45,90,99"], "two intensities in one direction"),
+        ([*GOOD[:4], "0,90,-1", *GOOD[5:]], "intensity is negative"),
+        ([*GOOD[:4], "0,90,x", *GOOD[5:]], "intensity is not a number"),
+        ([*GOOD[:4], "-1,90,1", *GOOD[5:]], "polar_deg is not between"),
+        ([*GOOD[:4], "0,361,1", *GOOD[5:]], "azimuth_deg is not between"),
+        (table([0, 45], [0, 90, 180], np.ones((3, 2)) + np.eye(3, 2)), "no azimuth in a gap of 180 degrees"),
+        (
+            table([0, 0.8], [0, 1.57, 3.14, 4.71], np.ones((4, 2)) + np.eye(4, 2)),
+            "These look like radians: give degrees",
+        ),
+        (table([45], [0, 90, 180, 270], np.ones((4, 1))), "one angle to the axis"),
+        (table([0, 45], [0, 90, 180, 270], np.zeros((4, 2))), "0 everywhere"),
+    ],
+)
 def test_tables_that_are_no_lamp_are_refused_with_the_reason(tmp_path, lines, why):
     with pytest.raises(InputError, match=why) as refused:
         profile_of(tmp_path, lines)

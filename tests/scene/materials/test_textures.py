@@ -21,10 +21,15 @@ from varos_warp.scene.materials.textures import (
 
 def scene(tmp_path, **texture):
     block = {"kind": "slope_blend", "flat": texture}
-    return scene_from_dict({
-        "terrain": {"kind": "procedural", "resolution": 9, "material": "ground"}, "materials": {"ground": block},
-        "vehicle": {"cameras": [{"resolution": [320, 180]}]}, "trajectory": {"poses": [{"position": [0, 0, 3]}]}},
-        tmp_path)
+    return scene_from_dict(
+        {
+            "terrain": {"kind": "procedural", "resolution": 9, "material": "ground"},
+            "materials": {"ground": block},
+            "vehicle": {"cameras": [{"resolution": [320, 180]}]},
+            "trajectory": {"poses": [{"position": [0, 0, 3]}]},
+        },
+        tmp_path,
+    )
 
 
 def save(path, values, **options):
@@ -62,8 +67,13 @@ def test_missing_and_damaged_images_and_folders_are_refused_by_name(tmp_path):
     (tmp_path / "text.jpg").write_text("no image")
     (tmp_path / "empty.png").write_bytes(b"")
     (tmp_path / "folder.png").mkdir()
-    for name, problem in {"nowhere.png": "no such image", "cut.png": "cannot be read", "text.jpg": "cannot be read",
-                          "empty.png": "cannot be read", "folder.png": "folder"}.items():
+    for name, problem in {
+        "nowhere.png": "no such image",
+        "cut.png": "cannot be read",
+        "text.jpg": "cannot be read",
+        "empty.png": "cannot be read",
+        "folder.png": "folder",
+    }.items():
         s = scene(tmp_path, texture=name)
         parts = build_parts(s)
         with pytest.raises(InputError, match=problem) as caught:
@@ -110,6 +120,7 @@ def test_the_smallest_images_are_tiles_too(shape):
 
 def test_a_tile_of_one_colour_stays_that_colour():
     pyramid = tile_pyramid(np.full((8, 8, 3), (0.1, 0.2, 0.3)))
-    np.testing.assert_allclose(pyramid.colours @ pyramid.basis.T, np.broadcast_to((0.1, 0.2, 0.3), (4, 512, 3)),
-                               atol=1e-6)
+    np.testing.assert_allclose(
+        pyramid.colours @ pyramid.basis.T, np.broadcast_to((0.1, 0.2, 0.3), (4, 512, 3)), atol=1e-6
+    )
     assert pyramid.texels.nbytes == 4 * (64 + 16 + 4 + 1)

@@ -32,8 +32,9 @@ MEASURED = {"fx": 985.5, "fy": 984.5, "cx": 651.0, "cy": 340.25}
 
 
 def model_of(port, lens, n_water=(1.339, 1.342, 1.347), **more):
-    return camera_model(Camera(port=PORTS[port], distortion=LENSES[lens], n_water=n_water if PORTS[port] else None,
-                               **more))
+    return camera_model(
+        Camera(port=PORTS[port], distortion=LENSES[lens], n_water=n_water if PORTS[port] else None, **more)
+    )
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -48,11 +49,22 @@ def test_every_point_of_a_ray_is_seen_where_the_ray_is_from(port, lens):
         np.testing.assert_allclose(model.project(ray.origin + t * ray.direction, channel), image, atol=1e-9, rtol=0)
 
 
-@pytest.mark.parametrize("keys", [
-    {"distortion": {"model": "brown_conrady", "k": [-0.9, 0.2, 0.004, -0.003, 0.0]}},
-    {"distortion": {"model": "kannala_brandt", "k": [-0.3, 0.0, 0.0, 0.0]}, "intrinsics": MEASURED | {"fx": 700.0}},
-    {"distortion": {"model": "double_sphere", "xi": -0.3, "alpha": 0.95}, "port": PORTS["decentred"], "focal_mm": 1.6},
-    {"distortion": {"model": "rational", "k": [-0.9, -0.3, 0.004, -0.003, 0, 0.2, 0.1, 0.3]}, "port": PORTS["tilted"]}])
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"distortion": {"model": "brown_conrady", "k": [-0.9, 0.2, 0.004, -0.003, 0.0]}},
+        {"distortion": {"model": "kannala_brandt", "k": [-0.3, 0.0, 0.0, 0.0]}, "intrinsics": MEASURED | {"fx": 700.0}},
+        {
+            "distortion": {"model": "double_sphere", "xi": -0.3, "alpha": 0.95},
+            "port": PORTS["decentred"],
+            "focal_mm": 1.6,
+        },
+        {
+            "distortion": {"model": "rational", "k": [-0.9, -0.3, 0.004, -0.003, 0, 0.2, 0.1, 0.3]},
+            "port": PORTS["tilted"],
+        },
+    ],
+)
 def test_the_whole_image_of_a_lens_that_ends_within_it_comes_back(keys):
     """Every pixel's centre, to 1e-9 px; where it sees nothing, it is not the image of anything."""
     model = camera_model(resized(Camera(**keys), 320, 180))
@@ -216,24 +228,33 @@ def test_half_a_sphere_ends_at_90_degrees_of_its_centre():
 
 
 BAD = {
-    "port.clear_radius_m: the rim": {"port": {"kind": "flat", "distance_m": 0.02, "normal": [1, 0, 1],
-                                              "clear_radius_m": 0.01}},
-    "port.half_angle_deg: the rim of the port hides": {"port": {"kind": "dome", "radius_m": 0.05,
-                                                                "half_angle_deg": 1e-6}},
-    "port.half_angle_deg: the rim": {"port": {"kind": "dome", "radius_m": 0.05, "centre": [0.03, 0, 0],
-                                              "half_angle_deg": 30}},
+    "port.clear_radius_m: the rim": {
+        "port": {"kind": "flat", "distance_m": 0.02, "normal": [1, 0, 1], "clear_radius_m": 0.01}
+    },
+    "port.half_angle_deg: the rim of the port hides": {
+        "port": {"kind": "dome", "radius_m": 0.05, "half_angle_deg": 1e-6}
+    },
+    "port.half_angle_deg: the rim": {
+        "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.03, 0, 0], "half_angle_deg": 30}
+    },
     "n_water has no effect without a port": {"n_water": 1.34},
-    "distortion: not even the middle of the image": {"distortion": {"model": "brown_conrady",
-                                                                    "k": [-1e6, 0.0, 0.0, 0.0, 0.0]}},
-    "distortion: not even the middle": {"focal_mm": 1.6, "distortion": {"model": "kannala_brandt",
-                                                                        "k": [-1e6, 0.0, 0.0, 0.0]}},
+    "distortion: not even the middle of the image": {
+        "distortion": {"model": "brown_conrady", "k": [-1e6, 0.0, 0.0, 0.0, 0.0]}
+    },
+    "distortion: not even the middle": {
+        "focal_mm": 1.6,
+        "distortion": {"model": "kannala_brandt", "k": [-1e6, 0.0, 0.0, 0.0]},
+    },
     "no depth of field": {"f_stop": 1.7, "distortion": {"model": "kannala_brandt"}},
     "f_stop: a fisheye (distortion double_sphere)": {"f_stop": 1.7, "distortion": DOUBLE},
-    "vignetting.kind: cos4 is not the law of a fisheye (distortion double_sphere)": {"vignetting": {},
-                                                                                   "distortion": DOUBLE},
+    "vignetting.kind: cos4 is not the law of a fisheye (distortion double_sphere)": {
+        "vignetting": {},
+        "distortion": DOUBLE,
+    },
     "vignetting.coefficients: between the centre": {  # -0.5 r^2 reaches 0 before the far corner, whose r^2 is 2.25
         "vignetting": {"kind": "polynomial", "coefficients": [-0.5]},
-        "intrinsics": MEASURED | {"cx": 319.5, "cy": 179.5}},
+        "intrinsics": MEASURED | {"cx": 319.5, "cy": 179.5},
+    },
     "sensor_mm: stands beside intrinsics": {"intrinsics": MEASURED, "sensor_mm": [4.416, 2.484]},
     "focal_mm: stands beside intrinsics": {"intrinsics": MEASURED, "focal_mm": 3.4},
     "f_stop: beside intrinsics, in pixels, it needs focal_mm": {"intrinsics": MEASURED, "f_stop": 1.7},
@@ -261,16 +282,19 @@ def test_what_does_not_fit_together_is_one_clear_message(problem):
     assert "more problem" not in str(error.value)
 
 
-@pytest.mark.parametrize(("keys", "key"), [
-    ({"port": {"kind": "flat"}}, "port.distance_m"),
-    ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": 0.9}, "n_water"),
-    ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": {"salinity": 35}}, "n_water.temperature_C"),
-    ({"distortion": {"model": "brown_conrady", "k": [0.1]}}, "distortion.k"),
-    ({"vignetting": {"kind": "polynomial"}}, "vignetting"),
-    ({"port": {"kind": "flat", "distance_m": 0.02, "clear_radius_m": 0.0}}, "port.clear_radius_m"),
-    ({"port": {"kind": "dome", "radius_m": 0.05, "half_angle_deg": 181}}, "port.half_angle_deg"),
-    ({"vignetting": {"kind": "cos3"}}, "vignetting.kind"),
-])
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        ({"port": {"kind": "flat"}}, "port.distance_m"),
+        ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": 0.9}, "n_water"),
+        ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": {"salinity": 35}}, "n_water.temperature_C"),
+        ({"distortion": {"model": "brown_conrady", "k": [0.1]}}, "distortion.k"),
+        ({"vignetting": {"kind": "polynomial"}}, "vignetting"),
+        ({"port": {"kind": "flat", "distance_m": 0.02, "clear_radius_m": 0.0}}, "port.clear_radius_m"),
+        ({"port": {"kind": "dome", "radius_m": 0.05, "half_angle_deg": 181}}, "port.half_angle_deg"),
+        ({"vignetting": {"kind": "cos3"}}, "vignetting.kind"),
+    ],
+)
 def test_bad_values_are_named_by_their_key(keys, key):
     with pytest.raises(InputError) as error:
         scene_with(keys)
@@ -286,9 +310,14 @@ def test_a_pinhole_is_written_down_as_before_there_were_ports():
 
 
 def test_the_blocks_survive_being_written_down():
-    scene = scene_with({"port": PORTS["decentred"], "distortion": LENSES["barrel"],
-                        "n_water": {"temperature_C": 4.0, "salinity": 35.0},
-                        "vignetting": {"kind": "polynomial", "coefficients": [-0.3, 0.05]}})
+    scene = scene_with(
+        {
+            "port": PORTS["decentred"],
+            "distortion": LENSES["barrel"],
+            "n_water": {"temperature_C": 4.0, "salinity": 35.0},
+            "vignetting": {"kind": "polynomial", "coefficients": [-0.3, 0.05]},
+        }
+    )
     assert scene_from_dict(scene_to_dict(scene)) == scene
     for lens in LENSES.values():
         scene = scene_with({"distortion": lens, "intrinsics": MEASURED})

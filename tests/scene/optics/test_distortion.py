@@ -159,8 +159,15 @@ def test_strong_tangential_distortion_is_undone_to_the_edge():
     np.testing.assert_allclose(back[:, :2] / back[:, 2:], d[:, :2], atol=1e-5)
 
 
-@pytest.mark.parametrize("lens", [Lens("double_sphere", (-0.3, 0.95)), Lens("double_sphere", (0.4, 0.8)),
-                                  Lens("double_sphere", (1.5, 0.4)), Lens("double_sphere", (0.2, 1.0))])
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens("double_sphere", (-0.3, 0.95)),
+        Lens("double_sphere", (0.4, 0.8)),
+        Lens("double_sphere", (1.5, 0.4)),
+        Lens("double_sphere", (0.2, 1.0)),
+    ],
+)
 def test_a_double_sphere_ends_where_its_radius_is_largest(lens):
     """A turning point of the radius by angle; for alpha above a half at 1 / sqrt(2 alpha - 1)."""
     angle = lens.half_angle + np.array([-1e-3, -1e-6, 1e-6])
@@ -179,9 +186,14 @@ def test_nothing_is_seen_behind_a_flat_image(lens):
     assert np.isnan(lens.image_plane(np.array([[0.1, 0.1, -1.0], [1.0, 0.0, 0.0]]))).all()
 
 
-@pytest.mark.parametrize("lens", [Lens("brown_conrady", (-0.7, 0.1, 0.02, -0.03, 0.0)),
-                                  Lens("kannala_brandt", (-0.4, 0.0, 0.0, 0.0)),
-                                  Lens("rational", (-0.6, -0.3, 0.004, -0.003, 0.0, 0.2, 0.1, 0.3))])
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens("brown_conrady", (-0.7, 0.1, 0.02, -0.03, 0.0)),
+        Lens("kannala_brandt", (-0.4, 0.0, 0.0, 0.0)),
+        Lens("rational", (-0.6, -0.3, 0.004, -0.003, 0.0, 0.2, 0.1, 0.3)),
+    ],
+)
 def test_the_pixels_that_see_nothing_are_counted(lens):
     """One by one, of an image whose principal point is aside."""
     model = CameraModel(np.array([[200.0, 0.0, 150.0], [0.0, 210.0, 90.0], [0.0, 0.0, 1.0]]), lens)
@@ -195,12 +207,17 @@ def test_the_pixels_that_see_nothing_are_counted(lens):
     assert CameraModel(model.K, BARREL).lens_end(320, 240) is None
 
 
-@pytest.mark.parametrize(("given", "kept"), [
-    ({"model": "radtan", "k": [0.1, 0.2, 0.3, 0.4]}, Lens("brown_conrady", (0.1, 0.2, 0.3, 0.4, 0.0))),
-    ({"model": "plumb_bob", "k": [1, 2, 3, 4, 5]}, Lens("brown_conrady", (1, 2, 3, 4, 5))),
-    ({"model": "rational_polynomial", "k": range(8)}, Lens("rational", tuple(range(8)))),
-    ({"model": "equidistant", "k": [1, 2, 3, 4]}, Lens("kannala_brandt", (1, 2, 3, 4))),
-    ({"model": "ds", "xi": 0.1, "alpha": 0.6}, Lens("double_sphere", (0.1, 0.6))), ({"model": "pinhole"}, Lens())])
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ({"model": "radtan", "k": [0.1, 0.2, 0.3, 0.4]}, Lens("brown_conrady", (0.1, 0.2, 0.3, 0.4, 0.0))),
+        ({"model": "plumb_bob", "k": [1, 2, 3, 4, 5]}, Lens("brown_conrady", (1, 2, 3, 4, 5))),
+        ({"model": "rational_polynomial", "k": range(8)}, Lens("rational", tuple(range(8)))),
+        ({"model": "equidistant", "k": [1, 2, 3, 4]}, Lens("kannala_brandt", (1, 2, 3, 4))),
+        ({"model": "ds", "xi": 0.1, "alpha": 0.6}, Lens("double_sphere", (0.1, 0.6))),
+        ({"model": "pinhole"}, Lens()),
+    ],
+)
 def test_a_lens_is_kept_under_one_name(given, kept):
     assert lens_of(**given) == kept
     assert canonical(given["model"]) == kept.model

@@ -33,15 +33,32 @@ def test_a_pinhole_that_is_right_at_one_distance_is_off_at_others(truth, glass):
     pinhole = fit_pinhole(model, image, points(3.0), "brown_conrady", centre=False)
     off = np.array([distance_px(pinhole, image, points(z)) for z in KNOWN[glass]])
     rms, most = np.array(list(KNOWN[glass].values())).T
-    truth(f"rms [px] behind glass {glass[0] * 1e3:g} mm away", source="table of another code", expected=rms,
-          got=np.sqrt(np.square(off).mean(1)), tolerance=0.005 + 0.02 * rms,
-          reason="two digits; its radii are not known")
-    truth(f"largest [px] behind glass {glass[0] * 1e3:g} mm away", source="table of another code", expected=most,
-          got=off.max(1), tolerance=0.005 + 0.005 * most, reason="two or three digits")
+    truth(
+        f"rms [px] behind glass {glass[0] * 1e3:g} mm away",
+        source="table of another code",
+        expected=rms,
+        got=np.sqrt(np.square(off).mean(1)),
+        tolerance=0.005 + 0.02 * rms,
+        reason="two digits; its radii are not known",
+    )
+    truth(
+        f"largest [px] behind glass {glass[0] * 1e3:g} mm away",
+        source="table of another code",
+        expected=most,
+        got=off.max(1),
+        tolerance=0.005 + 0.005 * most,
+        reason="two or three digits",
+    )
 
 
-@pytest.mark.parametrize("lens", [Lens("brown_conrady", (-0.2, 0.05, 0.001, -0.002, 0.01)),
-                                  Lens("kannala_brandt", (-0.02, 0.003, -0.001, 0.0002)), Lens()])
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens("brown_conrady", (-0.2, 0.05, 0.001, -0.002, 0.01)),
+        Lens("kannala_brandt", (-0.02, 0.003, -0.001, 0.0002)),
+        Lens(),
+    ],
+)
 def test_a_pinhole_is_found_again(lens):
     K = np.array([[900.0, 0.0, 610.0], [0.0, 1080.0, 395.0], [0.0, 0.0, 1.0]])
     points = np.random.default_rng(1).uniform([-0.6, -0.4, 1.0], [0.6, 0.4, 1.2], (300, 3))
@@ -58,14 +75,22 @@ CENTRED = {"kind": "dome", "radius_m": 0.05, "thickness_m": 0.007}
 SAME = {
     "close glass": {"port": CLOSE},
     "centred dome": {"port": CENTRED},
-    "centred dome, barrel": {"port": CENTRED,
-                             "distortion": {"model": "brown_conrady", "k": [-0.35, 0.12, 0.001, -0.002, -0.01]}},
+    "centred dome, barrel": {
+        "port": CENTRED,
+        "distortion": {"model": "brown_conrady", "k": [-0.35, 0.12, 0.001, -0.002, -0.01]},
+    },
     "centred dome, aside": {"port": CENTRED, "intrinsics": MEASURED},
     "dome that moves the centre": {"port": CENTRED | {"centre": [2e-5, 0.0, 0.0]}, "intrinsics": MEASURED},
-    "centred dome, fisheye aside": {"port": {"kind": "dome", "radius_m": 0.05}, "intrinsics": MEASURED | {"fx": 377.0},
-                                    "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
-    "centred dome, fisheye": {"port": {"kind": "dome", "radius_m": 0.05}, "focal_mm": 1.3,
-                              "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]}},
+    "centred dome, fisheye aside": {
+        "port": {"kind": "dome", "radius_m": 0.05},
+        "intrinsics": MEASURED | {"fx": 377.0},
+        "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]},
+    },
+    "centred dome, fisheye": {
+        "port": {"kind": "dome", "radius_m": 0.05},
+        "focal_mm": 1.3,
+        "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, -0.001, 0.0002]},
+    },
 }
 
 
@@ -99,12 +124,19 @@ def test_colours_that_part_need_the_port():
     assert port_worth(Camera(port=CLOSE, n_water=[1.34] * 3), RANGES).colours_px == 0.0
 
 
-@pytest.mark.parametrize("lens", [{"model": "double_sphere", "xi": -0.2, "alpha": 0.59},
-                                  {"model": "rational", "k": [0.41, 0.27, 0.0001, -0.0002, 0.1, 0.45, 0.4, 0.09]}])
+@pytest.mark.parametrize(
+    "lens",
+    [
+        {"model": "double_sphere", "xi": -0.2, "alpha": 0.59},
+        {"model": "rational", "k": [0.41, 0.27, 0.0001, -0.0002, 0.1, 0.45, 0.4, 0.09]},
+    ],
+)
 def test_a_lens_of_another_model_is_judged_by_the_nearest_that_can_be_fitted(lens):
     """Behind a pane by what the pane does, not by what the fitted model lacks, which is less."""
-    pane, dome = (port_worth(Camera(port=port, distortion=lens, intrinsics=MEASURED), RANGES)
-                  for port in ({"kind": "flat", "distance_m": 0.02}, CENTRED))
+    pane, dome = (
+        port_worth(Camera(port=port, distortion=lens, intrinsics=MEASURED), RANGES)
+        for port in ({"kind": "flat", "distance_m": 0.02}, CENTRED)
+    )
     assert dome.rms_px < 0.1 < pane.rms_px < 10.0
 
 
@@ -126,10 +158,14 @@ def test_a_rim_in_view_needs_the_port():
     assert port_worth(Camera(port={"kind": "dome", "radius_m": 0.05, "half_angle_deg": 40.0}), RANGES).pinhole
 
 
-@pytest.mark.parametrize(("more", "words"), [
-    ({"f_stop": 2.0, "focus_m": 2.0}, "its depth of field would be another"),
-    ({"vignetting": {"kind": "cos4"}}, "its vignetting would be another"),
-    ({"port": CENTRED | {"centre": [2e-5, 0.0, 0.0]}}, "with its centre in the middle of the image, 0.")])
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"f_stop": 2.0, "focus_m": 2.0}, "its depth of field would be another"),
+        ({"vignetting": {"kind": "cos4"}}, "its vignetting would be another"),
+        ({"port": CENTRED | {"centre": [2e-5, 0.0, 0.0]}}, "with its centre in the middle of the image, 0."),
+    ],
+)
 def test_what_else_a_pinhole_would_show_differently_needs_the_port(more, words):
     """Lens rays behind a dome meet elsewhere; cos^4 is that of the angle in air; the centre has no key."""
     worth = port_worth(Camera(**{"port": CENTRED} | more), RANGES)
@@ -139,7 +175,8 @@ def test_what_else_a_pinhole_would_show_differently_needs_the_port(more, words):
 
 
 def test_a_fisheye_behind_a_pane_is_judged_by_the_pixels_that_see():
-    worth = port_worth(Camera(port={"kind": "flat", "distance_m": 0.02}, focal_mm=1.3,
-                              distortion={"model": "kannala_brandt"}), RANGES)
+    worth = port_worth(
+        Camera(port={"kind": "flat", "distance_m": 0.02}, focal_mm=1.3, distortion={"model": "kannala_brandt"}), RANGES
+    )
     assert 1.0 < worth.rms_px < worth.max_px < 1000.0
     assert worth.pinhole is None

@@ -16,10 +16,15 @@ from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
 def scene_of(folder=".", water="IB", response="nikon_5100", color_matrix=None, **render):
     view = {"id": "M0", "resolution": [64, 36], "response": response, "color_matrix": color_matrix}
-    return scene_from_dict({
-        "water": {"spectral": {"jerlov": water}},
-        "vehicle": {"lights": [{"spectrum": "led_b4", "power_W": 10.0}], "cameras": [view]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": render}, folder)
+    return scene_from_dict(
+        {
+            "water": {"spectral": {"jerlov": water}},
+            "vehicle": {"lights": [{"spectrum": "led_b4", "power_W": 10.0}], "cameras": [view]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": render,
+        },
+        folder,
+    )
 
 
 def warnings_of(scene):
@@ -31,7 +36,7 @@ def warnings_of(scene):
 def test_the_stated_error_of_backscatter_is_that_of_the_scenes_of_all_passes(bands, water):
     """Of what the first lamp sends straight back from one place: with each pass's phase function, and band by band."""
     scene = scene_of(water=water, bands=bands)
-    camera, = scene.vehicle.cameras
+    (camera,) = scene.vehicle.cameras
     found, ways = scene_bands(scene, camera), np.linspace(*scene_bands(scene, camera).range_m, 4)
     ours, known = np.zeros((2, len(ways), 3))
     rayleigh, particles = (phase.eval_s(np.ones(1))[0] for phase in (Rayleigh(), phase_function(scene)))
@@ -49,7 +54,7 @@ def test_the_stated_error_of_backscatter_is_that_of_the_scenes_of_all_passes(ban
 
 
 def test_bands_that_are_too_few_for_backscatter_are_told():
-    told, = (one for one in warnings_of(scene_of(bands=6)) if "backscattered" in one)
+    (told,) = (one for one in warnings_of(scene_of(bands=6)) if "backscattered" in one)
     assert told.startswith("vehicle.cameras.0 (M0): backscattered light is off by up to 5.4 % with 6 bands")
     assert not any("backscattered" in one for one in warnings_of(scene_of()))
 
@@ -58,8 +63,11 @@ def test_a_matrix_fitted_to_a_grey_camera_is_told(tmp_path):
     even = np.interp(GRID, [400, 550, 700], [0.2, 1.0, 0.3])
     rows = "\n".join(f"{nm:g},{v},{v},{v}" for nm, v in zip(GRID, even, strict=True))
     (tmp_path / "grey.csv").write_text(f"wavelength_nm,r,g,b\n{rows}\n")
-    told, = (one for one in warnings_of(scene_of(tmp_path, response="grey.csv", color_matrix="auto"))
-             if "color_matrix" in one)
+    (told,) = (
+        one
+        for one in warnings_of(scene_of(tmp_path, response="grey.csv", color_matrix="auto"))
+        if "color_matrix" in one
+    )
     assert "rank 1" in told
     assert "vehicle.cameras.0.color_matrix" in told
     assert not any("color_matrix" in one for one in warnings_of(scene_of(color_matrix="auto")))

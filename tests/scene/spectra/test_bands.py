@@ -29,8 +29,13 @@ CASES = {
     "Jerlov 9C": (_jerlov("9C", 0.0183), [led(3)], NIKON, (0.2, 2.0), 12),
     "bloom": (_constituents(Constituents(chlorophyll_mg_m3=10.0), 0.01), [led(5)], BROAD, (0.5, 5.0), 6),
     "brown": (_constituents(Constituents(cdom_440_per_m=1.0, minerals_g_m3=3.0), 0.02), [led(2)], BROAD, (0.5, 4.0), 9),
-    "laser-like": (PURE, [Spectrum(np.array([400.0, 528.0, 532.0, 536.0, 700.0]),
-                                   np.array([0.0, 0.0, 1.0, 0.0, 0.0]))], BROAD, (1.0, 8.0), 3),
+    "laser-like": (
+        PURE,
+        [Spectrum(np.array([400.0, 528.0, 532.0, 536.0, 700.0]), np.array([0.0, 0.0, 1.0, 0.0, 0.0]))],
+        BROAD,
+        (1.0, 8.0),
+        3,
+    ),
 }
 
 
@@ -55,8 +60,9 @@ def test_bands_keep_their_stated_error(name):
     assert len(bands.wavelength_nm) == count
     assert (bands.weights >= 0.0).all()
     paints = [Spectrum(GRID, curve) for curve in reflectance_of_rgb(PAINTS)]
-    worst, rms = worst_and_rms(bands, water, lamps, response, np.linspace(*distances, 23),
-                               [*chart_reflectances().values(), *paints])
+    worst, rms = worst_and_rms(
+        bands, water, lamps, response, np.linspace(*distances, 23), [*chart_reflectances().values(), *paints]
+    )
     assert (worst <= 1.05 * bands.worst + 1e-9).all()
     np.testing.assert_allclose(rms, bands.rms, rtol=0.1, atol=1e-9)
 
@@ -90,14 +96,21 @@ def test_more_bands_are_no_worse_and_auto_keeps_the_tolerance():
 @pytest.mark.parametrize("distance", [0.0, 1.0, 5.0, 20.0])
 def test_beer_lambert_is_that_of_colour_science(distance):
     """Its own spectral distributions, interpolated to 1 nm linearly, multiplied and integrated by its trapezoids."""
+
     def distribution(values):
         return colour.SpectralDistribution(dict(zip(GRID, values, strict=True)))
 
     water, lamp = _jerlov("1C", 0.0183), led(4)
-    theirs = colour.SDS_ILLUMINANTS["LED-B4"].copy().interpolate(
-        colour.SpectralShape(400, 700, 1), interpolator=colour.LinearInterpolator)
-    cameras = colour.MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"].copy().interpolate(
-        colour.SpectralShape(400, 700, 1), interpolator=colour.LinearInterpolator)
+    theirs = (
+        colour.SDS_ILLUMINANTS["LED-B4"]
+        .copy()
+        .interpolate(colour.SpectralShape(400, 700, 1), interpolator=colour.LinearInterpolator)
+    )
+    cameras = (
+        colour.MSDS_CAMERA_SENSITIVITIES["Nikon 5100 (NPL)"]
+        .copy()
+        .interpolate(colour.SpectralShape(400, 700, 1), interpolator=colour.LinearInterpolator)
+    )
     beam = distribution(np.exp(-water.c * distance))
     ours = (lamp.at() * NIKON * np.exp(-water.c * distance)) @ STEPS
     for k, channel in enumerate(cameras.to_sds()):
@@ -115,8 +128,11 @@ def test_lumen_and_watt():
     """One watt of green light at 555 nm is 683 lm; of an LED about 300 lm within the visible."""
     green = Spectrum(np.array([400.0, 554.0, 555.0, 556.0, 700.0]), np.array([0.0, 0.0, 1.0, 0.0, 0.0]))
     assert watts_of_lumen(green, 683.0) == pytest.approx(1.0, rel=1e-4)
-    sd = colour.SDS_ILLUMINANTS["LED-B4"].copy().interpolate(colour.SpectralShape(400, 700, 1),
-                                                            interpolator=colour.LinearInterpolator)
+    sd = (
+        colour.SDS_ILLUMINANTS["LED-B4"]
+        .copy()
+        .interpolate(colour.SpectralShape(400, 700, 1), interpolator=colour.LinearInterpolator)
+    )
     seen = colour.luminous_flux(sd, colour.SDS_LEFS["CIE 1924 Photopic Standard Observer"])
     assert watts_of_lumen(led(4), seen) == pytest.approx(np.trapezoid(sd.values, sd.wavelengths), rel=1e-3)
     assert STEPS @ per_watt(led(4)) == pytest.approx(1.0)
@@ -130,6 +146,10 @@ def test_colours_come_back_from_their_spectra(rgb):
     spectrum = reflectance_of_rgb(rgb, nm)
     assert (spectrum >= 0.0).all()
     assert (spectrum <= 1.0 + 1e-12).all()
-    xyz = colour.sd_to_XYZ(colour.SpectralDistribution(dict(zip(nm, spectrum, strict=True))),
-                           illuminant=colour.SDS_ILLUMINANTS["D65"]) / 100.0
+    xyz = (
+        colour.sd_to_XYZ(
+            colour.SpectralDistribution(dict(zip(nm, spectrum, strict=True))), illuminant=colour.SDS_ILLUMINANTS["D65"]
+        )
+        / 100.0
+    )
     np.testing.assert_allclose(colour.XYZ_to_RGB(xyz, "sRGB"), rgb, atol=2e-3)

@@ -19,10 +19,16 @@ BOARD = {"kind": "calibration_board", "square_m": 0.5, "rows": 9, "columns": 9}
 def scene_of(folder=".", wall_m=5.0, lamp="led_b4", water="IB", **render):
     """A camera before a wall, with a lamp at the camera, and one 2 m behind."""
     lamps = [{"spectrum": lamp, "power_W": 10.0}, {"spectrum": "led_b1", "power_W": 10.0, "position": [0, -2.0, 0]}]
-    return scene_from_dict({
-        "water": {"spectral": {"jerlov": water}}, "objects": [BOARD | {"position": [0, wall_m, 0]}],
-        "vehicle": {"lights": lamps, "cameras": [{"id": "M0", "resolution": [64, 36], "response": "nikon_5100"}]},
-        "trajectory": {"poses": [{"position": [0, 0, 0]}]}, "render": render}, folder)
+    return scene_from_dict(
+        {
+            "water": {"spectral": {"jerlov": water}},
+            "objects": [BOARD | {"position": [0, wall_m, 0]}],
+            "vehicle": {"lights": lamps, "cameras": [{"id": "M0", "resolution": [64, 36], "response": "nikon_5100"}]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": render,
+        },
+        folder,
+    )
 
 
 def same(one, other):
@@ -68,9 +74,17 @@ def test_bands_are_chosen_once_for_what_they_follow_from(tmp_path, monkeypatch):
     assert len(calls) == 4
 
 
-@pytest.mark.parametrize(("value", "says"), [
-    ([20, 1], "must be longer than the shortest"), ([0, 1], "greater than 0"), ([1, 2000], "at most 1000 m"),
-    ([5, 5], "must be longer"), (5, "bands_range_m"), (["nan", 5], "bands_range_m")])
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ([20, 1], "must be longer than the shortest"),
+        ([0, 1], "greater than 0"),
+        ([1, 2000], "at most 1000 m"),
+        ([5, 5], "must be longer"),
+        (5, "bands_range_m"),
+        (["nan", 5], "bands_range_m"),
+    ],
+)
 def test_ways_that_are_none_are_refused_by_key(value, says):
     with pytest.raises(InputError, match=r"render\.bands_range_m") as refused:
         scene_of(bands_range_m=value)
@@ -99,7 +113,7 @@ def test_a_warning_tells_of_other_ways_and_what_it_asks_for_helps():
         return [words for words in check_scene(scene, build_parts(scene)) if "its bands are chosen" in words]
 
     assert told() == []
-    words, = told(bands_range_m=[0.2, 1.0])
+    (words,) = told(bands_range_m=[0.2, 1.0])
     assert "vehicle.cameras.0 (M0)" in words
     assert "chosen for 0.2 to 1 m" in words
     advice = [float(x) for x in words.rpartition("[")[2].rstrip("]").split(",")]

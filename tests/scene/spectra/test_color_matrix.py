@@ -25,9 +25,14 @@ def seen(lamp, response=NIKON):
 def scene_of(matrix="auto", spectral=True, lamp="led_b4", **camera):
     view = {"color_matrix": matrix, **camera} | ({"response": "nikon_5100"} if spectral else {})
     light = {"spectrum": lamp, "power_W": 10.0} if spectral else {"intensity": [1, 1, 1]}
-    return scene_from_dict({"water": {"spectral": {"jerlov": "IB"}} if spectral else "none",
-                            "vehicle": {"lights": [light], "cameras": [view]},
-                            "trajectory": {"poses": [{"position": [0, 0, 0]}]}}, ".")
+    return scene_from_dict(
+        {
+            "water": {"spectral": {"jerlov": "IB"}} if spectral else "none",
+            "vehicle": {"lights": [light], "cameras": [view]},
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+        },
+        ".",
+    )
 
 
 @pytest.mark.parametrize("name", ["led_b1", "led_b4", "halogen_3200K"])
@@ -65,8 +70,9 @@ def test_a_response_that_is_the_eyes_gives_back_the_colours_of_patches(tmp_path)
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(colour.SpectralShape(400, 700, 1))
     d65 = colour.SDS_ILLUMINANTS["D65"].copy().align(colour.SpectralShape(380, 780, 1))
     table = tmp_path / "d65.csv"
-    table.write_text("wavelength_nm,power\n" + "".join(f"{w:g},{v}\n" for w, v in zip(
-        d65.wavelengths, d65.values, strict=True)))
+    table.write_text(
+        "wavelength_nm,power\n" + "".join(f"{w:g},{v}\n" for w, v in zip(d65.wavelengths, d65.values, strict=True))
+    )
     found = fitted_matrix(lamp_spectrum("d65.csv", lambda name: tmp_path / name, ""), observer.values.T)
     white = observer.values.T @ (d65.values[20:-80] * STEPS)
     exact = colour.RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB * (white / white[1])
@@ -76,8 +82,9 @@ def test_a_response_that_is_the_eyes_gives_back_the_colours_of_patches(tmp_path)
 def test_it_follows_the_first_lamp_and_numbers_count_as_they_are():
     scenes = {lamp: scene_of(lamp=lamp) for lamp in ("led_b1", "led_b5")}
     for lamp, scene in scenes.items():
-        np.testing.assert_array_equal(color_matrix(scene, scene.vehicle.cameras[0]),
-                                      fitted_matrix(lamp_spectrum(lamp, None, ""), NIKON))
+        np.testing.assert_array_equal(
+            color_matrix(scene, scene.vehicle.cameras[0]), fitted_matrix(lamp_spectrum(lamp, None, ""), NIKON)
+        )
     given = scene_of(GIVEN)
     np.testing.assert_array_equal(color_matrix(given, given.vehicle.cameras[0]), GIVEN)
     none = scene_of(None)
@@ -85,14 +92,21 @@ def test_it_follows_the_first_lamp_and_numbers_count_as_they_are():
     assert "color_matrix" not in scene_to_dict(none)["vehicle"]["cameras"][0]
 
 
-@pytest.mark.parametrize(("matrix", "says"), [
-    ([[1, 0, 0], [0, 1, 0]], "color_matrix"), ([[1, 0], [0, 1], [1, 1]], "color_matrix"), (GIVEN[0], "color_matrix"),
-    ([[1, 0, 0], [0, 1, 0], [0, 0, float("nan")]], "color_matrix"), ("automatic", "color_matrix"),
-    ([[1, 0, 0], [0, 1, 0], [0, 0, float("inf")]], "color_matrix"),
-    ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], "the rows are not independent"),
-    ([[-1, 0, 0], [0, -1, 0], [0, 0, -1]], "grey would be black"),
-    ([[1, 0, 0], [0, 1, 0], [0, 1, -1]], "up to more than 0"),
-    ([[1e39, 0, 0], [0, 1, 0], [0, 0, 1]], "numbers up to 1000")])
+@pytest.mark.parametrize(
+    ("matrix", "says"),
+    [
+        ([[1, 0, 0], [0, 1, 0]], "color_matrix"),
+        ([[1, 0], [0, 1], [1, 1]], "color_matrix"),
+        (GIVEN[0], "color_matrix"),
+        ([[1, 0, 0], [0, 1, 0], [0, 0, float("nan")]], "color_matrix"),
+        ("automatic", "color_matrix"),
+        ([[1, 0, 0], [0, 1, 0], [0, 0, float("inf")]], "color_matrix"),
+        ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], "the rows are not independent"),
+        ([[-1, 0, 0], [0, -1, 0], [0, 0, -1]], "grey would be black"),
+        ([[1, 0, 0], [0, 1, 0], [0, 1, -1]], "up to more than 0"),
+        ([[1e39, 0, 0], [0, 1, 0], [0, 0, 1]], "numbers up to 1000"),
+    ],
+)
 def test_what_is_no_matrix_is_refused_by_key(matrix, says):
     with pytest.raises(InputError, match=r"vehicle\.cameras\.0\.color_matrix") as refused:
         scene_of(matrix)

@@ -12,8 +12,11 @@ from varos_warp.scene.spectra.spectrum import GRID, Spectrum, read_spectra
 from varos_warp.scene.spectra.water import pure_absorption, water_spectra
 
 LAMP = {"kind": "spot", "spectrum": "led_b4", "power_W": 10}
-DATA = {"water": {"spectral": {"jerlov": "1C"}}, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-        "vehicle": {"lights": [LAMP], "cameras": [{"response": "nikon_5100"}]}}
+DATA = {
+    "water": {"spectral": {"jerlov": "1C"}},
+    "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+    "vehicle": {"lights": [LAMP], "cameras": [{"response": "nikon_5100"}]},
+}
 
 
 def spectral(tmp_path, **changes):
@@ -75,8 +78,10 @@ def test_a_file_of_water_is_what_it_says(tmp_path):
     np.testing.assert_allclose(water.c, water.a + water.b)
 
 
-@pytest.mark.parametrize(("spectrum", "response", "key"), [
-    ("led_b9", "nikon_5100", "vehicle.lights.0.spectrum"), ("led_b4", "nikkon_5100", "vehicle.cameras.0.response")])
+@pytest.mark.parametrize(
+    ("spectrum", "response", "key"),
+    [("led_b9", "nikon_5100", "vehicle.lights.0.spectrum"), ("led_b4", "nikkon_5100", "vehicle.cameras.0.response")],
+)
 def test_names_that_do_not_exist_are_told_with_those_that_do(tmp_path, spectrum, response, key):
     scene = spectral(tmp_path, vehicle={"lights": [LAMP | {"spectrum": spectrum}], "cameras": [{"response": response}]})
     with pytest.raises(InputError, match="Did you mean") as refused:
@@ -131,8 +136,10 @@ def test_info_tells_spectra_range_and_bands(tmp_path):
 def test_a_figure_is_drawn_and_another_format_refused(tmp_path):
     draw_water(spectral(tmp_path), tmp_path / "water.png")
     assert (tmp_path / "water.png").read_bytes()[:4] == b"\x89PNG"
-    for scene, name, problem in ((spectral(tmp_path), "water.xyz", "no format"),
-                                 (spectral(tmp_path, water="none", vehicle={}), "water.svg", "no spectra")):
+    for scene, name, problem in (
+        (spectral(tmp_path), "water.xyz", "no format"),
+        (spectral(tmp_path, water="none", vehicle={}), "water.svg", "no spectra"),
+    ):
         with pytest.raises(InputError, match=problem):
             draw_water(scene, tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == ["water.png"]

@@ -12,8 +12,18 @@ from varos_warp.scene.water import JERLOV
 
 
 def test_pure_water_absorbs_as_pope_and_fry_and_smith_and_baker_print():
-    printed = {400: 0.00663, 417.5: 0.00442, 440: 0.00635, 500: 0.0204, 550: 0.0565, 600: 0.2224, 650: 0.340,
-               700: 0.624, 710: 0.839, 800: 2.07}
+    printed = {
+        400: 0.00663,
+        417.5: 0.00442,
+        440: 0.00635,
+        500: 0.0204,
+        550: 0.0565,
+        600: 0.2224,
+        650: 0.340,
+        700: 0.624,
+        710: 0.839,
+        800: 2.07,
+    }
     np.testing.assert_allclose(pure_absorption(list(printed)), list(printed.values()), rtol=1e-12)
 
 
@@ -55,7 +65,7 @@ def test_water_without_constituents_is_pure():
 def test_constituents_add_what_the_model_says():
     """Morel and Maritorena (2001): b_p(550) = 0.416 chl^0.766, even at 2 mg/m^3; Bricaud's A is a_ph at 1 mg/m^3."""
     water = _constituents(Constituents(chlorophyll_mg_m3=2.0), 0.0183)
-    np.testing.assert_allclose(water.b_particles, 0.416 * 2.0 ** 0.766, rtol=2e-3)
+    np.testing.assert_allclose(water.b_particles, 0.416 * 2.0**0.766, rtol=2e-3)
     one = _constituents(Constituents(chlorophyll_mg_m3=1.0), 0.0183)
     assert one.a[0] - pure_absorption()[0] == pytest.approx(0.0240515)
     cdom = _constituents(Constituents(cdom_440_per_m=0.1), 0.0183).a - pure_absorption()
@@ -68,7 +78,7 @@ def test_constituents_add_what_the_model_says():
 def signal(d, power=0, a=pure_absorption()):
     """What each channel has of an LED after a path [m] through pure water, times a power of the attenuation."""
     light = lamp_spectrum("led_b4", None, "").at() * camera_response("nikon_5100", None, "")
-    return (light * a ** power * np.exp(-a * d)) @ STEPS
+    return (light * a**power * np.exp(-a * d)) @ STEPS
 
 
 RED = [0.193, 0.173, 0.154, 0.103, 0.055]

@@ -19,8 +19,13 @@ FOURNIER_FORAND = {"jerlov": {"type": "1C", "phase": {"kind": "fournier_forand",
 
 
 def law_of(water=FOURNIER_FORAND, **block):
-    scene = scene_from_dict({"water": water, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-                             "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]}})
+    scene = scene_from_dict(
+        {
+            "water": water,
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]},
+        }
+    )
     return ParticleLaw(Particles(**block), optical_properties(scene))
 
 
@@ -53,14 +58,17 @@ def test_the_drawn_share_is_that_of_the_areas_of_bodies_that_seem_large_enough(s
     for t in (0.02, 0.08, 0.3, 1.0, 2.9, 3.99, 5.0):
         begin = least * t
         kinks = sorted({1e-4, *(float(np.clip(k, 1e-4, 4e-3)) for k in (begin, (1 + fade) * begin)), 4e-3})
-        drawn = sum(over_radii(lambda r: r ** (2 - slope) * np.clip((r / (least * t) - 1) / fade, 0, 1), a, b)  # noqa: B023
-                    for a, b in pairwise(kinks))
+        drawn = sum(
+            over_radii(lambda r: r ** (2 - slope) * np.clip((r / (least * t) - 1) / fade, 0, 1), a, b)  # noqa: B023
+            for a, b in pairwise(kinks)
+        )
         whole = over_radii(lambda r: r ** (2 - slope), 1e-4, 4e-3)
         # a difference of two powers, divided by the fade, loses three digits of sixteen
         np.testing.assert_allclose(law.drawn(t, least, fade), drawn / whole, rtol=1e-10, atol=1e-12, err_msg=f"{t}")
 
 
 # -------------------------------------------------------------------------------------------------- phase function
+
 
 @pytest.mark.parametrize("opacity", [0.0, 0.3, 1.0])
 def test_the_phase_function_integrates_to_1(opacity):
@@ -94,13 +102,19 @@ def test_largest_share_in_fournier_forands_water():
     """Fournier and Forand's phase function at 180 degrees over the sphere's, 2 / (3 pi)."""
     law = law_of()
     assert law.largest_share == pytest.approx(0.01347, abs=5e-6)
-    assert law.largest_share == pytest.approx(float(law.water.phase.eval_s(np.array([1.0]))[0]) / (2 / (3 * np.pi)),
-                                              rel=1e-6)
+    assert law.largest_share == pytest.approx(
+        float(law.water.phase.eval_s(np.array([1.0]))[0]) / (2 / (3 * np.pi)), rel=1e-6
+    )
 
 
 def test_without_particles_there_are_no_laws():
-    scene = scene_from_dict({"water": FOURNIER_FORAND, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-                             "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]}})
+    scene = scene_from_dict(
+        {
+            "water": FOURNIER_FORAND,
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]},
+        }
+    )
     assert particle_laws(scene) == []
 
 
@@ -120,10 +134,16 @@ def test_black_bodies_are_bounded_by_nothing_but_the_share():
 @pytest.mark.parametrize("opacity", [0.0, 0.3, 0.5, 1.0])
 def test_the_limit_that_a_refusal_names_can_be_given(opacity):
     def laws(share):
-        return particle_laws(scene_from_dict({
-            "water": FOURNIER_FORAND, "trajectory": {"poses": [{"position": [0, 0, 0]}]},
-            "particles": [{"share": share, "opacity": opacity}],
-            "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]}}))
+        return particle_laws(
+            scene_from_dict(
+                {
+                    "water": FOURNIER_FORAND,
+                    "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+                    "particles": [{"share": share, "opacity": opacity}],
+                    "vehicle": {"cameras": [{"id": "M0"}], "lights": [{}]},
+                }
+            )
+        )
 
     with pytest.raises(InputError, match="at most") as refused:
         laws(0.5)

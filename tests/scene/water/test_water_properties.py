@@ -12,8 +12,16 @@ def properties(water):
 
 
 def test_principled_water_is_the_papers_table_1():
-    water = properties({"principled": {"density": 0.125, "color": [0.014, 0.146, 0.345],
-                                       "absorption_color": [0.0, 0.392, 1.0], "anisotropy": 0.8}})
+    water = properties(
+        {
+            "principled": {
+                "density": 0.125,
+                "color": [0.014, 0.146, 0.345],
+                "absorption_color": [0.0, 0.392, 1.0],
+                "anisotropy": 0.8,
+            }
+        }
+    )
     np.testing.assert_allclose(water.sigma_s, [0.00175, 0.01825, 0.043125])
     np.testing.assert_allclose(water.sigma_t, water.sigma_s + water.sigma_a)
     assert (water.g, water.source, water.phase.key) == (0.8, "principled", ("henyey_greenstein", 0.8))

@@ -31,8 +31,17 @@ LATEST_NS = (2**31 - 86_400) * 10**9
 """ROS counts the seconds in 32 bits with a sign; a sequence lasts a day at most."""
 
 
-def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet: bool = True, raw: bool = False,
-           start_ns: int = 0, scene_dir: str | Path = ".") -> Job:
+def export(
+    dataset_root,
+    to: str,
+    out,
+    images: str = WATER,
+    cameras=None,
+    quiet: bool = True,
+    raw: bool = False,
+    start_ns: int = 0,
+    scene_dir: str | Path = ".",
+) -> Job:
     """Write a dataset in another format.
 
     Args:
@@ -53,16 +62,28 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
         InputError: If the dataset lacks what the format needs, ``out`` is there or cannot be written.
     """
     if to not in FORMATS:
-        raise InputError("is no format", key="to", value=to, remedy=did_you_mean(to.lower(), FORMATS) or
-                         f"There are: {', '.join(FORMATS)}; mcap is that of ROS.")
+        raise InputError(
+            "is no format",
+            key="to",
+            value=to,
+            remedy=did_you_mean(to.lower(), FORMATS) or f"There are: {', '.join(FORMATS)}; mcap is that of ROS.",
+        )
     if raw and to != "mcap":
         raise InputError("is for mcap only", key="raw", value=raw, remedy="Leave it out.")
     if not Path(scene_dir).is_dir():
-        raise InputError("there is no such folder", key="scene_dir", value=str(scene_dir),
-                         remedy="Name the one that the scene file lies in.")
+        raise InputError(
+            "there is no such folder",
+            key="scene_dir",
+            value=str(scene_dir),
+            remedy="Name the one that the scene file lies in.",
+        )
     if not 0 <= start_ns < LATEST_NS:
-        raise InputError("is no time that every format has", key="start_ns", value=start_ns,
-                         remedy="Give nanoseconds since 1970, of a time before the year 2038.")
+        raise InputError(
+            "is no time that every format has",
+            key="start_ns",
+            value=start_ns,
+            remedy="Give nanoseconds since 1970, of a time before the year 2038.",
+        )
     data, module = Clocked(dataset_root, start_ns), import_module(f"{__name__}.{to}")
     if not data.frames:
         raise InputError("the dataset has no frames", file=data.root, remedy="Render some first.")
@@ -72,15 +93,24 @@ def export(dataset_root, to: str, out, images: str = WATER, cameras=None, quiet:
     chosen = tuple(dict.fromkeys(cameras or data.cameras))
     for camera in chosen:
         data.camera(camera)
-    job = Job(data, Path(out), images if module.IMAGES else "", chosen, quiet, raw,
-              getattr(module, "SENSORS", EXPORTED), Path(scene_dir))
+    job = Job(
+        data,
+        Path(out),
+        images if module.IMAGES else "",
+        chosen,
+        quiet,
+        raw,
+        getattr(module, "SENSORS", EXPORTED),
+        Path(scene_dir),
+    )
     if hasattr(module, "cameras"):
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:
         warnings.warn(f"{to} holds {module.HOLDS}; left out: {', '.join(left)}", stacklevel=2)
     if to in SEQUENCES and len(data) == 1:
-        warnings.warn(f"{to} is for odometry and SLAM, and this dataset has one frame: its cameras do not move",
-                      stacklevel=2)
+        warnings.warn(
+            f"{to} is for odometry and SLAM, and this dataset has one frame: its cameras do not move", stacklevel=2
+        )
     # ``A`` alone among A and B stands for the chosen one
     wanted = {images if letter == WATER and not _has_all_types(module) else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
@@ -100,14 +130,22 @@ def _has_all_types(module) -> bool:
 def _require_types(data: Clocked, to: str, needs: str) -> None:
     """Refuse a dataset without images that a format is nothing without; of colour images `_require_colors` tells."""
     if lacks := [letter for letter in needs if letter not in (*data.outputs, WATER)]:
-        raise InputError(f"needs image {lacks[0]}, and the dataset has {', '.join(data.outputs)}", file=data.root,
-                         key="to", value=to, remedy=f"Add {lacks[0]} to render.outputs and `run` again: it makes what "
-                         "is missing.")
+        raise InputError(
+            f"needs image {lacks[0]}, and the dataset has {', '.join(data.outputs)}",
+            file=data.root,
+            key="to",
+            value=to,
+            remedy=f"Add {lacks[0]} to render.outputs and `run` again: it makes what is missing.",
+        )
 
 
 def _require_colors(data: Clocked, images: str) -> None:
     """Refuse a dataset without the colour images that are chosen."""
     colors = [letter for letter in data.outputs if letter in (WATER, AMBIENT)]  # P does not lie on D
     if images not in colors:
-        raise InputError("are no colour images of this dataset", key="images", value=images,
-                         remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.")
+        raise InputError(
+            "are no colour images of this dataset",
+            key="images",
+            value=images,
+            remedy=f"It has: {', '.join(colors)}." if colors else "Render A or B first.",
+        )

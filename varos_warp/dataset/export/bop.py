@@ -30,8 +30,13 @@ def write(job: Job) -> None:
         lens_of(job, camera, "BOP")
     labels = Labels(job, must_be_whole=True)
     if not labels.things:
-        raise InputError("there is nothing with a pose but the terrain", file=job.data.root, key="to", value="bop",
-                         remedy="Give the scene objects, or export as coco.")
+        raise InputError(
+            "there is nothing with a pose but the terrain",
+            file=job.data.root,
+            key="to",
+            value="bop",
+            remedy="Give the scene objects, or export as coco.",
+        )
     models = models_of(labels)
     numbers = {key: model.number for model in models for key in model.keys}
     shown: set[int] = set()
@@ -46,8 +51,19 @@ def write(job: Job) -> None:
     _write_json(job, "models/models_info.json", info)
     first = job.cameras[0]
     about, (fx, fy, cx, cy) = job.data.camera(first), job.fx_fy_cx_cy(first)
-    _write_json(job, "camera.json", {"cx": cx, "cy": cy, "depth_scale": _depth_scale(job), "fx": fx, "fy": fy,
-                                     "height": about["height"], "width": about["width"]})
+    _write_json(
+        job,
+        "camera.json",
+        {
+            "cx": cx,
+            "cy": cy,
+            "depth_scale": _depth_scale(job),
+            "fx": fx,
+            "fy": fy,
+            "height": about["height"],
+            "width": about["width"],
+        },
+    )
     job.text("dataset_info.md", _about(job, info))
 
 
@@ -85,8 +101,9 @@ def _rigid(T: np.ndarray, name: str) -> dict:
     return {f"cam_R_{name}": T[:3, :3].ravel().tolist(), f"cam_t_{name}": (MM * T[:3, 3]).tolist()}
 
 
-def _frame(job: Job, labels: Labels, camera: str, frame: int, folder: str, numbers: dict[str, int]
-           ) -> tuple[list[dict], list[dict]]:
+def _frame(
+    job: Job, labels: Labels, camera: str, frame: int, folder: str, numbers: dict[str, int]
+) -> tuple[list[dict], list[dict]]:
     """Write the masks of a frame; return its entries of scene_gt and of scene_gt_info."""
     size = job.data.camera(camera)["height"], job.data.camera(camera)["width"]
     depth = job.data.planar_depth(frame, camera).ravel() if job.has_depth else None
@@ -111,8 +128,14 @@ def _info(label: Label, size: tuple[int, int], valid: int) -> dict:
         whole = [x - size[1], y - size[0], width - 1, height - 1]
         x, y, width, height = box_of(label.visible, size[1])
         seen = [x, y, width - 1, height - 1]
-    return {"bbox_obj": whole, "bbox_visib": seen, "px_count_all": len(label.whole), "px_count_valid": valid,
-            "px_count_visib": len(label.visible), "visib_fract": label.share}
+    return {
+        "bbox_obj": whole,
+        "bbox_visib": seen,
+        "px_count_all": len(label.whole),
+        "px_count_valid": valid,
+        "px_count_visib": len(label.visible),
+        "visib_fract": label.share,
+    }
 
 
 def measures(vertices: np.ndarray) -> dict:
@@ -122,9 +145,12 @@ def measures(vertices: np.ndarray) -> dict:
         outer = vertices[ConvexHull(vertices).vertices]
     except QhullError:  # flat
         outer = np.unique(vertices, axis=0)
-    diameter = max(float(distance.cdist(outer[i:i + 512], outer).max()) for i in range(0, len(outer), 512))
-    return {"diameter": diameter, **{f"min_{axis}": float(low[k]) for k, axis in enumerate("xyz")},
-            **{f"size_{axis}": float(high[k] - low[k]) for k, axis in enumerate("xyz")}}
+    diameter = max(float(distance.cdist(outer[i : i + 512], outer).max()) for i in range(0, len(outer), 512))
+    return {
+        "diameter": diameter,
+        **{f"min_{axis}": float(low[k]) for k, axis in enumerate("xyz")},
+        **{f"size_{axis}": float(high[k] - low[k]) for k, axis in enumerate("xyz")},
+    }
 
 
 def _write_json(job: Job, name: str, content: dict) -> None:
@@ -137,5 +163,16 @@ def _about(job: Job, info: dict) -> list[str]:
     """dataset_info.md."""
     scenes = [f"* `{SPLIT}/{i:06d}`: camera {camera}" for i, camera in enumerate(job.cameras)]
     kinds = [f"* {number}: {entry['class']} (`{entry['key']}`)" for number, entry in info.items()]
-    return [f"# {job.data.meta['scene']['name']}", "", "Made by varos_warp in the format of BOP.", "", "## Scenes", "",
-            *scenes, "", "## Models", "", *kinds]
+    return [
+        f"# {job.data.meta['scene']['name']}",
+        "",
+        "Made by varos_warp in the format of BOP.",
+        "",
+        "## Scenes",
+        "",
+        *scenes,
+        "",
+        "## Models",
+        "",
+        *kinds,
+    ]

@@ -33,9 +33,18 @@ def write(job: Job) -> None:
         names = [f"cam{camera}/{name}" for name in job.names(camera)]
         job.link_images(camera, [f"images/{name}" for name in names])
         stamps = job.data.time_ns(camera).tolist()
-        images += [{"id": first + i, "file_name": name, "width": about["width"], "height": about["height"],
-                    "camera": camera, "frame": frame, "timestamp_ns": stamp}
-                   for i, (name, frame, stamp) in enumerate(zip(names, job.data.frames, stamps, strict=True))]
+        images += [
+            {
+                "id": first + i,
+                "file_name": name,
+                "width": about["width"],
+                "height": about["height"],
+                "camera": camera,
+                "frame": frame,
+                "timestamp_ns": stamp,
+            }
+            for i, (name, frame, stamp) in enumerate(zip(names, job.data.frames, stamps, strict=True))
+        ]
         ids = range(first, first + len(names))
         for each in job.each(f"labels {camera}", partial(_annotations, labels, camera), ids):
             found += each
@@ -47,9 +56,13 @@ def _annotations(labels: Labels, camera: str, frame: int, image: int) -> list[tu
     """Of each thing in an image what is seen, if anything is, and all of it, if that is known."""
     about, numbers = labels.data.camera(camera), {name: i for i, name in enumerate(labels.categories, 1)}
     size = about["height"], about["width"]
-    return [(instance(image, label, size, numbers) if len(label.visible) else None,
-             amodal(image, label, size, numbers) if label.whole is not None else None)
-            for label in labels.of(frame, camera)]
+    return [
+        (
+            instance(image, label, size, numbers) if len(label.visible) else None,
+            amodal(image, label, size, numbers) if label.whole is not None else None,
+        )
+        for label in labels.of(frame, camera)
+    ]
 
 
 def _write_all(job: Job, labels: Labels, images: list[dict], found: list, segments: list[dict]) -> None:
@@ -69,9 +82,18 @@ def _write_all(job: Job, labels: Labels, images: list[dict], found: list, segmen
 
 def categories(labels: Labels) -> tuple[list[dict], list[dict]]:
     """Categories of things, numbered from 1, and of the terrain and the water after them, as panoptic.json has them."""
+
     def entries(names: Iterable[str], first: int, is_thing: int) -> list[dict]:
-        return [{"id": number, "name": name, "supercategory": "object" if is_thing else "surface", "isthing": is_thing,
-                 "color": _color(number)} for number, name in enumerate(names, first)]
+        return [
+            {
+                "id": number,
+                "name": name,
+                "supercategory": "object" if is_thing else "surface",
+                "isthing": is_thing,
+                "color": _color(number),
+            }
+            for number, name in enumerate(names, first)
+        ]
 
     things = entries(labels.categories, 1, 1)
     return things, entries(labels.surfaces.values(), len(things) + 1, 0)
@@ -83,20 +105,35 @@ def _color(number: int) -> list[int]:
 
 def instance(image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
     """An annotation of what is seen of an object, with our own keys of all of it, and of its pose."""
-    hidden = {} if label.whole is None else {"amodal_bbox": box_of(label.whole, size[1]),
-                                             "amodal_area": len(label.whole)}
-    return {"image_id": image, "category_id": categories[label.thing.category],
-            "bbox": box_of(label.visible, size[1]), "area": len(label.visible), "iscrowd": 0,
-            "segmentation": run_lengths(label.visible, size), **hidden, **_own_keys(label)}
+    hidden = (
+        {} if label.whole is None else {"amodal_bbox": box_of(label.whole, size[1]), "amodal_area": len(label.whole)}
+    )
+    return {
+        "image_id": image,
+        "category_id": categories[label.thing.category],
+        "bbox": box_of(label.visible, size[1]),
+        "area": len(label.visible),
+        "iscrowd": 0,
+        "segmentation": run_lengths(label.visible, size),
+        **hidden,
+        **_own_keys(label),
+    }
 
 
 def amodal(image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
     """An annotation of all of an object, with our own keys of what is seen of it."""
     seen = box_of(label.visible, size[1]) if len(label.visible) else None
-    return {"image_id": image, "category_id": categories[label.thing.category],
-            "bbox": box_of(label.whole, size[1]), "area": len(label.whole), "iscrowd": 0,
-            "segmentation": run_lengths(label.whole, size), "visible_bbox": seen, "visible_area": len(label.visible),
-            **_own_keys(label)}
+    return {
+        "image_id": image,
+        "category_id": categories[label.thing.category],
+        "bbox": box_of(label.whole, size[1]),
+        "area": len(label.whole),
+        "iscrowd": 0,
+        "segmentation": run_lengths(label.whole, size),
+        "visible_bbox": seen,
+        "visible_area": len(label.visible),
+        **_own_keys(label),
+    }
 
 
 def _own_keys(label: Label) -> dict:
@@ -109,8 +146,10 @@ def _own_keys(label: Label) -> dict:
 def _panoptic(job: Job, labels: Labels, camera: str, frame: int, image: int, name: str) -> dict:
     """Write the PNG of an image, id = R + 256 G + 65536 B, and return its annotation."""
     numbers = labels.numbers(frame, camera)
-    files.write_png(job.out / "annotations/panoptic" / name,
-                    np.stack([numbers >> shift & 255 for shift in (0, 8, 16)], -1).astype(np.uint8))
+    files.write_png(
+        job.out / "annotations/panoptic" / name,
+        np.stack([numbers >> shift & 255 for shift in (0, 8, 16)], -1).astype(np.uint8),
+    )
     things, surfaces = categories(labels)
     ids = {entry["name"]: entry["id"] for entry in [*things, *surfaces]}
     of = {number: thing.category for number, thing in labels.things.items()} | labels.surfaces
@@ -118,6 +157,15 @@ def _panoptic(job: Job, labels: Labels, camera: str, frame: int, image: int, nam
     order = np.argsort(flat, kind="stable")
     found, first = np.unique(flat[order], return_index=True)
     pixels = zip(found.tolist(), np.split(order, first[1:]), strict=True)
-    info = [{"id": number, "category_id": ids[of[number]], "area": len(own), "bbox": box_of(own, numbers.shape[1]),
-             "iscrowd": 0} for number, own in pixels if number]
+    info = [
+        {
+            "id": number,
+            "category_id": ids[of[number]],
+            "area": len(own),
+            "bbox": box_of(own, numbers.shape[1]),
+            "iscrowd": 0,
+        }
+        for number, own in pixels
+        if number
+    ]
     return {"image_id": image, "file_name": name, "segments_info": info}

@@ -42,10 +42,13 @@ def write(job: Job) -> None:
         cameras.append(f"{number} {model} {facts['width']} {facts['height']} {numbers(parameters)}{port}")
         for (name, pose), seed in zip(_images(job, camera), seeds(job, camera), strict=True):
             track = list(enumerate(zip(seed.xyz, seed.rgb.tolist(), seed.uv.tolist(), strict=True)))
-            images += [f"{image_id} {pose} {number} {name}",
-                       " ".join(f"{u} {v} {point_id + i}" for i, (_, _, (u, v)) in track)]
-            points += [f"{point_id + i} {numbers(xyz)} {r} {g} {b} 0.0 {image_id} {i}"
-                       for i, (xyz, (r, g, b), _) in track]
+            images += [
+                f"{image_id} {pose} {number} {name}",
+                " ".join(f"{u} {v} {point_id + i}" for i, (_, _, (u, v)) in track),
+            ]
+            points += [
+                f"{point_id + i} {numbers(xyz)} {r} {g} {b} 0.0 {image_id} {i}" for i, (xyz, (r, g, b), _) in track
+            ]
             known.append((image_id, name, number))
             image_id, point_id = image_id + 1, point_id + len(seed.xyz)
     for name, lines in (("cameras", cameras), ("images", images), ("points3D", points)):
@@ -54,8 +57,11 @@ def write(job: Job) -> None:
         files.write_bytes(job.out / "database.db", database(_camera_rows(job, models), known))
 
 
-PARAMETERS = {"PINHOLE": "fx fy cx cy", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
-              "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4"}
+PARAMETERS = {
+    "PINHOLE": "fx fy cx cy",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+}
 NUMBERS = {"PINHOLE": 1, "OPENCV_FISHEYE": 5, "FULL_OPENCV": 6}
 """What COLMAP's database calls its camera models (src/colmap/sensor/models.h there)."""
 TABLES = """

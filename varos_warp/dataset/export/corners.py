@@ -30,8 +30,17 @@ from varos_warp.sim.companions import motions
 
 IMAGES = ""
 SENSORS = ()
-HEADER = ["frame", "timestamp [ns]", "board", "corner", "u [px]", "v [px]", "state", *xyz("board", "m"),
-          *xyz("world", "m")]
+HEADER = [
+    "frame",
+    "timestamp [ns]",
+    "board",
+    "corner",
+    "u [px]",
+    "v [px]",
+    "state",
+    *xyz("board", "m"),
+    *xyz("world", "m"),
+]
 VISIBLE, HIDDEN, OUTSIDE, UNSEEN = "visible", "hidden", "outside", "unseen"
 """States of a corner: something is before it, or the board shows its back; its image point lies beyond the image's
 edges; it has no image point: it is behind the camera, or lens and port let no light through from there."""
@@ -81,12 +90,17 @@ def boards_of(job: Job) -> list[Board]:
         InputError: There is none.
     """
     scene = scene_from_dict(job.data.meta["scene"])
-    boards = [Board(f"objects.{i}", block) for i, block in enumerate(scene.objects)
-              if isinstance(block, CalibrationBoard)]
+    boards = [
+        Board(f"objects.{i}", block) for i, block in enumerate(scene.objects) if isinstance(block, CalibrationBoard)
+    ]
     if not boards:
-        raise InputError("the scene has no calibration board among its objects", file=job.data.root, key="to",
-                         value="corners", remedy="Add one, such as {kind: calibration_board, square_m: 0.05}: "
-                         "docs/howto/calibration.md.")
+        raise InputError(
+            "the scene has no calibration board among its objects",
+            file=job.data.root,
+            key="to",
+            value="corners",
+            remedy="Add one, such as {kind: calibration_board, square_m: 0.05}: docs/howto/calibration.md.",
+        )
     for i, block in enumerate(scene.scatter):
         if isinstance(block.object, CalibrationBoard):
             warnings.warn(f"scatter.{i}: corners of boards that are strewn are left out", stacklevel=4)
@@ -109,12 +123,14 @@ class Corners:
         try:
             scene, parts = rebuilt(job.data, job.scene_dir)
         except InputError as error:
-            raise InputError(f"what hides corners cannot be known: {error.problem}", file=job.data.root,
-                             remedy=AT_HAND) from None
+            raise InputError(
+                f"what hides corners cannot be known: {error.problem}", file=job.data.root, remedy=AT_HAND
+            ) from None
         self.motions = motions(scene)
         # its own mesh hides a corner from behind only, which needs no rays, whose rounding is that of the mesh
-        self.others = {board.key: Solids([part for part in parts if part.name != board.key], grown=True)
-                       for board in boards}
+        self.others = {
+            board.key: Solids([part for part in parts if part.name != board.key], grown=True) for board in boards
+        }
 
     def of(self, frame: int, camera: str) -> list[Sighting]:
         """The corners of every board, through a camera at a frame, by its number."""
@@ -142,8 +158,9 @@ class Corners:
             return self.motions[board.key](when)
         return np.tile(pose_matrix(board.block), (len(when), 1, 1))
 
-    def _project(self, board: Board, T_w_c: np.ndarray, time_ns: np.ndarray, camera: str
-                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _project(
+        self, board: Board, T_w_c: np.ndarray, time_ns: np.ndarray, camera: str
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Image points [N, 2], times int64 [N] and poses of the board then [N, 4, 4]: the row tells the time."""
         model, middles = self.data.camera_model(camera), np.arange(len(time_ns)) + 0.5
         row = np.full(len(board.corners), 0.5 * len(time_ns))
@@ -176,21 +193,44 @@ class Corners:
 def _columns(job: Job, camera: str, boards: list[Board], seen: list[list[Sighting]]) -> list[np.ndarray]:
     """Columns of `HEADER`, with image points in OpenCV's pixels."""
     time_ns = job.data.time_ns(camera)
-    rows = [(frame, t, board, sighting) for frame, t, sightings in zip(job.data.frames, time_ns, seen, strict=True)
-            for board, sighting in zip(boards, sightings, strict=True)]
+    rows = [
+        (frame, t, board, sighting)
+        for frame, t, sightings in zip(job.data.frames, time_ns, seen, strict=True)
+        for board, sighting in zip(boards, sightings, strict=True)
+    ]
     many = [len(board.corners) for _, _, board, _ in rows]
     first = [np.repeat([row[k] for row in rows], many) for k in (0, 1)]
     keys, numbers = np.repeat([board.key for _, _, board, _ in rows], many), np.concatenate(list(map(np.arange, many)))
-    return [*first, keys, numbers,
-            np.concatenate([s.uv for *_, s in rows]) - 0.5, np.concatenate([s.state for *_, s in rows]),
-            np.concatenate([board.corners for _, _, board, _ in rows]), np.concatenate([s.world for *_, s in rows])]
+    return [
+        *first,
+        keys,
+        numbers,
+        np.concatenate([s.uv for *_, s in rows]) - 0.5,
+        np.concatenate([s.state for *_, s in rows]),
+        np.concatenate([board.corners for _, _, board, _ in rows]),
+        np.concatenate([s.world for *_, s in rows]),
+    ]
 
 
 def _target(board: Board) -> dict | None:
     """A board as Kalibr's target files have it; None where a scale has stretched its tags."""
     block, (x, _, z) = board.block, np.broadcast_to(np.asarray(board.block.scale, float), 3).tolist()
     if block.pattern == "checkerboard":
-        return {"target_type": "checkerboard", "targetCols": block.columns, "targetRows": block.rows,
-                "rowSpacingMeters": block.square_m * z, "colSpacingMeters": block.square_m * x}
-    return None if x != z else {"target_type": "aprilgrid", "tagCols": block.columns, "tagRows": block.rows,
-                                "tagSize": block.tag_m * x, "tagSpacing": block.spacing or SPACING}
+        return {
+            "target_type": "checkerboard",
+            "targetCols": block.columns,
+            "targetRows": block.rows,
+            "rowSpacingMeters": block.square_m * z,
+            "colSpacingMeters": block.square_m * x,
+        }
+    return (
+        None
+        if x != z
+        else {
+            "target_type": "aprilgrid",
+            "tagCols": block.columns,
+            "tagRows": block.rows,
+            "tagSize": block.tag_m * x,
+            "tagSpacing": block.spacing or SPACING,
+        }
+    )

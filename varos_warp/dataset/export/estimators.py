@@ -18,8 +18,12 @@ from varos_warp.dataset.export.shared.job import Job, lens_of
 from varos_warp.scene.frames import inverse
 from varos_warp.scene.optics.shutter import offsets_of_rows_s
 
-NOISE_FREE = {"gyroscope_noise_density": 1e-4, "gyroscope_random_walk": 1e-6,
-              "accelerometer_noise_density": 1e-3, "accelerometer_random_walk": 1e-5}
+NOISE_FREE = {
+    "gyroscope_noise_density": 1e-4,
+    "gyroscope_random_walk": 1e-6,
+    "accelerometer_noise_density": 1e-3,
+    "accelerometer_random_walk": 1e-5,
+}
 """Estimators and Kalibr refuse zeros, so readings without noise are said to have this little; Kalibr's units."""
 
 
@@ -41,8 +45,10 @@ def write(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
         _openvins(job, chain, imu)
         return
     unsaid = " and ".join(["ORB-SLAM3"] * (not orb_slam3) + ["OpenVINS"])
-    warnings.warn(f"{unsaid} cannot state a double sphere ({', '.join(spheres)}): no settings for {unsaid} are written",
-                  stacklevel=2)
+    warnings.warn(
+        f"{unsaid} cannot state a double sphere ({', '.join(spheres)}): no settings for {unsaid} are written",
+        stacklevel=2,
+    )
 
 
 def _settings(program: str) -> dict:
@@ -79,8 +85,9 @@ def kalibr_camera(job: Job, camera: str) -> KalibrCamera:
     lens, k = lens_of(job, camera, "EuRoC (Kalibr's radtan, equidistant and ds)", *known)
     if lens == "double_sphere":
         return KalibrCamera("ds", [*k, *job.fx_fy_cx_cy(camera)], "none", [])
-    return KalibrCamera("pinhole", job.fx_fy_cx_cy(camera), "equidistant" if lens == "kannala_brandt" else "radtan",
-                        k or [0.0] * 4)
+    return KalibrCamera(
+        "pinhole", job.fx_fy_cx_cy(camera), "equidistant" if lens == "kannala_brandt" else "radtan", k or [0.0] * 4
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------- ORB-SLAM3
@@ -96,19 +103,28 @@ def _orb_slam3(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
     facts, noise, meta = job.data.camera(first), imu_noise(job)[0], job.data.meta
     imu_ns, time_ns = job.data.imu()["time_ns"], job.data.time_ns(first)
     job.text("times.txt", map(str, time_ns[(time_ns >= imu_ns[0]) & (time_ns < imu_ns[-1])].tolist()))
-    values = {**_orb_slam3_camera(job, first, 1), "Camera.width": facts["width"], "Camera.height": facts["height"],
-              "Camera.fps": max(1, round(meta["frames"]["rate_hz"])), "Camera.RGB": 0,
-              "IMU.NoiseGyro": noise["gyroscope_noise_density"], "IMU.NoiseAcc": noise["accelerometer_noise_density"],
-              "IMU.GyroWalk": noise["gyroscope_random_walk"], "IMU.AccWalk": noise["accelerometer_random_walk"],
-              "IMU.Frequency": float(meta["sensors"]["imu0"]["rate_hz"])} | _settings("orb_slam3")
+    values = {
+        **_orb_slam3_camera(job, first, 1),
+        "Camera.width": facts["width"],
+        "Camera.height": facts["height"],
+        "Camera.fps": max(1, round(meta["frames"]["rate_hz"])),
+        "Camera.RGB": 0,
+        "IMU.NoiseGyro": noise["gyroscope_noise_density"],
+        "IMU.NoiseAcc": noise["accelerometer_noise_density"],
+        "IMU.GyroWalk": noise["gyroscope_random_walk"],
+        "IMU.AccWalk": noise["accelerometer_random_walk"],
+        "IMU.Frequency": float(meta["sensors"]["imu0"]["rate_hz"]),
+    } | _settings("orb_slam3")
     kind = "KannalaBrandt8" if kalibr_camera(job, first).distortion == "equidistant" else "PinHole"
     lines = ["%YAML:1.0", 'File.version: "1.0"', f'Camera.type: "{kind}"', *_opencv_matrix("IMU.T_b_c1", T_b_c1)]
     if others:
         second, T_b_c2 = others[0]
         values |= {**_orb_slam3_camera(job, second, 2), "Stereo.ThDepth": 60.0}
         lines += _opencv_matrix("Stereo.T_c1_c2", inverse(T_b_c1) @ T_b_c2)
-    job.text("orb_slam3.yaml", lines + [
-        f"{key}: {_real(value) if isinstance(value, float) else value}" for key, value in values.items()])
+    job.text(
+        "orb_slam3.yaml",
+        lines + [f"{key}: {_real(value) if isinstance(value, float) else value}" for key, value in values.items()],
+    )
 
 
 def _orb_slam3_camera(job: Job, camera: str, number: int) -> dict[str, float]:
@@ -139,10 +155,16 @@ def _camera_chain(job: Job, T_b_c: dict[str, np.ndarray]) -> dict[str, dict]:
     for number, (camera, T) in enumerate(T_b_c.items()):
         facts, (model, intrinsics, distortion, k) = job.data.camera(camera), kalibr_camera(job, camera)
         chain[f"cam{number}"] = {
-            "cam_overlaps": [n for n in numbers if n != number], "camera_model": model,
-            "distortion_coeffs": k, "distortion_model": distortion, "intrinsics": intrinsics,
-            "resolution": [facts["width"], facts["height"]], "rostopic": f"/cam{camera}/image",
-            "T_cam_imu": inverse(T).tolist(), **_row_times(facts)}
+            "cam_overlaps": [n for n in numbers if n != number],
+            "camera_model": model,
+            "distortion_coeffs": k,
+            "distortion_model": distortion,
+            "intrinsics": intrinsics,
+            "resolution": [facts["width"], facts["height"]],
+            "rostopic": f"/cam{camera}/image",
+            "T_cam_imu": inverse(T).tolist(),
+            **_row_times(facts),
+        }
         if before is not None:
             chain[f"cam{number}"]["T_cn_cnm1"] = (inverse(T) @ before).tolist()
         before = T
@@ -157,25 +179,47 @@ def _row_times(facts: dict) -> dict[str, float]:
     readout_s = (facts.get("shutter") or {"readout_s": 0.0})["readout_s"]
     if not readout_s:
         return {"timeshift_cam_imu": 0.0}
-    return {"timeshift_cam_imu": float(offsets_of_rows_s(facts["height"], readout_s)[0]),
-            "line_delay": readout_s / facts["height"]}
+    return {
+        "timeshift_cam_imu": float(offsets_of_rows_s(facts["height"], readout_s)[0]),
+        "line_delay": readout_s / facts["height"],
+    }
 
 
 def _openvins(job: Job, chain: dict[str, dict], imu: dict) -> None:
     """estimator_config.yaml and the two chains that it names."""
     meta, count = job.data.meta, len(chain)
     settings = _settings("openvins") | {
-        "use_stereo": count > 1, "max_cameras": count, "gravity_mag": float(np.linalg.norm(meta["gravity"])),
-        "track_frequency": 2.0 * meta["frames"]["rate_hz"] + 1.0}  # of images, or it drops some
+        "use_stereo": count > 1,
+        "max_cameras": count,
+        "gravity_mag": float(np.linalg.norm(meta["gravity"])),
+        "track_frequency": 2.0 * meta["frames"]["rate_hz"] + 1.0,
+    }  # of images, or it drops some
     write_yaml(job, "openvins/estimator_config.yaml", settings, opencv=True)
     # it takes all rows to be of one time, which is best the stamp
-    rowless = {name: {key: value for key, value in camera.items() if key != "line_delay"} | {"timeshift_cam_imu": 0.0}
-               for name, camera in chain.items()}
+    rowless = {
+        name: {key: value for key, value in camera.items() if key != "line_delay"} | {"timeshift_cam_imu": 0.0}
+        for name, camera in chain.items()
+    }
     write_yaml(job, "openvins/kalibr_imucam_chain.yaml", rowless, opencv=True)
     identity = np.eye(3).tolist()
-    write_yaml(job, "openvins/kalibr_imu_chain.yaml", {"imu0": {
-        "T_i_b": np.eye(4).tolist(), **imu, "time_offset": 0.0, "model": "kalibr", "Tw": identity,
-        "R_IMUtoGYRO": identity, "Ta": identity, "R_IMUtoACC": identity, "Tg": np.zeros((3, 3)).tolist()}}, opencv=True)
+    write_yaml(
+        job,
+        "openvins/kalibr_imu_chain.yaml",
+        {
+            "imu0": {
+                "T_i_b": np.eye(4).tolist(),
+                **imu,
+                "time_offset": 0.0,
+                "model": "kalibr",
+                "Tw": identity,
+                "R_IMUtoGYRO": identity,
+                "Ta": identity,
+                "R_IMUtoACC": identity,
+                "Tg": np.zeros((3, 3)).tolist(),
+            }
+        },
+        opencv=True,
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------- YAML
@@ -193,8 +237,12 @@ class _Dumper(yaml.SafeDumper):
         return super().increase_indent(flow, False)
 
 
-_Dumper.add_representer(list, lambda dumper, items: dumper.represent_sequence(
-    "tag:yaml.org,2002:seq", items, flow_style=not any(isinstance(item, list) for item in items)))
+_Dumper.add_representer(
+    list,
+    lambda dumper, items: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", items, flow_style=not any(isinstance(item, list) for item in items)
+    ),
+)
 
 
 def write_yaml(job: Job, name: str, content: dict, opencv: bool = False) -> None:

@@ -28,16 +28,29 @@ def cameras(job: Job) -> tuple[str, ...]:
 def write(job: Job) -> None:
     """Write the folder."""
     if "vehicle" not in job.data.recorded:
-        raise InputError("EuRoC needs the course of the vehicle, which this dataset lacks", file=job.data.root,
-                         remedy="`varos-warp simulate` into the same folder adds it.")
+        raise InputError(
+            "EuRoC needs the course of the vehicle, which this dataset lacks",
+            file=job.data.root,
+            remedy="`varos-warp simulate` into the same folder adds it.",
+        )
     if not job.cameras:
-        raise InputError("no camera is on the vehicle, so none has a T_BS", file=job.data.root,
-                         remedy="Export to colmap, nerfstudio or tum.")
+        raise InputError(
+            "no camera is on the vehicle, so none has a T_BS",
+            file=job.data.root,
+            remedy="Export to colmap, nerfstudio or tum.",
+        )
     has_imu = "imu0" in job.data.recorded
     body = np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if has_imu else np.eye(4)  # T_v_B
     T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in job.cameras}
-    write_yaml(job, "mav0/body.yaml", {"comment": "varos_warp: B is the IMU" if has_imu else
-                                       "varos_warp: B is the vehicle, x right, y forward, z up"})
+    write_yaml(
+        job,
+        "mav0/body.yaml",
+        {
+            "comment": "varos_warp: B is the IMU"
+            if has_imu
+            else "varos_warp: B is the vehicle, x right, y forward, z up"
+        },
+    )
     for number, camera in enumerate(job.cameras):
         _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
     _depth_gauge(job, body)
@@ -58,23 +71,45 @@ def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
     job.link_images(camera, (f"{folder}/data/{t}.png" for t in time_ns))
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
     facts, (model, intrinsics, distortion, k) = job.data.camera(camera), kalibr_camera(job, camera)
-    write_yaml(job, f"{folder}/sensor.yaml", {
-        "sensor_type": "camera", "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
-        "T_BS": _matrix(T_B_c),
-        "rate_hz": job.data.meta["frames"]["rate_hz"], "resolution": [facts["width"], facts["height"]],
-        "camera_model": model, "intrinsics": intrinsics,  # the double sphere has Kalibr's name, for EuRoC has none
-        "distortion_model": {"radtan": "radial-tangential"}.get(distortion, distortion), "distortion_coefficients": k})
+    write_yaml(
+        job,
+        f"{folder}/sensor.yaml",
+        {
+            "sensor_type": "camera",
+            "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
+            "T_BS": _matrix(T_B_c),
+            "rate_hz": job.data.meta["frames"]["rate_hz"],
+            "resolution": [facts["width"], facts["height"]],
+            "camera_model": model,
+            "intrinsics": intrinsics,  # the double sphere has Kalibr's name, for EuRoC has none
+            "distortion_model": {"radtan": "radial-tangential"}.get(distortion, distortion),
+            "distortion_coefficients": k,
+        },
+    )
 
 
 def _imu(job: Job) -> None:
     """Gyroscope first, then accelerometer."""
     imu = job.data.imu()
-    files.write_csv(job.out / "mav0/imu0/data.csv",
-                    [TIME, *xyz("w_RS_S", "rad s^-1"), *xyz("a_RS_S", "m s^-2")],
-                    imu["time_ns"], imu["angular_velocity"], imu["acceleration"])
+    files.write_csv(
+        job.out / "mav0/imu0/data.csv",
+        [TIME, *xyz("w_RS_S", "rad s^-1"), *xyz("a_RS_S", "m s^-2")],
+        imu["time_ns"],
+        imu["angular_velocity"],
+        imu["acceleration"],
+    )
     noise, comment = imu_noise(job)
-    write_yaml(job, "mav0/imu0/sensor.yaml", {"sensor_type": "imu", "comment": comment, "T_BS": _matrix(np.eye(4)),
-                                         "rate_hz": job.data.meta["sensors"]["imu0"]["rate_hz"], **noise})
+    write_yaml(
+        job,
+        "mav0/imu0/sensor.yaml",
+        {
+            "sensor_type": "imu",
+            "comment": comment,
+            "T_BS": _matrix(np.eye(4)),
+            "rate_hz": job.data.meta["sensors"]["imu0"]["rate_hz"],
+            **noise,
+        },
+    )
 
 
 def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -88,12 +123,33 @@ def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np
     folder = "mav0/state_groundtruth_estimate0"
     if bias is None:
         bias = dict.fromkeys(("angular_velocity", "acceleration"), np.zeros_like(velocity))
-    header = ["#timestamp", *xyz("p_RS_R", "m"), *(f"q_RS_{a} []" for a in "wxyz"), *xyz("v_RS_R", "m s^-1"),
-              *xyz("b_w_RS_S", "rad s^-1"), *xyz("b_a_RS_S", "m s^-2")]
-    files.write_csv(job.out / folder / "data.csv", header, time_ns, T_w_b[:, :3, 3],
-                    quaternion(T_w_b, scalar_first=True), velocity, bias["angular_velocity"], bias["acceleration"])
-    write_yaml(job, f"{folder}/sensor.yaml", {"sensor_type": "visual-inertial", "comment": "exact, of the simulation; "
-                                         "gravity is along -z", "T_BS": _matrix(np.eye(4))})
+    header = [
+        "#timestamp",
+        *xyz("p_RS_R", "m"),
+        *(f"q_RS_{a} []" for a in "wxyz"),
+        *xyz("v_RS_R", "m s^-1"),
+        *xyz("b_w_RS_S", "rad s^-1"),
+        *xyz("b_a_RS_S", "m s^-2"),
+    ]
+    files.write_csv(
+        job.out / folder / "data.csv",
+        header,
+        time_ns,
+        T_w_b[:, :3, 3],
+        quaternion(T_w_b, scalar_first=True),
+        velocity,
+        bias["angular_velocity"],
+        bias["acceleration"],
+    )
+    write_yaml(
+        job,
+        f"{folder}/sensor.yaml",
+        {
+            "sensor_type": "visual-inertial",
+            "comment": "exact, of the simulation; gravity is along -z",
+            "T_BS": _matrix(np.eye(4)),
+        },
+    )
 
 
 def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
@@ -102,9 +158,16 @@ def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
         return
     gauge, facts = job.data.depth_gauge(), job.data.meta["sensors"]["depth0"]
     files.write_csv(job.out / "mav0/depth_gauge0/data.csv", [TIME, "depth [m]"], gauge["time_ns"], gauge["depth"])
-    write_yaml(job, "mav0/depth_gauge0/sensor.yaml", {
-        "sensor_type": "depth_gauge", "comment": f"metres below the surface, positive down, {job.noise('depth0')}",
-        "T_BS": _matrix(inverse(T_v_b) @ np.array(facts["T_v_s"])), "rate_hz": facts["rate_hz"]})
+    write_yaml(
+        job,
+        "mav0/depth_gauge0/sensor.yaml",
+        {
+            "sensor_type": "depth_gauge",
+            "comment": f"metres below the surface, positive down, {job.noise('depth0')}",
+            "T_BS": _matrix(inverse(T_v_b) @ np.array(facts["T_v_s"])),
+            "rate_hz": facts["rate_hz"],
+        },
+    )
 
 
 def _matrix(T: np.ndarray) -> dict:

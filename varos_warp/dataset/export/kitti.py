@@ -50,10 +50,13 @@ def write(job: Job) -> None:
 def _depth_benchmark(job: Job, folder: str, drive: str, place: int) -> None:
     """The same depth and colour files where the loaders of the depth benchmark look for them."""
     for i in range(len(job.data)):
-        files.link(job.out / f"{folder}/depth_{place}/{i:06d}.png",
-                   job.out / f"{drive}/proj_depth/groundtruth/image_{place:02d}/{i:010d}.png")
-        files.link(job.out / f"{folder}/image_{place}/{i:06d}.png",
-                   job.out / f"{drive}/image_{place:02d}/data/{i:010d}.png")
+        files.link(
+            job.out / f"{folder}/depth_{place}/{i:06d}.png",
+            job.out / f"{drive}/proj_depth/groundtruth/image_{place:02d}/{i:010d}.png",
+        )
+        files.link(
+            job.out / f"{folder}/image_{place}/{i:06d}.png", job.out / f"{drive}/image_{place:02d}/data/{i:010d}.png"
+        )
 
 
 def calibration(K: np.ndarray, baseline_m: float) -> list[str]:

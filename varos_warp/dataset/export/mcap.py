@@ -35,7 +35,8 @@ FRAMES = (
     "map (the dataset's world, z up) -> odom (the same: the course has no drift) -> base_link (x forward, y left, "
     "z up) -> imu_link, depth_gauge_link, altimeter_link, dvl_link, magnetometer_link (axes of the readings) and "
     "cam<id>_optical_frame (x right, y down, z forward); map -> cameras that stand in the world, and what moves: "
-    "objects in their own axes, vehicles in those of base_link, with their lights, which point along z")
+    "objects in their own axes, vehicles in those of base_link, with their lights, which point along z"
+)
 """The tree of frames, under ``frames`` in the custom data of the bag's metadata."""
 T_BASE_V = transform(np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
 """A vehicle's axes x right, y forward, z up in those of REP 103."""
@@ -44,11 +45,16 @@ Event = tuple[int, str, Callable]
 """Time [ns], topic, and what makes the message, or None: it is called when its turn comes, so one image is held at a
 time."""
 SENSORS = tuple(sensor.id for sensor in ALL if sensor.ros_types)
-TYPES = {**{f"/{sensor.id}{topic}": kind for sensor in ALL for topic, kind in sensor.ros_types.items()},
-         "ground_truth": "nav_msgs/msg/Odometry",
-         "tf": "tf2_msgs/msg/TFMessage", "tf_static": "tf2_msgs/msg/TFMessage",
-         "camera_info": "sensor_msgs/msg/CameraInfo", "compressed": "sensor_msgs/msg/CompressedImage",
-         "image": "sensor_msgs/msg/Image", "depth": "sensor_msgs/msg/Image"}
+TYPES = {
+    **{f"/{sensor.id}{topic}": kind for sensor in ALL for topic, kind in sensor.ros_types.items()},
+    "ground_truth": "nav_msgs/msg/Odometry",
+    "tf": "tf2_msgs/msg/TFMessage",
+    "tf_static": "tf2_msgs/msg/TFMessage",
+    "camera_info": "sensor_msgs/msg/CameraInfo",
+    "compressed": "sensor_msgs/msg/CompressedImage",
+    "image": "sensor_msgs/msg/Image",
+    "depth": "sensor_msgs/msg/Image",
+}
 """Message type by the topic of a sensor, or by the last word of another."""
 
 
@@ -62,8 +68,9 @@ def write(job: Job) -> None:
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise InputError("needs the package rosbags", key="to", value="mcap",
-                         remedy='pip install "varos_warp[export]"') from error
+        raise InputError(
+            "needs the package rosbags", key="to", value="mcap", remedy='pip install "varos_warp[export]"'
+        ) from error
     store = get_typestore(Stores.ROS2_HUMBLE)
     events = sorted(_events(job, Messages(store.types)), key=itemgetter(0))
     writer = Writer(job.out / "bag", version=8, storage_plugin=StoragePlugin.MCAP)
@@ -87,8 +94,17 @@ def _latched():
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     none = QosTime(0, 0)
-    return Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, none, none,
-               QosLiveliness.AUTOMATIC, none, False)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        none,
+        none,
+        QosLiveliness.AUTOMATIC,
+        none,
+        False,
+    )
 
 
 def _events(job: Job, messages: "Messages") -> Iterator[Event]:
@@ -113,8 +129,11 @@ def _readings(data: Dataset, sensor: SensorProduct, topic: str, messages: "Messa
     """Readings of a sensor with its noise, a message each on one of its topics."""
     read = data.readings(sensor.id)
     for i, t in enumerate(read["time_ns"].tolist()):
-        yield t, f"/{sensor.id}{topic}", lambda t=t, i=i: sensor.ros(
-            messages, topic, t, {key: read[key][i] for key in read}, data.meta)
+        yield (
+            t,
+            f"/{sensor.id}{topic}",
+            lambda t=t, i=i: sensor.ros(messages, topic, t, {key: read[key][i] for key in read}, data.meta),
+        )
 
 
 def _is_vehicle(key: str) -> bool:
@@ -138,7 +157,7 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
     topic, name = f"/cam{camera}", optical_frame(camera)
     facts, K = job.data.camera(camera), job.data.intrinsics(camera, "opencv")
     lens = lens_of(job, camera, "MCAP (ROS)", *ROS_MODELS)
-    before = job.cameras[:job.cameras.index(camera)]
+    before = job.cameras[: job.cameras.index(camera)]
     baseline_m = next(filter(None, (baseline(job, left, camera) for left in before)), 0.0)
 
     def image(t: int, frame: int):
@@ -156,8 +175,11 @@ def _camera(job: Job, camera: str, messages: "Messages") -> Iterator[Event]:
         return messages.raw(t, name, job.data.planar_depth(frame, camera).astype("<f4"), "32FC1")
 
     made = {"image/compressed": image, "image": raw_image, "depth/compressed": depth, "depth": raw_depth}
-    made = {kind: make for kind, make in made.items()
-            if (job.raw or "/" in kind) and (job.has_depth or kind.startswith("image"))}
+    made = {
+        kind: make
+        for kind, make in made.items()
+        if (job.raw or "/" in kind) and (job.has_depth or kind.startswith("image"))
+    }
     for t, frame in zip(job.data.views(camera)[0].tolist(), job.data.frames, strict=True):
         yield t, f"{topic}/camera_info", lambda t=t: messages.camera_info(t, name, facts, K, lens, baseline_m)
         for kind, make in made.items():
@@ -172,13 +194,17 @@ def optical_frame(camera: str) -> str:
 def _mounts(job: Job) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     """Parent, child, position and quaternion of what is fixed."""
     mounts = [(MAP, ODOM, np.eye(4))]
-    mounts += [(BASE, sensor.ros_frame, T_BASE_V @ np.array(job.data.meta["sensors"][sensor.id]["T_v_s"]))
-               for sensor in ALL if sensor.id in job.data.meta["sensors"]]
+    mounts += [
+        (BASE, sensor.ros_frame, T_BASE_V @ np.array(job.data.meta["sensors"][sensor.id]["T_v_s"]))
+        for sensor in ALL
+        if sensor.id in job.data.meta["sensors"]
+    ]
     for camera in job.cameras:
         facts, name = job.data.camera(camera), optical_frame(camera)
         in_world = facts["mount"] == "world"
-        mounts.append((MAP, name, np.array(facts["T_w_c"])) if in_world else
-                      (BASE, name, T_BASE_V @ np.array(facts["T_v_c"])))
+        mounts.append(
+            (MAP, name, np.array(facts["T_w_c"])) if in_world else (BASE, name, T_BASE_V @ np.array(facts["T_v_c"]))
+        )
     mounts += [(*keys, T_BASE_V @ np.array(light["T_v_light"])) for keys, light in lights_of_others(job).items()]
     for parent, child, T in mounts:
         yield parent, child, T[:3, 3], quaternion(T[None], scalar_first=True)[0]
@@ -212,34 +238,61 @@ class Messages:
         pose = self["geometry_msgs/msg/Pose"](self.vector(position, "Point"), self.rotation(q))
         twist = self["geometry_msgs/msg/Twist"](self.vector(velocity), self.vector(angular_velocity))
         return self["nav_msgs/msg/Odometry"](
-            self.header(time_ns, ODOM), BASE, self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
-            self["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)))
+            self.header(time_ns, ODOM),
+            BASE,
+            self["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            self["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
+        )
 
     def tf(self, time_ns: int, *poses):
         """A TFMessage of (parent, child, position, quaternion) each: the pose of the child in the parent."""
-        return self["tf2_msgs/msg/TFMessage"]([
-            self["geometry_msgs/msg/TransformStamped"](
-                self.header(time_ns, parent), child,
-                self["geometry_msgs/msg/Transform"](self.vector(position), self.rotation(q)))
-            for parent, child, position, q in poses])
+        return self["tf2_msgs/msg/TFMessage"](
+            [
+                self["geometry_msgs/msg/TransformStamped"](
+                    self.header(time_ns, parent),
+                    child,
+                    self["geometry_msgs/msg/Transform"](self.vector(position), self.rotation(q)),
+                )
+                for parent, child, position, q in poses
+            ]
+        )
 
-    def camera_info(self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, lens: tuple[str, list[float]],
-                    baseline_m: float):
+    def camera_info(
+        self, time_ns: int, frame_id: str, facts: dict, K: np.ndarray, lens: tuple[str, list[float]], baseline_m: float
+    ):
         """A CameraInfo; of the right camera of a rectified pair, P holds the baseline."""
         model, k = ROS_MODELS.get(lens[0], "plumb_bob"), np.array(lens[1] or [0.0] * 5)
         P = np.column_stack([K, [-K[0, 0] * baseline_m, 0.0, 0.0]])
         region = self["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         return self["sensor_msgs/msg/CameraInfo"](
-            self.header(time_ns, frame_id), facts["height"], facts["width"], model, k, K.ravel(),
-            np.eye(3).ravel(), P.ravel(), 0, 0, region)
+            self.header(time_ns, frame_id),
+            facts["height"],
+            facts["width"],
+            model,
+            k,
+            K.ravel(),
+            np.eye(3).ravel(),
+            P.ravel(),
+            0,
+            0,
+            region,
+        )
 
     def png(self, time_ns: int, frame_id: str, data: bytes, form: str):
         """A CompressedImage."""
-        return self["sensor_msgs/msg/CompressedImage"](self.header(time_ns, frame_id), form,
-                                                       np.frombuffer(data, np.uint8))
+        return self["sensor_msgs/msg/CompressedImage"](
+            self.header(time_ns, frame_id), form, np.frombuffer(data, np.uint8)
+        )
 
     def raw(self, time_ns: int, frame_id: str, pixels: np.ndarray, encoding: str):
         """An Image of little-endian pixels [H, W] or [H, W, C]."""
         height, width = pixels.shape[:2]
-        return self["sensor_msgs/msg/Image"](self.header(time_ns, frame_id), height, width, encoding, 0,
-                                             pixels.nbytes // height, np.frombuffer(pixels.tobytes(), np.uint8))
+        return self["sensor_msgs/msg/Image"](
+            self.header(time_ns, frame_id),
+            height,
+            width,
+            encoding,
+            0,
+            pixels.nbytes // height,
+            np.frombuffer(pixels.tobytes(), np.uint8),
+        )

@@ -34,8 +34,8 @@ FIELDS = {
     DESCRIPTION: "JSON: this, and dataset.json",
     **{sensor.stream_id: sensor.stream_fields for sensor in ALL},
     STATE: "float64[19]: position x y z [m], velocity x y z [m/s], acceleration x y z [m/s^2], world axes; quaternion "
-           "w x y z, vehicle to world; angular velocity x y z [rad/s], angular acceleration x y z [rad/s^2], vehicle "
-           "axes; all true",
+    "w x y z, vehicle to world; angular velocity x y z [rad/s], angular acceleration x y z [rad/s^2], vehicle "
+    "axes; all true",
     POSE: "uint32: number in `sources`; float64[12]: rows of its true pose, 3 x 4, to the world",
     IMAGE: "uint32: frame; uint8: number of the camera in dataset.json; uint8: ASCII letter of the image type; path",
     END: "nothing: the stream is whole",
@@ -52,8 +52,11 @@ def write(job: Job) -> None:
         files.write_json(job.out / job.data.layout.segments.name, files.read_json(job.data.layout.segments))
     cameras = job.cameras if job.data.frames else ()
     sources = [*job.data.recorded, *cameras, *(job.data.moving if cameras else ())]
-    streams = [*_readings(job.data), *(_poses(job.data, i, name) for i, name in enumerate(sources)),
-               *(_images(job, camera) for camera in cameras)]
+    streams = [
+        *_readings(job.data),
+        *(_poses(job.data, i, name) for i, name in enumerate(sources)),
+        *(_images(job, camera) for camera in cameras),
+    ]
     if "vehicle" in job.data.recorded:
         streams.append(_rows(STATE, job.data.states(), STATES))
     last_ns = job.data.start_ns
@@ -77,9 +80,15 @@ def _description(job: Job, sources: list[str]) -> dict:
     for number in SENSOR_IDS.values():
         fields[number + 1] = f"{fields[number]}; without noise"
         fields[number + 2] = f"{fields[number]}; the bias in it"
-    return {"format": "varos_warp stream", "version": VERSION, "byte_order": "little-endian",
-            "messages": {str(number): f"int64: time [ns]; {fields[number]}" for number in sorted(fields)},
-            "sources": sources, "start_ns": job.data.start_ns, "dataset": job.data.meta}
+    return {
+        "format": "varos_warp stream",
+        "version": VERSION,
+        "byte_order": "little-endian",
+        "messages": {str(number): f"int64: time [ns]; {fields[number]}" for number in sorted(fields)},
+        "sources": sources,
+        "start_ns": job.data.start_ns,
+        "dataset": job.data.meta,
+    }
 
 
 def _poses(data: Clocked, number: int, name: str) -> Iterator[Message]:
@@ -103,7 +112,7 @@ def _rows(number: int, table: dict[str, np.ndarray], columns, before: bytes = b"
     values = np.column_stack([table[quantity] for quantity in columns])
     content, size = values.astype("<f8").tobytes(), 8 * values.shape[1]
     for i, time_ns in enumerate(table["time_ns"].tolist()):
-        yield time_ns, number, before + content[i * size:(i + 1) * size]
+        yield time_ns, number, before + content[i * size : (i + 1) * size]
 
 
 def _images(job: Job, camera: str) -> Iterator[Message]:

@@ -31,15 +31,30 @@ def write(job: Job) -> None:
         job.text("depth.txt", ["# depth maps", "# timestamp filename", *(f"{s} depth/{s}.png" for s in stamps)])
         job.text("associations.txt", [f"{s} rgb/{s}.png {s} depth/{s}.png" for s in stamps])
     rows = np.column_stack([T_w_c[:, :3, 3], quaternion(T_w_c, scalar_first=False)])
-    job.text("groundtruth.txt", ["# camera in the world: OpenCV axes, world z up", "# timestamp tx ty tz qx qy qz qw",
-                                 *(f"{s} {numbers(row)}" for s, row in zip(stamps, rows, strict=True))])
+    job.text(
+        "groundtruth.txt",
+        [
+            "# camera in the world: OpenCV axes, world z up",
+            "# timestamp tx ty tz qx qy qz qw",
+            *(f"{s} {numbers(row)}" for s, row in zip(stamps, rows, strict=True)),
+        ],
+    )
     if "imu0" in job.data.recorded:
         imu = job.data.imu()
-        job.text("accelerometer.txt", [f"# specific force in the IMU's axes [m/s^2], {job.noise('imu0')}",
-                                       "# timestamp ax ay az",
-                                       *(f"{seconds(t)} {numbers(a)}" for t, a in
-                                         zip(imu["time_ns"], imu["acceleration"], strict=True))])
+        job.text(
+            "accelerometer.txt",
+            [
+                f"# specific force in the IMU's axes [m/s^2], {job.noise('imu0')}",
+                "# timestamp ax ay az",
+                *(f"{seconds(t)} {numbers(a)}" for t, a in zip(imu["time_ns"], imu["acceleration"], strict=True)),
+            ],
+        )
     facts = job.data.camera(camera)
-    job.text("camera.txt", ["# pinhole without distortion; the centre of the top left pixel is (0, 0)",
-                            "# fx fy cx cy width height depth_units_per_metre",
-                            f"{numbers(job.fx_fy_cx_cy(camera))} {facts['width']} {facts['height']} 5000"])
+    job.text(
+        "camera.txt",
+        [
+            "# pinhole without distortion; the centre of the top left pixel is (0, 0)",
+            "# fx fy cx cy width height depth_units_per_metre",
+            f"{numbers(job.fx_fy_cx_cy(camera))} {facts['width']} {facts['height']} 5000",
+        ],
+    )

@@ -90,23 +90,37 @@ def _camera(job: Job, folder: str, number: int, camera: str, has_imu: bool) -> d
         job.depths(camera, (f"{folder}/depth_0/{t}.png" for t in time_ns), _per_metre(job))
     focal, centre = np.split(np.array(job.fx_fy_cx_cy(camera)), 2)
     T_B_c = np.eye(4) if _in_world(job, camera) else inverse(_body(job, has_imu)) @ _mount(job, camera)
-    return {"cam_name": f"rgb_{number}", "cam_type": "rgb+depth" if has_depth else "rgb",
-            **({"depth_name": "depth_0"} if has_depth else {}), "cam_model": "pinhole",
-            **({"distortion_type": DISTORTIONS[lens, len(k)]} if k else {}),
-            "focal_length": focal.tolist(), "principal_point": centre.tolist(),
-            **({"depth_factor": _per_metre(job)} if has_depth else {}),
-            **({"distortion_coefficients": k} if k else {}), "image_dimension": [facts["width"], facts["height"]],
-            "fps": float(job.data.meta["frames"]["rate_hz"]), "T_BS": T_B_c.ravel().tolist()}
+    return {
+        "cam_name": f"rgb_{number}",
+        "cam_type": "rgb+depth" if has_depth else "rgb",
+        **({"depth_name": "depth_0"} if has_depth else {}),
+        "cam_model": "pinhole",
+        **({"distortion_type": DISTORTIONS[lens, len(k)]} if k else {}),
+        "focal_length": focal.tolist(),
+        "principal_point": centre.tolist(),
+        **({"depth_factor": _per_metre(job)} if has_depth else {}),
+        **({"distortion_coefficients": k} if k else {}),
+        "image_dimension": [facts["width"], facts["height"]],
+        "fps": float(job.data.meta["frames"]["rate_hz"]),
+        "T_BS": T_B_c.ravel().tolist(),
+    }
 
 
 def _warn_of_unlike(rgb: list[dict], cameras: tuple[str, ...]) -> None:
     """Stereo systems rectify a pair of one size, by lenses of one kind; images or lenses that differ are told of."""
-    kinds = {"image_dimension": "resolution", "distortion_type": "kind of distortion", "focal_length": "focal length",
-             "distortion_coefficients": "distortion"}
+    kinds = {
+        "image_dimension": "resolution",
+        "distortion_type": "kind of distortion",
+        "focal_length": "focal length",
+        "distortion_coefficients": "distortion",
+    }
     unlike = [words for key, words in kinds.items() if len({str(camera.get(key)) for camera in rgb}) > 1]
     if unlike:
-        warnings.warn(f"cameras {' and '.join(cameras)} of the stereo pair are unlike ({', '.join(unlike)}), and many "
-                      "systems take both for the kind of the first; --camera exports one alone", stacklevel=4)
+        warnings.warn(
+            f"cameras {' and '.join(cameras)} of the stereo pair are unlike ({', '.join(unlike)}), and many "
+            "systems take both for the kind of the first; --camera exports one alone",
+            stacklevel=4,
+        )
 
 
 def _per_metre(job: Job) -> float:
@@ -125,8 +139,13 @@ def _lists(job: Job, folder: str) -> None:
             columns += [time_ns, [f"{name}/{t}.png" for t in time_ns.tolist()]]
     files.write_csv(job.out / folder / "rgb.csv", header, *columns)
     time_ns, T_w_c = job.data.views(job.cameras[0])
-    files.write_csv(job.out / folder / "groundtruth.csv", GROUND_TRUTH, time_ns, T_w_c[:, :3, 3],
-                    quaternion(T_w_c, scalar_first=False))
+    files.write_csv(
+        job.out / folder / "groundtruth.csv",
+        GROUND_TRUTH,
+        time_ns,
+        T_w_c[:, :3, 3],
+        quaternion(T_w_c, scalar_first=False),
+    )
 
 
 # ----------------------------------------------------------------------------------------------------------------- IMU
@@ -135,17 +154,30 @@ def _lists(job: Job, folder: str) -> None:
 def _imu(job: Job, folder: str) -> list[dict]:
     """Write the readings, the gyroscope's first, and give the entry in calibration.yaml, in a list."""
     imu, about = job.data.imu(), job.data.meta["sensors"]["imu0"]
-    files.write_csv(job.out / folder / "imu_0.csv", READINGS, imu["time_ns"], imu["angular_velocity"],
-                    imu["acceleration"])
+    files.write_csv(
+        job.out / folder / "imu_0.csv", READINGS, imu["time_ns"], imu["angular_velocity"], imu["acceleration"]
+    )
     noise = imu_noise(job)[0]
     zeros = [0.0, 0.0, 0.0]
-    return [{
-        "imu_name": "imu_0", "a_max": SATURATION, "g_max": SATURATION,
-        "sigma_g_c": noise["gyroscope_noise_density"], "sigma_gw_c": noise["gyroscope_random_walk"],
-        "sigma_a_c": noise["accelerometer_noise_density"], "sigma_aw_c": noise["accelerometer_random_walk"],
-        "sigma_bg": _first_bias(about, "gyroscope"), "sigma_ba": _first_bias(about, "accelerometer"),
-        "a0": zeros, "g0": zeros, "g": float(np.linalg.norm(job.data.meta["gravity"])), "s_a": [1.0, 1.0, 1.0],
-        "fps": float(about["rate_hz"]), "T_BS": np.eye(4).ravel().tolist()}]
+    return [
+        {
+            "imu_name": "imu_0",
+            "a_max": SATURATION,
+            "g_max": SATURATION,
+            "sigma_g_c": noise["gyroscope_noise_density"],
+            "sigma_gw_c": noise["gyroscope_random_walk"],
+            "sigma_a_c": noise["accelerometer_noise_density"],
+            "sigma_aw_c": noise["accelerometer_random_walk"],
+            "sigma_bg": _first_bias(about, "gyroscope"),
+            "sigma_ba": _first_bias(about, "accelerometer"),
+            "a0": zeros,
+            "g0": zeros,
+            "g": float(np.linalg.norm(job.data.meta["gravity"])),
+            "s_a": [1.0, 1.0, 1.0],
+            "fps": float(about["rate_hz"]),
+            "T_BS": np.eye(4).ravel().tolist(),
+        }
+    ]
 
 
 def _first_bias(about: dict, sensor: str) -> float:
@@ -161,10 +193,15 @@ def _first_bias(about: dict, sensor: str) -> float:
 def _description(job: Job, sequence: str, rgb: list[dict], imu: list[dict]) -> dict:
     """What VSLAM-LAB wants to know of a data set."""
     kinds = ["mono", *(["stereo"] if len(rgb) > 1 else []), *(["rgbd"] if job.has_depth else [])]
-    return {"dataset_name": NAME, "rgb_hz": rgb[0]["fps"], **({"imu_hz": imu[0]["fps"]} if imu else {}),
-            "modes": kinds + [f"{kind}-vi" for kind in kinds if imu],
-            "cam_models": list(dict.fromkeys(camera.get("distortion_type", "pinhole") for camera in rgb)),
-            **({"depth_factor": rgb[0]["depth_factor"]} if job.has_depth else {}), "sequence_names": [sequence]}
+    return {
+        "dataset_name": NAME,
+        "rgb_hz": rgb[0]["fps"],
+        **({"imu_hz": imu[0]["fps"]} if imu else {}),
+        "modes": kinds + [f"{kind}-vi" for kind in kinds if imu],
+        "cam_models": list(dict.fromkeys(camera.get("distortion_type", "pinhole") for camera in rgb)),
+        **({"depth_factor": rgb[0]["depth_factor"]} if job.has_depth else {}),
+        "sequence_names": [sequence],
+    }
 
 
 def _item(entry: dict) -> str:

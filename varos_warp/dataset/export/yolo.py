@@ -24,8 +24,13 @@ def write(job: Job) -> None:
     """Write data.yaml, images, labels and labels.csv."""
     labels = Labels(job)
     if not labels.categories:
-        raise InputError("there is nothing to label but the terrain", file=job.data.root, key="to", value="yolo",
-                         remedy="Give the scene objects, or export as coco.")
+        raise InputError(
+            "there is nothing to label but the terrain",
+            file=job.data.root,
+            key="to",
+            value="yolo",
+            remedy="Give the scene objects, or export as coco.",
+        )
     rows = ["image,object,key,class,visible_pixels,amodal_pixels,visible_share"]
     for camera in job.cameras:
         names = [f"cam{camera}/{name}" for name in job.names(camera)]

@@ -85,8 +85,10 @@ class Dataset:
             place = range(*index.indices(len(self))) if isinstance(index, slice) else operator.index(index)
         except TypeError:
             example = index if isinstance(index, str) and index in self.cameras else self.cameras[0]
-            raise TypeError(f"{key!r} is no place of a frame: give a whole number or a slice, data[0] or data[2:8], or "
-                            f"either with a camera, data[0, {example!r}]") from None
+            raise TypeError(
+                f"{key!r} is no place of a frame: give a whole number or a slice, data[0] or data[2:8], or "
+                f"either with a camera, data[0, {example!r}]"
+            ) from None
         camera = self._camera(camera)
         if isinstance(place, range):
             return [Frame(self, i, camera) for i in place]
@@ -100,7 +102,7 @@ class Dataset:
 
     def _index(self, number: int) -> int:
         index = bisect.bisect_left(self.frames, number)
-        if number not in self.frames[index:index + 1]:
+        if number not in self.frames[index : index + 1]:
             known = ", ".join(f"{a} to {b - 1}" if b - a > 1 else f"{a}" for a, b in runs(self.frames)) or "none"
             raise IndexError(f"there is no frame {number}: the dataset has {known}; data[0] is the first that is there")
         return index
@@ -131,8 +133,9 @@ class Dataset:
 
     def _camera(self, camera: str | None) -> str:
         if camera is not None and camera not in self.cameras:
-            raise InputError("no such camera", key="camera", value=camera,
-                             remedy=f"There are: {', '.join(self.cameras)}.")
+            raise InputError(
+                "no such camera", key="camera", value=camera, remedy=f"There are: {', '.join(self.cameras)}."
+            )
         return self.cameras[0] if camera is None else camera
 
     def camera(self, camera: str | None = None) -> dict:
@@ -149,8 +152,9 @@ class Dataset:
             InputError: If there is no such camera or convention.
         """
         if convention not in CONVENTIONS:
-            raise InputError("no such convention", key="convention", value=convention,
-                             remedy=f"There are: {', '.join(CONVENTIONS)}.")
+            raise InputError(
+                "no such convention", key="convention", value=convention, remedy=f"There are: {', '.join(CONVENTIONS)}."
+            )
         return np.array(self.camera(camera)["K_" + convention], float)
 
     def color_matrix(self, camera: str | None = None) -> np.ndarray | None:
@@ -212,13 +216,18 @@ class Dataset:
         Raises:
             InputError: Naming the first such file.
         """
-        paths = [self.layout.image(camera, output, frame) for camera in cameras or self.cameras
-                 for output in outputs or self.outputs for frame in self.frames]
+        paths = [
+            self.layout.image(camera, output, frame)
+            for camera in cameras or self.cameras
+            for output in outputs or self.outputs
+            for frame in self.frames
+        ]
         missing = [path for path in paths if not files.is_complete(path)]
         if missing:
             more = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
-            raise InputError(f"this image{more} missing or damaged", file=missing[0],
-                             remedy="`run` again to complete the dataset.")
+            raise InputError(
+                f"this image{more} missing or damaged", file=missing[0], remedy="`run` again to complete the dataset."
+            )
 
     def linear(self, output: str, frame: int, camera: str | None = None) -> np.ndarray:
         """Linear radiance float32 [H, W, 3] of A, B or P before exposure, from its EXR."""
@@ -233,14 +242,18 @@ class Dataset:
         self._index(frame)
         path = self.layout.linear(self._camera(camera), frame, WATER)
         if not path.exists():
-            raise InputError("is not there: standard errors were not kept", file=path,
-                             remedy="`run` again with --linear-exr, which adds them.")
+            raise InputError(
+                "is not there: standard errors were not kept",
+                file=path,
+                remedy="`run` again with --linear-exr, which adds them.",
+            )
         return np.stack(files.channels_of(path, files.read_exr(path), "stderr.R", "stderr.G", "stderr.B"), -1)
 
     def flow(self, frame: int, camera: str | None = None) -> FlowImage:
         """F with all its digits, what hides and the scene flow, from its EXR."""
-        u, v, x, y, z, occluded = self._channels(FLOW, frame, camera, "flow.u", "flow.v", "motion.x", "motion.y",
-                                                 "motion.z", "occluded")
+        u, v, x, y, z, occluded = self._channels(
+            FLOW, frame, camera, "flow.u", "flow.v", "motion.x", "motion.y", "motion.z", "occluded"
+        )
         return FlowImage(np.stack([u, v], -1), occluded > 0.5, np.stack([x, y, z], -1))
 
     def snow(self, frame: int, camera: str | None = None) -> Snow:
@@ -317,8 +330,12 @@ class Dataset:
         if name and not path.is_file():
             known = [*self.cameras, "vehicle", *self.meta["sensors"], *self.moving]
             if name not in known:
-                raise InputError("nothing of this name has poses", key="name", value=name,
-                                 remedy=did_you_mean(name, known) or f"There are: {', '.join(known)}.")
+                raise InputError(
+                    "nothing of this name has poses",
+                    key="name",
+                    value=name,
+                    remedy=did_you_mean(name, known) or f"There are: {', '.join(known)}.",
+                )
         table = files.read_numbers(path, 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
         T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)
@@ -343,9 +360,11 @@ class Dataset:
     def _views(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
         time_ns, T_w_c = self.poses(camera)
         if len(time_ns) != len(self) or not np.array_equal(time_ns, self.time_ns(camera)):
-            raise InputError("the poses are not those of the frames and of their time stamps",
-                             file=self.layout.poses(camera, "transformation_matrix"),
-                             remedy=_CHECK)
+            raise InputError(
+                "the poses are not those of the frames and of their time stamps",
+                file=self.layout.poses(camera, "transformation_matrix"),
+                remedy=_CHECK,
+            )
         return time_ns, T_w_c
 
     def T_w_c(self, frame: int, camera: str | None = None) -> np.ndarray:
@@ -373,8 +392,11 @@ class Dataset:
             return self.vehicle_at(self.views()[0])
         mounted = [camera for camera in self.cameras if "T_v_c" in self.camera(camera)]
         if not mounted:
-            raise InputError("there is no vehicle in the dataset", file=self.layout.states,
-                             remedy="`varos-warp simulate` into the same folder adds it.")
+            raise InputError(
+                "there is no vehicle in the dataset",
+                file=self.layout.states,
+                remedy="`varos-warp simulate` into the same folder adds it.",
+            )
         return self.views(mounted[0])[1] @ np.linalg.inv(self.camera(mounted[0])["T_v_c"])
 
     def vehicle_at(self, time_ns: np.ndarray) -> np.ndarray:
@@ -399,8 +421,9 @@ class Dataset:
         try:
             return self.trajectory().at(time_ns)
         except ValueError as error:
-            raise InputError(f"has no pose at the time of some frame or sample: {error}", file=self.layout.states,
-                             remedy=_CHECK) from None
+            raise InputError(
+                f"has no pose at the time of some frame or sample: {error}", file=self.layout.states, remedy=_CHECK
+            ) from None
 
     def trajectory(self) -> Trajectory:
         """The vehicle's motion, which gives its state at any time between the first and the last on record."""
@@ -431,8 +454,9 @@ class Dataset:
             return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
         return bool(self.meta["sensors"][name].get("noise"))
 
-    def readings(self, name: str, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
-                 ) -> dict[str, np.ndarray]:
+    def readings(
+        self, name: str, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+    ) -> dict[str, np.ndarray]:
         """Readings of a sensor, all or those in start_ns <= time < stop_ns.
 
         Args:
@@ -448,8 +472,9 @@ class Dataset:
         Raises:
             InputError: If there is no such sensor, or its readings cannot be read.
         """
-        return self._samples(self.layout.sensor(name), self._sensor(name).columns, start_ns, stop_ns,
-                             int(truth and self.has_noise(name)))
+        return self._samples(
+            self.layout.sensor(name), self._sensor(name).columns, start_ns, stop_ns, int(truth and self.has_noise(name))
+        )
 
     def bias(self, name: str, start_ns: int | None = None, stop_ns: int | None = None) -> dict[str, np.ndarray] | None:
         """The bias in the `readings` of a sensor such as ``imu0``, in their form; None without noise, or of a DVL."""
@@ -463,12 +488,18 @@ class Dataset:
         """The sensor of a name."""
         if name not in self.meta["sensors"]:
             known = list(self.meta["sensors"])
-            raise InputError("the dataset has no sensor of this name", file=self.root, key="name", value=name,
-                             remedy=did_you_mean(name, known) or f"There are: {', '.join(known) or 'none'}.")
+            raise InputError(
+                "the dataset has no sensor of this name",
+                file=self.root,
+                key="name",
+                value=name,
+                remedy=did_you_mean(name, known) or f"There are: {', '.join(known) or 'none'}.",
+            )
         return BY_ID[name]
 
-    def imu(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
-            ) -> dict[str, np.ndarray]:
+    def imu(
+        self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+    ) -> dict[str, np.ndarray]:
         """Readings of the IMU, all or those in start_ns <= time < stop_ns; ``truth``: without the noise in them.
 
         Returns:
@@ -480,18 +511,21 @@ class Dataset:
         """The bias in the readings of `imu`, of the same form; None where they have no noise."""
         return self.bias("imu0", start_ns, stop_ns)
 
-    def depth_gauge(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
-                    ) -> dict[str, np.ndarray]:
+    def depth_gauge(
+        self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+    ) -> dict[str, np.ndarray]:
         """time_ns int64 [N] and depth [m] below the surface [N]; which of them, as in `readings`."""
         return self.readings("depth0", start_ns, stop_ns, truth=truth)
 
-    def magnetometer(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
-                     ) -> dict[str, np.ndarray]:
+    def magnetometer(
+        self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+    ) -> dict[str, np.ndarray]:
         """time_ns int64 [N] and field [N, 3] [T] in sensor axes; which of them, as in `readings`."""
         return self.readings("mag0", start_ns, stop_ns, truth=truth)
 
-    def dvl(self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
-            ) -> dict[str, np.ndarray]:
+    def dvl(
+        self, start_ns: int | None = None, stop_ns: int | None = None, *, truth: bool = False
+    ) -> dict[str, np.ndarray]:
         """Readings of the DVL; which of them, as in `readings`.
 
         Returns:
@@ -500,8 +534,9 @@ class Dataset:
         """
         return self.readings("dvl0", start_ns, stop_ns, truth=truth)
 
-    def _samples(self, path: Path, columns: dict[str, list[str]], start_ns: int | None, stop_ns: int | None,
-                 before: int = 0) -> dict[str, np.ndarray]:
+    def _samples(
+        self, path: Path, columns: dict[str, list[str]], start_ns: int | None, stop_ns: int | None, before: int = 0
+    ) -> dict[str, np.ndarray]:
         """Rows of a table by quantity, as in `READINGS`; ``before``: so many blocks of the same columns come first."""
         count = sum(map(len, columns.values()))
         first = 1 + before * count

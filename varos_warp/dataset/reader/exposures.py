@@ -25,8 +25,9 @@ def exposure_setting(meta: Mapping[str, Any], letter: str, file: Path) -> Settin
     try:
         setting: Setting = getattr(Exposure(**meta["color"]["exposure"]), OUTPUTS[letter].settings)
     except (ValidationError, KeyError, TypeError):
-        raise InputError("says no way to expose", file=file, key="color.exposure",
-                         remedy="`run` again to make it anew.") from None
+        raise InputError(
+            "says no way to expose", file=file, key="color.exposure", remedy="`run` again to make it anew."
+        ) from None
     return setting
 
 
@@ -43,7 +44,8 @@ def read_exposures(path: Path, meter: PercentileMeter | None = None) -> dict[int
     """
     table, names = files.read_csv(path), exposure_columns(meter)
     if missing := [name for name in names if name not in table]:
-        raise InputError(f"has no column {' and no column '.join(missing)}", file=path,
-                         remedy="`run` again to make it anew.")
+        raise InputError(
+            f"has no column {' and no column '.join(missing)}", file=path, remedy="`run` again to make it anew."
+        )
     entries = zip(*(table[name].tolist() for name in names), strict=True)
     return {frame: (gain, Statistics(*rest)) for frame, gain, *rest in entries}

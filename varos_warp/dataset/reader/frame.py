@@ -148,9 +148,11 @@ class Frame:
             InputError: The dataset has no T or no D.
         """
         if lacks := [letter for letter in ("T", DEPTH) if letter not in self.data.outputs]:
-            raise InputError(f"effective attenuation needs images T and D, and there is no {' and no '.join(lacks)}",
-                             file=self.data.root, remedy="Add them to render.outputs and `run` again: it makes what is "
-                             "missing.")
+            raise InputError(
+                f"effective attenuation needs images T and D, and there is no {' and no '.join(lacks)}",
+                file=self.data.root,
+                remedy="Add them to render.outputs and `run` again: it makes what is missing.",
+            )
         r, T = self.range[..., None], self.T.astype(float)
         known = np.isfinite(r) & (r > 0.0) & (T > LEAST)
         return np.where(known, -np.log(np.where(known, T, 1.0)) / np.where(known, r, 1.0), np.nan)

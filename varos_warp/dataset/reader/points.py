@@ -104,6 +104,6 @@ def points_at(model: CameraModel, T_w_c: np.ndarray, row: np.ndarray, col: np.nd
 def seen_pixels(depth: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row, column and depth [N] of the pixels of a map of depth [H, W] that have any, on a grid of about ``most``."""
     step = max(1, round(np.sqrt(depth.size / most)))
-    row, col = (grid.ravel() for grid in np.indices(depth.shape)[:, step // 2::step, step // 2::step])
+    row, col = (grid.ravel() for grid in np.indices(depth.shape)[:, step // 2 :: step, step // 2 :: step])
     there = np.isfinite(depth[row, col])
     return row[there], col[there], depth[row, col][there]

@@ -50,8 +50,11 @@ def read_metadata(root: Path) -> dict[str, Any]:
     refuse_links_out(root)
     content = files.read_json(path, remedy="Make the dataset anew.")
     if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
-        raise InputError(f"this is not a dataset of schema version {SCHEMA_VERSION}", file=path,
-                         remedy="Make it anew, or read it with the version of varos_warp that made it.")
+        raise InputError(
+            f"this is not a dataset of schema version {SCHEMA_VERSION}",
+            file=path,
+            remedy="Make it anew, or read it with the version of varos_warp that made it.",
+        )
     if flaw := first_flaw(content):
         raise InputError(f"the entry {flaw}", file=path, remedy="Make the dataset anew.")
     return content
@@ -68,14 +71,22 @@ def no_dataset(root: Path) -> InputError:
         remedy = f"Several vehicles have a dataset each: give {' and '.join(inside)}, one at a time."
     elif around:
         remedy = f"Give {around[0]}, the dataset that it lies in."
-    return InputError("there is no dataset.json in it, so it is not a dataset" if root.is_dir() else
-                      "is a file, and a dataset is a folder", file=root, remedy=remedy)
+    return InputError(
+        "there is no dataset.json in it, so it is not a dataset"
+        if root.is_dir()
+        else "is a file, and a dataset is a folder",
+        file=root,
+        remedy=remedy,
+    )
 
 
 def _ascending(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
     ends = [end for pair in ranges for end in pair]
-    if ends != sorted(ends) or any(start == stop for start, stop in ranges) or (
-            ends and not 0 <= ends[0] <= ends[-1] <= FRAMES_NAMED):
+    if (
+        ends != sorted(ends)
+        or any(start == stop for start, stop in ranges)
+        or (ends and not 0 <= ends[0] <= ends[-1] <= FRAMES_NAMED)
+    ):
         raise ValueError("ranges are half-open, ascending and apart")
     return ranges
 
@@ -86,8 +97,9 @@ def _in_order(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return pairs
 
 
-SamplesByFrame = Annotated[list[tuple[Annotated[float, Field(ge=0.0)], SampleCount]], Field(min_length=1),
-                     AfterValidator(_in_order)]
+SamplesByFrame = Annotated[
+    list[tuple[Annotated[float, Field(ge=0.0)], SampleCount]], Field(min_length=1), AfterValidator(_in_order)
+]
 """Pairs of a frame and its samples per pixel (`Plan.spp_by_frame`)."""
 
 
@@ -113,24 +125,59 @@ def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
 def _metadata() -> type[BaseModel]:
     """The whole file."""
     decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
-    plan = _block({"decisions": list[decision], "error": Vec3, "models": dict[str, str],  # type: ignore[valid-type]
-                   "max_scatterings": Count, "max_bounces": Count, "integrator": Integrator,
-                   "spp_by_frame": dict[str, SamplesByFrame]}, spp=SampleCount)
+    plan = _block(
+        {
+            "decisions": list[decision],  # type: ignore[valid-type]
+            "error": Vec3,
+            "models": dict[str, str],
+            "max_scatterings": Count,
+            "max_bounces": Count,
+            "integrator": Integrator,
+            "spp_by_frame": dict[str, SamplesByFrame],
+        },
+        spp=SampleCount,
+    )
     matrix = tuple[Row4, Row4, Row4, Row4]
-    camera = _block({"T_v_c": matrix, "T_w_c": matrix, "f_stop": float, "focus_m": float, "port": Port, "rays": str,
-                     "n_water": tuple[Index, Index, Index], "distortion": str | Distortion,
-                     "vignetting": Vignetting, "color_matrix": tuple[Vec3, Vec3, Vec3],
-                     "shutter": _block({"row_poses": str}, exposure_s=Duration, readout_s=Duration)},
-                    id=CameraId, width=Side, height=Side, K_center_half=tuple[Vec3, Vec3, Vec3],
-                    K_opencv=tuple[Vec3, Vec3, Vec3], mount=Literal["vehicle", "world"])
-    of_light = {"kind": str, "position": Vec3, "intensity": Vec3, "cone_deg": float, "fan_deg": float,
-                "thickness_deg": float, "radius_m": float, "up": Vec3, "strobe": Strobe}
+    camera = _block(
+        {
+            "T_v_c": matrix,
+            "T_w_c": matrix,
+            "f_stop": float,
+            "focus_m": float,
+            "port": Port,
+            "rays": str,
+            "n_water": tuple[Index, Index, Index],
+            "distortion": str | Distortion,
+            "vignetting": Vignetting,
+            "color_matrix": tuple[Vec3, Vec3, Vec3],
+            "shutter": _block({"row_poses": str}, exposure_s=Duration, readout_s=Duration),
+        },
+        id=CameraId,
+        width=Side,
+        height=Side,
+        K_center_half=tuple[Vec3, Vec3, Vec3],
+        K_opencv=tuple[Vec3, Vec3, Vec3],
+        mount=Literal["vehicle", "world"],
+    )
+    of_light = {
+        "kind": str,
+        "position": Vec3,
+        "intensity": Vec3,
+        "cone_deg": float,
+        "fan_deg": float,
+        "thickness_deg": float,
+        "radius_m": float,
+        "up": Vec3,
+        "strobe": Strobe,
+    }
     light = _block(of_light | {"T_v_light": matrix})
-    of_sensors = {sensor.id: _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None, **sensor.facts)
-                  for sensor in SENSORS}
+    of_sensors = {
+        sensor.id: _block(rate_hz=Rate, T_v_s=matrix, noise=dict | None, **sensor.facts) for sensor in SENSORS
+    }
     # none but these, for their names become part of paths
-    sensors = create_model("Sensors", __config__=ConfigDict(extra="forbid"),
-                           **{name: (block, None) for name, block in of_sensors.items()})  # type: ignore[call-overload]
+    sensors = create_model(
+        "Sensors", __config__=ConfigDict(extra="forbid"), **{name: (block, None) for name, block in of_sensors.items()}
+    )  # type: ignore[call-overload]
     ranges = Annotated[list[tuple[Whole, Whole]], AfterValidator(_ascending)]
     cameras = Annotated[list[camera], Field(min_length=1), AfterValidator(_consistent)]  # type: ignore[valid-type]
     corner = tuple[Vec3, Vec3]
@@ -139,20 +186,39 @@ def _metadata() -> type[BaseModel]:
     moving = _block({"lights": lights}, key=key, id=Count, box_m=corner) | _block(key=key, lights=lights)
     rows = list[list[float]]
     bands = _block(camera=str, wavelength_nm=list[float], a=list[float], b=list[float], weights=rows, white=rows)
-    by_wavelength = _block(source=str, water=str, phase=str, g=float, wavelength_nm=list[float], a=list[float],
-                           b_water=list[float], b_particles=list[float], bands=list[bands])  # type: ignore[valid-type]
+    by_wavelength = _block(
+        source=str,
+        water=str,
+        phase=str,
+        g=float,
+        wavelength_nm=list[float],
+        a=list[float],
+        b_water=list[float],
+        b_particles=list[float],
+        bands=list[bands],  # type: ignore[valid-type]
+    )
     by_channel = _block(source=str, phase=str, sigma_a=Vec3, sigma_s=Vec3, albedo=Vec3, g=float)
     return _block(
         {"moving": list[moving]},  # type: ignore[valid-type]
-        name=str, sequence=SequenceId, vehicle=VehicleId, seed=Whole, versions=_block(varos_warp=str),
-        device=_block(name=str, model=str) | None, frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
+        name=str,
+        sequence=SequenceId,
+        vehicle=VehicleId,
+        seed=Whole,
+        versions=_block(varos_warp=str),
+        device=_block(name=str, model=str) | None,
+        frames=_block(of=Count, ranges=ranges, rate_hz=Rate),
         outputs=list[ImageLetter],
         depth=_block(kind=Literal["z", "range"], range_m=tuple[float, float], scale_m=float),
         samples=_block(plan=plan | None, denoise=Denoiser, denoise_b=Denoiser),
         cameras=cameras,
-        sensors=sensors, lights=list[light],  # type: ignore[valid-type]
+        sensors=sensors,
+        lights=list[light],  # type: ignore[valid-type]
         water=by_channel | by_wavelength,
-        gravity=Vec3, surface_depth_m=float, sources=dict[str, str | None], scene=dict)
+        gravity=Vec3,
+        surface_depth_m=float,
+        sources=dict[str, str | None],
+        scene=dict,
+    )
 
 
 _METADATA = _metadata()
@@ -173,7 +239,8 @@ def first_flaw(content: Any) -> str | None:
     cameras = [camera["id"] for camera in content["cameras"]]
     planned = ((content["samples"]["plan"] or {}).get("spp_by_frame") or {}).keys()
     if unknown := planned - {*cameras}:
-        return (f"samples.plan.spp_by_frame.{min(unknown)} is of no camera of the dataset, which has "
-                f"{', '.join(cameras)}")
+        return (
+            f"samples.plan.spp_by_frame.{min(unknown)} is of no camera of the dataset, which has {', '.join(cameras)}"
+        )
     check_limit("FRAMES", sum(stop - start for start, stop in content["frames"]["ranges"]), key="frames.ranges")
     return None

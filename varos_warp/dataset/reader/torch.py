@@ -13,8 +13,11 @@ from varos_warp.scene.description.image_types import DEPTH
 try:
     import torch
 except ImportError as _error:
-    raise InputError("PyTorch is not installed", key="torch",
-                     remedy="Install it as https://pytorch.org says, for example `pip install torch`.") from _error
+    raise InputError(
+        "PyTorch is not installed",
+        key="torch",
+        remedy="Install it as https://pytorch.org says, for example `pip install torch`.",
+    ) from _error
 
 
 def _planes(image: np.ndarray, scale: float = 1.0) -> torch.Tensor:
@@ -56,16 +59,24 @@ class TorchDataset(torch.utils.data.Dataset):
         InputError: If an image that is asked for is not in the dataset, or there is no such camera.
     """
 
-    def __init__(self, data: Any, outputs: Sequence[str] = "ACD", camera: str | None = None, *,
-                 no_depth: float = float("inf"), transform: Callable | None = None):
+    def __init__(
+        self,
+        data: Any,
+        outputs: Sequence[str] = "ACD",
+        camera: str | None = None,
+        *,
+        no_depth: float = float("inf"),
+        transform: Callable | None = None,
+    ):
         self.data, self.outputs, self.camera = data, tuple(outputs), camera
         self.no_depth, self.transform = no_depth, transform
         self.data.camera(camera)
         for output in self.outputs:
             if output not in IMAGES or output[0] not in self.data.outputs:
                 there = [name for name in IMAGES if name[0] in self.data.outputs]
-                raise InputError("is not in the dataset", key="outputs", value=output,
-                                 remedy=f"There are: {', '.join(there)}.")
+                raise InputError(
+                    "is not in the dataset", key="outputs", value=output, remedy=f"There are: {', '.join(there)}."
+                )
 
     def __len__(self) -> int:
         """Number of frames."""

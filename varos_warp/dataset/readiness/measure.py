@@ -61,12 +61,20 @@ class Readiness:
 
     def plain(self) -> dict[str, Any]:
         """For JSON."""
-        return {"dataset": str(self.root), "camera": self.camera, "group": self.group,
-                "frames": self.frames, "time_s": self.time_s,
-                "by_frame": self.by_frame, "median": self.medians(),
-                "failure_chance": self.failure_chance(), "excitation": self.excitation,
-                "loop_closures": self.loop_closures, "left_out": self.left_out,
-                "odometry": {name: found.plain() for name, found in self.odometry.items()}}
+        return {
+            "dataset": str(self.root),
+            "camera": self.camera,
+            "group": self.group,
+            "frames": self.frames,
+            "time_s": self.time_s,
+            "by_frame": self.by_frame,
+            "median": self.medians(),
+            "failure_chance": self.failure_chance(),
+            "excitation": self.excitation,
+            "loop_closures": self.loop_closures,
+            "left_out": self.left_out,
+            "odometry": {name: found.plain() for name, found in self.odometry.items()},
+        }
 
 
 def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
@@ -89,8 +97,10 @@ def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
     frames["failure_chance"] = failure_chances(frames)
     odometry, left_out = odometries(data, camera, seeds)
     if source is None:
-        left_out.append("repeatability and inlier shares: they need F" + (
-            ", since objects move" if DEPTH in data.outputs else ", or D"))
+        left_out.append(
+            "repeatability and inlier shares: they need F"
+            + (", since objects move" if DEPTH in data.outputs else ", or D")
+        )
     if "direct_contrast" not in frames:
         left_out.append("contrast of the direct layer and veil over signal: `run` with --linear-exr keeps the layers")
     if DEPTH not in data.outputs:
@@ -110,11 +120,21 @@ def check(data: Dataset, camera: str) -> None:
         InputError: It has no A, fewer than two frames, or no poses of the camera; or an image is missing.
     """
     if WATER not in data.outputs:
-        raise InputError("the dataset has no A, which is what features are found in", file=data.root, key="outputs",
-                         value="".join(data.outputs), remedy="`run` again with A among --outputs.")
+        raise InputError(
+            "the dataset has no A, which is what features are found in",
+            file=data.root,
+            key="outputs",
+            value="".join(data.outputs),
+            remedy="`run` again with A among --outputs.",
+        )
     if len(data) < 2:
-        raise InputError("readiness compares each frame with the next", file=data.root, key="frames", value=len(data),
-                         remedy="Give a dataset of two frames or more.")
+        raise InputError(
+            "readiness compares each frame with the next",
+            file=data.root,
+            key="frames",
+            value=len(data),
+            remedy="Give a dataset of two frames or more.",
+        )
     data.views(camera)
     data.require_images([WATER, *({DEPTH} & set(data.outputs))], [camera])
 
@@ -160,13 +180,18 @@ def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints
     return row
 
 
-def _between(here: dict[str, Keypoints], there: dict[str, Keypoints], data: Dataset, index: int, camera: str
-             ) -> dict[str, float | None]:
+def _between(
+    here: dict[str, Keypoints], there: dict[str, Keypoints], data: Dataset, index: int, camera: str
+) -> dict[str, float | None]:
     """From the frame at a place to the one after it."""
     moved, row = moves(data, index, camera), {}
     for kind in KINDS:
         repeated, chance = repeatability(here[kind], there[kind], moved)
         count, right = matches(here[kind], there[kind], moved)
-        row |= {f"{kind}_repeatability": repeated, f"{kind}_chance": chance, f"{kind}_matches": count,
-                f"{kind}_inlier_share": right}
+        row |= {
+            f"{kind}_repeatability": repeated,
+            f"{kind}_chance": chance,
+            f"{kind}_matches": count,
+            f"{kind}_inlier_share": right,
+        }
     return row

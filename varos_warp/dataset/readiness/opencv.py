@@ -14,6 +14,7 @@ def opencv() -> ModuleType:
     try:
         import cv2
     except ImportError as error:
-        raise InputError("OpenCV is not installed", key="readiness",
-                         remedy='Install it with `pip install "varos_warp[readiness]"`.') from error
+        raise InputError(
+            "OpenCV is not installed", key="readiness", remedy='Install it with `pip install "varos_warp[readiness]"`.'
+        ) from error
     return cv2

@@ -13,27 +13,55 @@ from varos_warp.dataset.report.curves import curve
 from varos_warp.errors import counted
 
 SHOWN = {
-    "orb_count": "ORB keypoints", "orb_per_mpx": "ORB keypoints [1/Mpx]", "orb_repeatability": "ORB repeatability",
-    "orb_chance": "ORB by chance", "orb_matches": "ORB matches", "orb_inlier_share": "ORB inlier share",
-    "sift_count": "SIFT keypoints", "sift_per_mpx": "SIFT keypoints [1/Mpx]",
-    "sift_repeatability": "SIFT repeatability", "sift_chance": "SIFT by chance", "sift_matches": "SIFT matches",
-    "sift_inlier_share": "SIFT inlier share", "contrast": "RMS contrast of A",
-    "direct_contrast": "RMS contrast of the direct layer", "veil_over_signal": "veil over signal",
-    "verified_matches": "ORB matches that agree with one motion", "verified_share": "share of ORB matches",
-    "tracked": "corners followed", "tracked_share": "share of corners", "black_level": "black level of A",
-    "failure_chance": "chance of failure", "median_range_m": "median range [m]",
+    "orb_count": "ORB keypoints",
+    "orb_per_mpx": "ORB keypoints [1/Mpx]",
+    "orb_repeatability": "ORB repeatability",
+    "orb_chance": "ORB by chance",
+    "orb_matches": "ORB matches",
+    "orb_inlier_share": "ORB inlier share",
+    "sift_count": "SIFT keypoints",
+    "sift_per_mpx": "SIFT keypoints [1/Mpx]",
+    "sift_repeatability": "SIFT repeatability",
+    "sift_chance": "SIFT by chance",
+    "sift_matches": "SIFT matches",
+    "sift_inlier_share": "SIFT inlier share",
+    "contrast": "RMS contrast of A",
+    "direct_contrast": "RMS contrast of the direct layer",
+    "veil_over_signal": "veil over signal",
+    "verified_matches": "ORB matches that agree with one motion",
+    "verified_share": "share of ORB matches",
+    "tracked": "corners followed",
+    "tracked_share": "share of corners",
+    "black_level": "black level of A",
+    "failure_chance": "chance of failure",
+    "median_range_m": "median range [m]",
     "optical_depth": "optical depth (green)",
 }
 """Names of the measures by frame, for people, in order."""
-COMPARED = ("optical_depth", "orb_per_mpx", "orb_repeatability", "orb_inlier_share", "sift_repeatability",
-            "sift_inlier_share", "contrast", "veil_over_signal", "failure_chance")
-PLOTS = (("Keypoints", "", ("orb_count", "sift_count")),
-         ("Repeatability", "", ("orb_repeatability", "sift_repeatability", "orb_chance", "sift_chance")),
-         ("Inlier share of matches", "", ("orb_inlier_share", "sift_inlier_share")),
-         ("RMS contrast", "", ("contrast", "direct_contrast")), ("Veil over signal", "", ("veil_over_signal",)),
-         ("Median range", "m", ("median_range_m",)), ("Optical depth", "", ("optical_depth",)))
-MEASURES, ODOMETRY = ("measure", "median", "least", "greatest"), (
-    "odometry", "ATE [m]", "ATE [% of path]", "drift [%]", "lost frames", "failed steps [%]")
+COMPARED = (
+    "optical_depth",
+    "orb_per_mpx",
+    "orb_repeatability",
+    "orb_inlier_share",
+    "sift_repeatability",
+    "sift_inlier_share",
+    "contrast",
+    "veil_over_signal",
+    "failure_chance",
+)
+PLOTS = (
+    ("Keypoints", "", ("orb_count", "sift_count")),
+    ("Repeatability", "", ("orb_repeatability", "sift_repeatability", "orb_chance", "sift_chance")),
+    ("Inlier share of matches", "", ("orb_inlier_share", "sift_inlier_share")),
+    ("RMS contrast", "", ("contrast", "direct_contrast")),
+    ("Veil over signal", "", ("veil_over_signal",)),
+    ("Median range", "m", ("median_range_m",)),
+    ("Optical depth", "", ("optical_depth",)),
+)
+MEASURES, ODOMETRY = (
+    ("measure", "median", "least", "greatest"),
+    ("odometry", "ATE [m]", "ATE [% of path]", "drift [%]", "lost frames", "failed steps [%]"),
+)
 
 
 def text(value: float | None, digits: int = 3) -> str:
@@ -63,8 +91,12 @@ def odometry_row(kind: str, run: Odometry) -> list[str]:
     plain = run.plain()
     pairs = [(plain[f"{name}_mean"], plain[f"{name}_std"]) for name in ("ate_m", "ate_share", "drift", "lost")]
     shares = [spread(*pair, scale) for pair, scale in zip(pairs, (1.0, 100.0, 100.0, 1.0), strict=True)]
-    return [f"{kind}, {' and '.join(run.cameras)}", *shares[:3], f"{shares[3]} of {run.frames - 1}",
-            text(100.0 * plain["failed_share"])]
+    return [
+        f"{kind}, {' and '.join(run.cameras)}",
+        *shares[:3],
+        f"{shares[3]} of {run.frames - 1}",
+        text(100.0 * plain["failed_share"]),
+    ]
 
 
 def sentences(found: Readiness) -> list[str]:
@@ -73,14 +105,17 @@ def sentences(found: Readiness) -> list[str]:
     if found.excitation:
         e = found.excitation
         axes = [", ".join(f"{v:.3g}" for v in e[name]) for name in ("angular_rate_rms", "specific_force_rms")]
-        said.append(f"IMU excitation about its mean, x, y, z: {axes[0]} rad/s, {axes[1]} m/s^2; between frames "
-                    f"{e['specific_force_of_frames']:.3g} m/s^2"
-                    + ("" if e["vins_excited"] else "; VINS-Mono would say: IMU excitation not enough!"))
+        said.append(
+            f"IMU excitation about its mean, x, y, z: {axes[0]} rad/s, {axes[1]} m/s^2; between frames "
+            f"{e['specific_force_of_frames']:.3g} m/s^2"
+            + ("" if e["vins_excited"] else "; VINS-Mono would say: IMU excitation not enough!")
+        )
     if found.loop_closures is not None:
         pairs = found.loop_closures
         seen = f"{counted(len(pairs), 'frame')} see{'s' * (len(pairs) == 1)} a place again, frame "
-        said.append("loop closures: " + ("none" if not pairs else f"{seen}{pairs[0][0]} first, that of frame "
-                                                                  f"{pairs[0][1]}"))
+        said.append(
+            "loop closures: " + ("none" if not pairs else f"{seen}{pairs[0][0]} first, that of frame {pairs[0][1]}")
+        )
     return said + [f"left out: {words}" for words in found.left_out]
 
 
@@ -104,14 +139,18 @@ def give(pair: tuple[float | None, float | None] | None, scale: float = 1.0) -> 
     return spread(mean, error, scale) if error is not None else text(None if mean is None else scale * mean)
 
 
-def _odometry_cells(kind: str, of: Sequence[Readiness], told: dict[str, tuple[float | None, float | None]]
-                    ) -> list[str]:
+def _odometry_cells(
+    kind: str, of: Sequence[Readiness], told: dict[str, tuple[float | None, float | None]]
+) -> list[str]:
     """Of one dataset with the spread over runs of RANSAC, of several with the standard error over them."""
     if len(of) == 1:
         run = of[0].odometry.get(kind)
         return ["–"] * 3 if run is None else [odometry_row(kind, run)[i] for i in (2, 4, 5)]
-    return [give(told.get(f"{kind}_ate_share"), 100.0), give(told.get(f"{kind}_lost")),
-            give(told.get(f"{kind}_failed_share"), 100.0)]
+    return [
+        give(told.get(f"{kind}_ate_share"), 100.0),
+        give(told.get(f"{kind}_lost")),
+        give(told.get(f"{kind}_failed_share"), 100.0),
+    ]
 
 
 def write(found: Sequence[Readiness], path: Path) -> Path:
@@ -131,32 +170,52 @@ def _of_one(found: Readiness, path: Path) -> Path:
     runs = [odometry_row(kind, run) for kind, run in found.odometry.items()]
     odometry = facts.table(runs, ODOMETRY, "numbers") if runs else "<p class=empty>None.</p>"
     said = "".join(facts.note(words) for words in sentences(found))
-    sections = [("curves", "Over the frames", '<div id="plots"></div>'),
-                ("measures", "Measures", f'<div class="card">{tables}</div>'),
-                ("odometry", "Odometry", f'<div class="card">{odometry}{said}</div>')]
-    return write_page(path, title=f"Readiness of {found.root.absolute().name}", root=found.root.absolute().name,
-                      tiles=[(str(len(found.frames)), "frames"), (found.camera, "camera"),
-                             (text(found.medians().get("optical_depth")), "optical depth"),
-                             (text(found.failure_chance(), 2), "mean chance of failure")],
-                      notes="", content=_content(found.frames, x.tolist(), plots), sections=sections)
+    sections = [
+        ("curves", "Over the frames", '<div id="plots"></div>'),
+        ("measures", "Measures", f'<div class="card">{tables}</div>'),
+        ("odometry", "Odometry", f'<div class="card">{odometry}{said}</div>'),
+    ]
+    return write_page(
+        path,
+        title=f"Readiness of {found.root.absolute().name}",
+        root=found.root.absolute().name,
+        tiles=[
+            (str(len(found.frames)), "frames"),
+            (found.camera, "camera"),
+            (text(found.medians().get("optical_depth")), "optical depth"),
+            (text(found.failure_chance(), 2), "mean chance of failure"),
+        ],
+        notes="",
+        content=_content(found.frames, x.tolist(), plots),
+        sections=sections,
+    )
 
 
 def _failing(found: Readiness, x: np.ndarray) -> dict:
     """The forecast over the frames and, where the odometry ran, the share of its runs that failed there."""
     columns = {"forecast": found.by_frame["failure_chance"]}
     columns |= {f"seen, {kind}": [*run.failed_steps, None] for kind, run in found.odometry.items()}
-    return curve("Chance of a failing step", "", x, np.array(list(columns.values()), float).T,
-                 list(columns), x, zero=True)
+    return curve(
+        "Chance of a failing step", "", x, np.array(list(columns.values()), float).T, list(columns), x, zero=True
+    )
 
 
 def _of_several(found: Sequence[Readiness], path: Path) -> Path:
     header, rows = comparison(found)
-    sections = [("curves", "Over optical depth", '<div id="plots"></div>'),
-                ("table", "By optical depth", f'<div class="card">{facts.table(rows, header, "numbers")}</div>')]
+    sections = [
+        ("curves", "Over optical depth", '<div id="plots"></div>'),
+        ("table", "By optical depth", f'<div class="card">{facts.table(rows, header, "numbers")}</div>'),
+    ]
     deep = [of for _, of in groups(found) if compared(of).get("optical_depth", (None,))[0] is not None]
-    return write_page(path, title="Readiness against optical depth", root=f"{len(found)} datasets",
-                      tiles=[(str(len(found)), "datasets")], notes="", sections=sections,
-                      content=_content([], [], _against_depth(deep) if len(deep) > 1 else []))
+    return write_page(
+        path,
+        title="Readiness against optical depth",
+        root=f"{len(found)} datasets",
+        tiles=[(str(len(found)), "datasets")],
+        notes="",
+        sections=sections,
+        content=_content([], [], _against_depth(deep) if len(deep) > 1 else []),
+    )
 
 
 def _against_depth(found: Sequence[Sequence[Readiness]]) -> list[dict]:
@@ -170,21 +229,49 @@ def _against_depth(found: Sequence[Sequence[Readiness]]) -> list[dict]:
     for title, unit, names in PLOTS[:-2]:
         shown = [name for name in names if np.isfinite(column(name)).any()]
         if shown:
-            plots.append(curve(title, unit, x, np.column_stack([column(name) for name in shown]),
-                               [SHOWN[n] for n in shown], distance=True, x_unit="", zero=True))
+            plots.append(
+                curve(
+                    title,
+                    unit,
+                    x,
+                    np.column_stack([column(name) for name in shown]),
+                    [SHOWN[n] for n in shown],
+                    distance=True,
+                    x_unit="",
+                    zero=True,
+                )
+            )
     chance = np.column_stack([column("failure_chance"), column("mono_failed_share")])
-    plots.append(curve("Share of failing steps", "", x, chance, ("forecast", "seen, mono"), distance=True,
-                       x_unit="", zero=True))
+    plots.append(
+        curve("Share of failing steps", "", x, chance, ("forecast", "seen, mono"), distance=True, x_unit="", zero=True)
+    )
     for kind in ("mono", "stereo"):
         mean, error = 100 * column(f"{kind}_ate_share"), 100 * column(f"{kind}_ate_share", 1)
         if np.isfinite(mean).any():
             runs = [of[0].odometry[kind].plain()["ate_share_std"] if kind in of[0].odometry else None for of in found]
             error = np.where(np.isfinite(error), error, 100 * np.array(runs, float))
-            plots.append(curve(f"ATE, {kind}", "% of the path", x, np.column_stack([mean, mean - error, mean + error]),
-                               ("mean", "less its spread over seeds", "more"), distance=True, x_unit="", zero=True))
+            plots.append(
+                curve(
+                    f"ATE, {kind}",
+                    "% of the path",
+                    x,
+                    np.column_stack([mean, mean - error, mean + error]),
+                    ("mean", "less its spread over seeds", "more"),
+                    distance=True,
+                    x_unit="",
+                    zero=True,
+                )
+            )
     return plots
 
 
 def _content(frames: list[int], times: list[float], plots: list[dict]) -> dict:
-    return {"frames": frames, "times": times, "cameras": [], "images": {}, "outputs": [], "plots": plots,
-            "attenuation": None}
+    return {
+        "frames": frames,
+        "times": times,
+        "cameras": [],
+        "images": {},
+        "outputs": [],
+        "plots": plots,
+        "attenuation": None,
+    }

@@ -32,6 +32,7 @@ def mean_and_error(values: Sequence[float | None]) -> tuple[float | None, float 
 
 def by_depth(found: Sequence[Readiness]) -> list[Readiness]:
     """Datasets in order of their optical depth; those without one last."""
+
     def depth(each: Readiness) -> float:
         value = each.medians().get("optical_depth")
         return np.inf if value is None else value
@@ -50,13 +51,20 @@ def groups(found: Sequence[Readiness]) -> list[tuple[str, list[Readiness]]]:
 def compared(of: Sequence[Readiness]) -> dict[str, tuple[float | None, float | None]]:
     """Mean and standard error of every number of datasets that differ in their seed alone."""
     rows = [numbers(each) for each in of]
-    return {name: mean_and_error([row.get(name) for row in rows])
-            for name in dict.fromkeys(name for row in rows for name in row)}
+    return {
+        name: mean_and_error([row.get(name) for row in rows])
+        for name in dict.fromkeys(name for row in rows for name in row)
+    }
 
 
 def over_seeds(found: Sequence[Readiness]) -> list[dict[str, Any]]:
     """For JSON: of each group of several."""
-    return [{"name": name, "datasets": [str(each.root) for each in of],
-             **{what: {key: pair[i] for key, pair in compared(of).items()}
-                for i, what in enumerate(("mean", "stderr"))}}
-            for name, of in groups(found) if len(of) > 1]
+    return [
+        {
+            "name": name,
+            "datasets": [str(each.root) for each in of],
+            **{what: {key: pair[i] for key, pair in compared(of).items()} for i, what in enumerate(("mean", "stderr"))},
+        }
+        for name, of in groups(found)
+        if len(of) > 1
+    ]

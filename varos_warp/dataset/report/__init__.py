@@ -40,13 +40,26 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
     """
     strip, scene = filmstrip(data, quiet), scene_parts(data)
     return write_page(
-        path, title=data.meta["name"], root=data.root.absolute().name, tiles=facts.headline(data),
-        notes=_warnings(facts.warnings(data, scene.warnings)), content=_content(data, strip),
-        sections=_sections(data, strip, _course(course_pictures(data, scene), scene.missing)))
+        path,
+        title=data.meta["name"],
+        root=data.root.absolute().name,
+        tiles=facts.headline(data),
+        notes=_warnings(facts.warnings(data, scene.warnings)),
+        content=_content(data, strip),
+        sections=_sections(data, strip, _course(course_pictures(data, scene), scene.missing)),
+    )
 
 
-def write_page(path: Path, *, title: str, root: str, tiles: Iterable[tuple[str, str]], notes: str,
-               content: dict[str, Any], sections: list[tuple[str, str, str]]) -> Path:
+def write_page(
+    path: Path,
+    *,
+    title: str,
+    root: str,
+    tiles: Iterable[tuple[str, str]],
+    notes: str,
+    content: dict[str, Any],
+    sections: list[tuple[str, str, str]],
+) -> Path:
     """Write a page of the report's form.
 
     Args:
@@ -61,12 +74,17 @@ def write_page(path: Path, *, title: str, root: str, tiles: Iterable[tuple[str, 
     """
     script = "\n".join(map(_text, SCRIPTS))
     words = {
-        "title": html.escape(title), "version": html.escape(varos_warp.__version__), "root": html.escape(root),
-        "style": _text("page.css"), "script": script,
+        "title": html.escape(title),
+        "version": html.escape(varos_warp.__version__),
+        "root": html.escape(root),
+        "style": _text("page.css"),
+        "script": script,
         "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        "tiles": "".join(f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
-                         for value, name in tiles),
-        "warnings": notes, "data": _json(content),
+        "tiles": "".join(
+            f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>" for value, name in tiles
+        ),
+        "warnings": notes,
+        "data": _json(content),
     }
     words["nav"] = "".join(f'<a href="#{key}">{name}</a>' for key, name, _ in sections)
     words["sections"] = "".join(f'<section id="{key}"><h2>{name}</h2>{body}</section>' for key, name, body in sections)
@@ -91,10 +109,13 @@ def _content(data: Dataset, strip: Filmstrip) -> dict[str, Any]:
     """Everything that the page's scripts show."""
     times = data.views()[0][np.searchsorted(data.frames, strip.frames)] * 1e-9
     return {
-        "frames": strip.frames, "times": times.tolist(),
-        "cameras": [{"id": camera} for camera in data.cameras], "images": strip.images,
+        "frames": strip.frames,
+        "times": times.tolist(),
+        "cameras": [{"id": camera} for camera in data.cameras],
+        "images": strip.images,
         "outputs": [{"letter": o, "content": OUTPUTS[o].content} for o in data.outputs],
-        "plots": curves(data, times), "attenuation": attenuation(data),
+        "plots": curves(data, times),
+        "attenuation": attenuation(data),
     }
 
 
@@ -111,11 +132,17 @@ def _warnings(found: list[str]) -> str:
 def _sections(data: Dataset, strip: Filmstrip, course: str) -> list[tuple[str, str, str]]:
     """(id, title, HTML) of every section, in order."""
     return [
-        ("frames", "Frames", _frames(data, strip)), ("course", "Course", course),
+        ("frames", "Frames", _frames(data, strip)),
+        ("course", "Course", course),
         ("curves", "Sensors and exposure", '<div id="plots"></div>'),
-        ("water", "Water, cameras, sensors", (
-            f'<div class="two"><div class="card">{facts.water(data)}</div><div id="water-plot"></div></div>'
-            f'<div class="card stack" style="margin-top:12px">{facts.cameras(data)}{facts.equipment(data)}</div>')),
+        (
+            "water",
+            "Water, cameras, sensors",
+            (
+                f'<div class="two"><div class="card">{facts.water(data)}</div><div id="water-plot"></div></div>'
+                f'<div class="card stack" style="margin-top:12px">{facts.cameras(data)}{facts.equipment(data)}</div>'
+            ),
+        ),
         ("plan", "Plan", f'<div class="card stack">{facts.plan(data)}</div>'),
         ("timings", "Rendering", f'<div class="card">{facts.timings(data)}{facts.measures(data)}</div>'),
         ("provenance", "What it was made of", f'<div class="card">{facts.provenance(data)}</div>'),
@@ -148,9 +175,12 @@ aria-pressed="false">side by side</button></span></div>
 
 
 def _course(pictures: dict[str, str], missing: str | None) -> str:
-    note = "" if missing is None else (
-        f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}).</p>')
-    images = "".join(f'<img src="data:image/png;base64,{picture}" alt="The course seen {name}">'
-                     for name, picture in pictures.items())
-    return f'''<div class="card"><div class="course">{images}</div></div>{note}
-<p class="note"><code>varos-warp view</code> shows the world in three dimensions, and every pose.</p>'''
+    note = (
+        "" if missing is None else (f'<p class="note">The scene’s meshes cannot be drawn ({html.escape(missing)}).</p>')
+    )
+    images = "".join(
+        f'<img src="data:image/png;base64,{picture}" alt="The course seen {name}">'
+        for name, picture in pictures.items()
+    )
+    return f"""<div class="card"><div class="course">{images}</div></div>{note}
+<p class="note"><code>varos-warp view</code> shows the world in three dimensions, and every pose.</p>"""

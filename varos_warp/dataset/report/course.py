@@ -55,14 +55,22 @@ def course_pictures(data: Dataset, scene: SceneParts) -> dict[str, str]:
     own = next((vehicle for vehicle in whole.get("vehicles") or () if vehicle["id"] == data.meta["vehicle"]), whole)
     stops = [stop["position"] for stop in own["trajectory"].get("waypoints") or own["trajectory"].get("poses") or ()]
     along = int(np.argmax(np.ptp(course[:, :2], axis=0)))
-    return {"from above": _picture(course, points, stops, (0, 1)),
-            "from the side": _picture(course, points, stops, (along, 2))}
+    return {
+        "from above": _picture(course, points, stops, (0, 1)),
+        "from the side": _picture(course, points, stops, (along, 2)),
+    }
 
 
 def ground_points(parts: list[Part | Instances], course: np.ndarray) -> np.ndarray:
     """Vertices [N, 3] of all parts near the course, some by chance; of copies, the places where they stand."""
-    points = np.concatenate([part.T_w_o[:, :3, 3] if isinstance(part, Instances) else part.vertices
-                             for part in parts if not isinstance(part, Grown)] or [np.zeros((0, 3))])
+    points = np.concatenate(
+        [
+            part.T_w_o[:, :3, 3] if isinstance(part, Instances) else part.vertices
+            for part in parts
+            if not isinstance(part, Grown)
+        ]
+        or [np.zeros((0, 3))]
+    )
     low, high = course.min(axis=0)[:2] - MARGIN_M, course.max(axis=0)[:2] + MARGIN_M
     points = points[((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)]
     # every n-th vertex of a grid would draw stripes

@@ -42,8 +42,15 @@ def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> 
     return np.column_stack([x[starts], x[ends]]).ravel(), np.stack([low, high], 1).reshape(2 * intervals, -1)
 
 
-def curve(title: str, unit: str, x: np.ndarray, columns: np.ndarray, names: Iterable[str],
-          times: np.ndarray | None = None, **more: Any) -> dict[str, Any]:
+def curve(
+    title: str,
+    unit: str,
+    x: np.ndarray,
+    columns: np.ndarray,
+    names: Iterable[str],
+    times: np.ndarray | None = None,
+    **more: Any,
+) -> dict[str, Any]:
     """A plot as the page draws it.
 
     Args:
@@ -61,8 +68,13 @@ def curve(title: str, unit: str, x: np.ndarray, columns: np.ndarray, names: Iter
     if times is not None:
         rows = (np.searchsorted(x, times, "right") - 1).clip(min=0)
         more["at_frames"] = [_short(column) for column in columns[rows].T]
-    return {"title": title, "unit": unit, "x": _short(thin_x), "y": [_short(column) for column in thin.T],
-            "names": list(names)} | more
+    return {
+        "title": title,
+        "unit": unit,
+        "x": _short(thin_x),
+        "y": [_short(column) for column in thin.T],
+        "names": list(names),
+    } | more
 
 
 def _short(values: np.ndarray, digits: int = 6) -> list[float | None]:
@@ -81,8 +93,17 @@ def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
     there = [sensor for sensor in SENSORS if sensor.id in data.recorded]
     for sensor, drawn in ((each, drawn) for each in there for drawn in each.curves):
         readings, more = data.readings(sensor.id), {"down": True} if drawn.down else {}
-        plots.append(curve(drawn.title, drawn.unit, readings["time_ns"] * 1e-9, drawn.scale * readings[drawn.quantity],
-                           drawn.names, times, **more))
+        plots.append(
+            curve(
+                drawn.title,
+                drawn.unit,
+                readings["time_ns"] * 1e-9,
+                drawn.scale * readings[drawn.quantity],
+                drawn.names,
+                times,
+                **more,
+            )
+        )
     if "vehicle" in data.recorded:
         state = data.states()
         speed = np.linalg.norm(state["velocity"], axis=1)
@@ -92,9 +113,12 @@ def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
 
 def _exposure(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
     """Gain of every exposed output of every camera, over the frames that all of them have."""
-    gains = {f"{camera} {output}" if len(data.cameras) > 1 else output: data.gains(output, camera)
-             for camera in data.cameras for output in data.outputs if OUTPUTS[output].is_color
-             and data.layout.exposures(camera, output).is_file()}
+    gains = {
+        f"{camera} {output}" if len(data.cameras) > 1 else output: data.gains(output, camera)
+        for camera in data.cameras
+        for output in data.outputs
+        if OUTPUTS[output].is_color and data.layout.exposures(camera, output).is_file()
+    }
     frames = [f for f in data.frames if all(f in gain for gain in gains.values())]
     if not gains or not frames:
         return []
@@ -130,5 +154,12 @@ def attenuation(data: Dataset) -> dict[str, Any]:
     """What the water leaves of light along a straight way: exp(-sigma_t d) per channel."""
     water, distance = data.meta["water"], np.linspace(0.0, data.meta["depth"]["range_m"][1], 101)
     left = BandWater.of(water, data.cameras[0]).left(distance)
-    return curve("Light left after a distance in the water", "%", distance, 100 * left,
-                 ["red", "green", "blue"], distance=True, zero=True)
+    return curve(
+        "Light left after a distance in the water",
+        "%",
+        distance,
+        100 * left,
+        ["red", "green", "blue"],
+        distance=True,
+        zero=True,
+    )

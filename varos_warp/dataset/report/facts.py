@@ -26,8 +26,10 @@ MOST_WARNINGS = 40
 def cells(values: Iterable, tag: str = "td", names: Sequence[str] = ()) -> str:
     """A row of a table of plain text, with the names of its columns for where there is no head over them."""
     named = [f' data-name="{html.escape(name)}"' if name else "" for name in names]
-    return "".join(f"<{tag}{name}>{html.escape(str(value))}</{tag}>"
-                   for value, name in itertools.zip_longest(values, named, fillvalue=""))
+    return "".join(
+        f"<{tag}{name}>{html.escape(str(value))}</{tag}>"
+        for value, name in itertools.zip_longest(values, named, fillvalue="")
+    )
 
 
 class Raw(str):
@@ -42,8 +44,9 @@ def note(text: str, kind: str = "note") -> Raw:
 def table(rows: Iterable[Iterable], header: Sequence[str] = (), kind: str = "") -> Raw:
     """An HTML table; the first column names the rows. On a narrow screen each row becomes a block of named values."""
     head = f"<thead><tr>{cells(header, 'th')}</tr></thead>".replace("<th></th>", "<td>&nbsp;</td>") if header else ""
-    body = "".join(f"<tr><th>{html.escape(str(first))}</th>{cells(rest, names=header[1:])}</tr>"
-                   for first, *rest in rows)
+    body = "".join(
+        f"<tr><th>{html.escape(str(first))}</th>{cells(rest, names=header[1:])}</tr>" for first, *rest in rows
+    )
     return Raw(f'<div class="scroll"><table class="{kind}">{head}<tbody>{body}</tbody></table></div>')
 
 
@@ -64,18 +67,27 @@ def headline(data: Dataset) -> list[tuple[str, str]]:
     """(value, name) of what a person asks first."""
     meta, rate = data.meta, data.meta["frames"]["rate_hz"]
     of = counted(meta["frames"]["of"], "frame")
-    tiles = [(f"{len(data)}", of.partition(" ")[2] if len(data) == meta["frames"]["of"] else f"of {of}"),
-             (f"{len(data) / rate:.4g} s", f"at {rate:g} Hz")]
+    tiles = [
+        (f"{len(data)}", of.partition(" ")[2] if len(data) == meta["frames"]["of"] else f"of {of}"),
+        (f"{len(data) / rate:.4g} s", f"at {rate:g} Hz"),
+    ]
     if "vehicle" in data.recorded:
         state = data.states()
         step = np.linalg.norm(np.diff(state["position"], axis=0), axis=1)
         depth = meta["surface_depth_m"] - state["position"][:, 2]
         speed = np.linalg.norm(state["velocity"], axis=1).mean()
-        tiles += [(f"{step.sum():.3g} m", "course"), (f"{speed:.2g} m/s", "mean speed"),
-                  (f"{depth.min():.4g}–{depth.max():.4g} m", "depth")]
+        tiles += [
+            (f"{step.sum():.3g} m", "course"),
+            (f"{speed:.2g} m/s", "mean speed"),
+            (f"{depth.min():.4g}–{depth.max():.4g} m", "depth"),
+        ]
     first = data.camera()
-    tiles.append((f"{first['width']} × {first['height']}", "pixels" if len(data.cameras) == 1 else
-                  f"pixels, {len(data.cameras)} cameras"))
+    tiles.append(
+        (
+            f"{first['width']} × {first['height']}",
+            "pixels" if len(data.cameras) == 1 else f"pixels, {len(data.cameras)} cameras",
+        )
+    )
     seconds = [row["seconds"] for log in logs(data) for row in log["frames"]]
     return tiles + ([(f"{np.median(seconds):.3g} s", "to render a frame")] if seconds else [])
 
@@ -87,9 +99,14 @@ def water(data: Dataset) -> Raw:
         return _bands(w)
     sigma_t = np.add(w["sigma_a"], w["sigma_s"])
     with np.errstate(divide="ignore"):
-        rows = [("absorption a [1/m]", w["sigma_a"]), ("scattering b [1/m]", w["sigma_s"]),
-                ("extinction c [1/m]", sigma_t), ("albedo b / c", w["albedo"]), ("mean free path [m]", 1 / sigma_t),
-                ("a tenth of the light left at [m]", np.log(10) / sigma_t)]
+        rows = [
+            ("absorption a [1/m]", w["sigma_a"]),
+            ("scattering b [1/m]", w["sigma_s"]),
+            ("extinction c [1/m]", sigma_t),
+            ("albedo b / c", w["albedo"]),
+            ("mean free path [m]", 1 / sigma_t),
+            ("a tenth of the light left at [m]", np.log(10) / sigma_t),
+        ]
     text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
     phase = {"henyey_greenstein": "Henyey-Greenstein", "fournier_forand": "Fournier-Forand"}.get(w["phase"], w["phase"])
     return Raw(text + note(f"Given as {w['source']}; {phase} phase function, g = {w['g']:g}."))
@@ -97,8 +114,11 @@ def water(data: Dataset) -> Raw:
 
 def _bands(w: dict) -> Raw:
     """Water by wavelength, in the bands of each camera."""
-    rows = [(bands["camera"], f"{nm:g}", number(a), number(b), number(a + b)) for bands in w["bands"]
-            for nm, a, b in zip(bands["wavelength_nm"], bands["a"], bands["b"], strict=True)]
+    rows = [
+        (bands["camera"], f"{nm:g}", number(a), number(b), number(a + b))
+        for bands in w["bands"]
+        for nm, a, b in zip(bands["wavelength_nm"], bands["a"], bands["b"], strict=True)
+    ]
     text = table(rows, ("camera", "band [nm]", "a [1/m]", "b [1/m]", "c [1/m]"), "numbers")
     return Raw(text + note(f"By wavelength: {w['water']}; {w['phase']} phase function of particles, g = {w['g']:g}."))
 
@@ -111,13 +131,34 @@ def cameras(data: Dataset) -> Raw:
         fov = np.degrees(data.camera_model(about["id"]).field_of_view(about["width"], about["height"]))
         place = np.array(about.get("T_v_c") or about.get("T_w_c") or np.full((4, 4), np.nan))[:3, 3]
         stop = f"{about.get('f_stop') or 'pinhole'}{_optics(about)}"
-        rows.append((about["id"], f"{about['width']} × {about['height']}", numbers((K[0, 0], K[1, 1])),
-                     numbers((K[0, 2], K[1, 2])), f"{fov[0]:.1f}° × {fov[1]:.1f}°", stop,
-                     number(about["focus_m"]) if about.get("focus_m") else "–", f"{about['mount']}: {numbers(place)}"))
+        rows.append(
+            (
+                about["id"],
+                f"{about['width']} × {about['height']}",
+                numbers((K[0, 0], K[1, 1])),
+                numbers((K[0, 2], K[1, 2])),
+                f"{fov[0]:.1f}° × {fov[1]:.1f}°",
+                stop,
+                number(about["focus_m"]) if about.get("focus_m") else "–",
+                f"{about['mount']}: {numbers(place)}",
+            )
+        )
     files_of_rays = [about["rays"] for about in data.meta["cameras"] if about.get("rays")]
     words = f"Rays of every pixel through lens and port: {', '.join(files_of_rays)}."
-    found = table(rows, ("camera", "pixels", "fx, fy [px]", "cx, cy (OpenCV)", "field of view", "f-stop", "focus [m]",
-                        "mounted on, at [m]"), "numbers")
+    found = table(
+        rows,
+        (
+            "camera",
+            "pixels",
+            "fx, fy [px]",
+            "cx, cy (OpenCV)",
+            "field of view",
+            "f-stop",
+            "focus [m]",
+            "mounted on, at [m]",
+        ),
+        "numbers",
+    )
     return Raw(found + note(words)) if files_of_rays else found
 
 
@@ -125,18 +166,27 @@ def _optics(about: dict) -> str:
     """Lens, port and shutter in words."""
     lens, port = about.get("distortion"), about.get("port")
     coefficients = lens_of(**lens).k if isinstance(lens, dict) else ()
-    return (f", {lens['model']} {numbers(coefficients)}" if isinstance(lens, dict) else "") + (
-        f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "") + (
-        f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "") + (
-        f", exposed for {1e3 * shutter['exposure_s']:g} ms" + (
-            f", rolling in {1e3 * shutter['readout_s']:g} ms" if shutter["readout_s"] else "")
-        if (shutter := about.get("shutter")) else "")
+    return (
+        (f", {lens['model']} {numbers(coefficients)}" if isinstance(lens, dict) else "")
+        + (f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "")
+        + (f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "")
+        + (
+            f", exposed for {1e3 * shutter['exposure_s']:g} ms"
+            + (f", rolling in {1e3 * shutter['readout_s']:g} ms" if shutter["readout_s"] else "")
+            if (shutter := about.get("shutter"))
+            else ""
+        )
+    )
 
 
 def _beam(light: dict) -> str:
     """The shape of a light in words."""
-    words = {"cone_deg": "cone {:g}°", "fan_deg": "fan {:g}°", "thickness_deg": "{:g}° thick",
-             "radius_m": "radius {:g} m"}
+    words = {
+        "cone_deg": "cone {:g}°",
+        "fan_deg": "fan {:g}°",
+        "thickness_deg": "{:g}° thick",
+        "radius_m": "radius {:g} m",
+    }
     found = [word.format(light[key]) for key, word in words.items() if light.get(key)]
     if strobe := light.get("strobe"):
         found.append(f"flashes for {1e3 * strobe['on_s']:g} ms, {1e3 * strobe['delay_s']:g} ms after the time stamp")
@@ -148,11 +198,24 @@ def equipment(data: Dataset) -> Raw:
     lights = {f"light {i}": light for i, light in enumerate(data.meta["lights"])}
     for entry in data.meta.get("moving") or ():
         lights |= {f"{entry['key']}, light {i}": light for i, light in enumerate(entry.get("lights") or ())}
-    rows = [(name, f"{light.get('kind', '')}, {numbers(light.get('intensity') or (), 'W/sr')}",
-             numbers(light.get("position") or (), "m"), _beam(light)) for name, light in lights.items()]
+    rows = [
+        (
+            name,
+            f"{light.get('kind', '')}, {numbers(light.get('intensity') or (), 'W/sr')}",
+            numbers(light.get("position") or (), "m"),
+            _beam(light),
+        )
+        for name, light in lights.items()
+    ]
     for name, sensor in data.meta["sensors"].items():
-        rows.append((name, f"{sensor['rate_hz']:g} Hz", numbers(np.array(sensor["T_v_s"])[:3, 3], "m"),
-                     "with noise" if sensor["noise"] else "noise-free"))
+        rows.append(
+            (
+                name,
+                f"{sensor['rate_hz']:g} Hz",
+                numbers(np.array(sensor["T_v_s"])[:3, 3], "m"),
+                "with noise" if sensor["noise"] else "noise-free",
+            )
+        )
     return table(rows, ("", "", "on its vehicle at", ""), "numbers")
 
 
@@ -169,8 +232,11 @@ def plan(data: Dataset) -> Raw:
     if chosen.get("error"):
         rows.append(("in all", "", *_percent(chosen["error"]), "predicted relative RMSE of an image"))
     text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
-    models = table((letter, f"{OUTPUTS[letter].content}: {how}") for letter, how in (chosen.get("models") or {}).items()
-                   if letter in data.outputs)
+    models = table(
+        (letter, f"{OUTPUTS[letter].content}: {how}")
+        for letter, how in (chosen.get("models") or {}).items()
+        if letter in data.outputs
+    )
     by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
     return Raw(text + models + note(f"A denoised with {by[0]}, B with {by[1]}."))
 
@@ -184,9 +250,16 @@ def timings(data: Dataset) -> Raw:
     rows = []
     for log in logs(data):
         seconds = np.array([row["seconds"] for row in log["frames"]])
-        rows.append((_minute(log.get("ended", "")), f"{log.get('model')} ({log.get('device')})",
-                     len(seconds), f"{seconds.sum():.1f} s", f"{np.median(seconds):.3g} s" if len(seconds) else "",
-                     f"{log.get('compile_seconds', 0):.1f} s"))
+        rows.append(
+            (
+                _minute(log.get("ended", "")),
+                f"{log.get('model')} ({log.get('device')})",
+                len(seconds),
+                f"{seconds.sum():.1f} s",
+                f"{np.median(seconds):.3g} s" if len(seconds) else "",
+                f"{log.get('compile_seconds', 0):.1f} s",
+            )
+        )
     if not rows:
         return note("No run left a log.", "empty")
     text = table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
@@ -196,21 +269,32 @@ def timings(data: Dataset) -> Raw:
     went = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.items() if seconds >= 0.05)
     said = dict.fromkeys(str(message) for log in logs(data) for message in log.get("messages") or [])
     notes = "".join(f"<li>{html.escape(message)}</li>" for message in said)
-    return Raw(text + (note(f"Where the time of the runs went: {went}.") if went else "")
-               + (f"<h3>What the runs said</h3><ul>{notes}</ul>" if notes else ""))
+    return Raw(
+        text
+        + (note(f"Where the time of the runs went: {went}.") if went else "")
+        + (f"<h3>What the runs said</h3><ul>{notes}</ul>" if notes else "")
+    )
 
 
 def provenance(data: Dataset) -> Raw:
     """What made the dataset, and of what."""
     meta = data.meta
-    rows = [("name", meta["name"]), ("sequence, vehicle", f"{meta['sequence']}, {meta['vehicle']}"),
-            ("seed", meta["seed"]),
-            ("outputs", "; ".join(f"{o}: {OUTPUTS[o].content}" for o in data.outputs) or "none"),
-            ("depth", "{}, {:g} to {:g} m, steps of {:.3g} mm".format(
-                meta["depth"]["kind"], *meta["depth"]["range_m"], 1000 * meta["depth"]["scale_m"])),
-            ("noise", _noise(data)), ("device", (meta["device"] or {}).get("model", "nothing rendered yet")),
-            ("versions", ", ".join(f"{package} {version}" for package, version in meta["versions"].items())),
-            *((f"file {name}", f"SHA-256 {digest}") for name, digest in meta["sources"].items())]
+    rows = [
+        ("name", meta["name"]),
+        ("sequence, vehicle", f"{meta['sequence']}, {meta['vehicle']}"),
+        ("seed", meta["seed"]),
+        ("outputs", "; ".join(f"{o}: {OUTPUTS[o].content}" for o in data.outputs) or "none"),
+        (
+            "depth",
+            "{}, {:g} to {:g} m, steps of {:.3g} mm".format(
+                meta["depth"]["kind"], *meta["depth"]["range_m"], 1000 * meta["depth"]["scale_m"]
+            ),
+        ),
+        ("noise", _noise(data)),
+        ("device", (meta["device"] or {}).get("model", "nothing rendered yet")),
+        ("versions", ", ".join(f"{package} {version}" for package, version in meta["versions"].items())),
+        *((f"file {name}", f"SHA-256 {digest}") for name, digest in meta["sources"].items()),
+    ]
     scene = html.escape(yaml.safe_dump(meta["scene"], sort_keys=False, default_flow_style=None, width=110))
     return Raw(f"{table(rows)}<details><summary>The scene, every key</summary><pre>{scene}</pre></details>")
 
@@ -233,14 +317,18 @@ def warnings(data: Dataset, scene: list[str]) -> list[str]:
     for camera, output in itertools.product(data.cameras, data.outputs):
         missing = [f for f in data.frames if not files.is_complete(data.layout.image(camera, output, f))]
         if missing:
-            found.append(f"camera {camera}: {output} of {len(missing)} of {counted(len(data), 'frame')} is missing, "
-                         f"the first of frame {missing[0]}")
+            found.append(
+                f"camera {camera}: {output} of {len(missing)} of {counted(len(data), 'frame')} is missing, "
+                f"the first of frame {missing[0]}"
+            )
     found += scene
     for log in logs(data):
         lost = {row["frame"]: row["lost_samples"] for row in log["frames"] if row.get("lost_samples")}
         if lost:
-            found.append(f"{counted(sum(lost.values()), 'sample')} in {counted(len(lost), 'frame')} were infinite or "
-                         f"not a number and count as black; the first in frame {min(lost)}")
+            found.append(
+                f"{counted(sum(lost.values()), 'sample')} in {counted(len(lost), 'frame')} were infinite or "
+                f"not a number and count as black; the first in frame {min(lost)}"
+            )
     if result := validation(data):
         found += [f"validate: {problem}" for problem in result["problems"]]
     found = list(dict.fromkeys(found))
@@ -261,10 +349,14 @@ def measures(data: Dataset) -> Raw:
     """What `varos-warp validate` measured."""
     result = validation(data)
     if result is None:
-        return Raw("<h3>Validation</h3><p class=note>None yet: <code>varos-warp validate</code> reads everything back "
-                   "and leaves its measures here.</p>")
-    rows = [(m["name"], "–" if m["value"] is None else f"{m['value']:.4g}", f"{m['limit']:.4g}", m["unit"])
-            for m in result.get("measures", [])]
+        return Raw(
+            "<h3>Validation</h3><p class=note>None yet: <code>varos-warp validate</code> reads everything back "
+            "and leaves its measures here.</p>"
+        )
+    rows = [
+        (m["name"], "–" if m["value"] is None else f"{m['value']:.4g}", f"{m['limit']:.4g}", m["unit"])
+        for m in result.get("measures", [])
+    ]
     count, when = len(result["problems"]), html.escape(_minute(result.get("ended", "")))
     words = {0: "no problem", 1: "1 problem"}.get(count, f"{count} problems")
     return Raw(f"<h3>Validation, {when}: {words}</h3>{table(rows, ('measure', 'value', 'limit', 'unit'), 'numbers')}")

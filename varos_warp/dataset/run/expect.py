@@ -28,14 +28,22 @@ SAMPLE_S = {"cpu": 30e-6, "cuda": 35e-9}
 """Seconds for a sample of a pixel of A and its denoising: on one core, and on a large GPU."""
 SAMPLE_B_S = {"cpu": 4e-6, "cuda": 5e-9}
 """Seconds for a sample of a pixel of B."""
-PIXEL_S = {Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9}, Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9},
-           Source.PARTICLES: {"cpu": 8e-6, "cuda": 25e-9}}
+PIXEL_S = {
+    Source.FIRST_HITS: {"cpu": 0.5e-6, "cuda": 5e-9},
+    Source.NEXT_FRAME: {"cpu": 1.5e-6, "cuda": 30e-9},
+    Source.PARTICLES: {"cpu": 8e-6, "cuda": 25e-9},
+}
 """Seconds for a pixel of what first hits tell, all such images together, of F, and of bodies in the water: on one core
 (3dab77d; bodies later); beside a GPU, where encoding takes longest, what that takes on 16 such cores."""
 RAY_S = {"cpu": 0.5e-6, "cuda": 1e-9}
 """Seconds for each of the rays over a pixel that an image has of its own: on one core, and on a large GPU."""
-COMPILE_S = {Source.WATER: 24.0, Source.AMBIENT: 5.0, Source.FIRST_HITS: 4.0, Source.NEXT_FRAME: 4.0,
-             Source.PARTICLES: 10.0}
+COMPILE_S = {
+    Source.WATER: 24.0,
+    Source.AMBIENT: 5.0,
+    Source.FIRST_HITS: 4.0,
+    Source.NEXT_FRAME: 4.0,
+    Source.PARTICLES: 10.0,
+}
 """Seconds to compile what each image needs, which is done side by side, and for A to solve for the field: on one
 device, however many cores."""
 LOAD_S = 1.5
@@ -64,8 +72,9 @@ def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[d
     return found
 
 
-def _longest_moves_px(scene: Scene, parts: list, simulation: "Simulation", camera: Camera, times_s: list[float]
-                      ) -> list[float]:
+def _longest_moves_px(
+    scene: Scene, parts: list, simulation: "Simulation", camera: Camera, times_s: list[float]
+) -> list[float]:
     """How far at most what the middle of an image sees moves in each of some times [px]."""
     from varos_warp.scene.geometry.query import ranges
 
@@ -99,10 +108,18 @@ def dataset_facts(scene: Scene, frames: int) -> dict:
     planning = _samples_to_plan(scene, frames) * SAMPLE_S[device] / cores
     compiling = max(COMPILE_S[image.source] for image in images)
     seconds = LOAD_S + compiling + planning + pixels * _pixel_seconds(scene, device) / cores
-    return {"frames": frames, "cameras": len(scene.vehicle.cameras),
-            "images": frames * len(scene.vehicle.cameras) * len(render.outputs), "bytes": round(pixels * per_pixel),
-            "seconds": round(seconds, 1), "plan_seconds": round(planning, 1), "compile_seconds": compiling,
-            "device": device, "cores": cores, **_samples(scene)}
+    return {
+        "frames": frames,
+        "cameras": len(scene.vehicle.cameras),
+        "images": frames * len(scene.vehicle.cameras) * len(render.outputs),
+        "bytes": round(pixels * per_pixel),
+        "seconds": round(seconds, 1),
+        "plan_seconds": round(planning, 1),
+        "compile_seconds": compiling,
+        "device": device,
+        "cores": cores,
+        **_samples(scene),
+    }
 
 
 def _samples(scene: Scene) -> dict:

@@ -40,7 +40,13 @@ def datasets_of(scene: Scene, out: Path, only: str | None = None) -> dict[str, t
     if not scene.vehicles:
         return {scene.vehicle.id: (scene, out)}
     if (out / "dataset.json").exists():
-        raise InputError("holds a dataset, but each of the scene's vehicles gets one in a folder inside", file=out,
-                         remedy="Give another folder with -o.")
-    return {vehicle.id: (scene.observed_by(vehicle.id), folder_of_vehicle(out, vehicle.id))
-            for vehicle in scene.vehicles if only in (None, vehicle.id)}
+        raise InputError(
+            "holds a dataset, but each of the scene's vehicles gets one in a folder inside",
+            file=out,
+            remedy="Give another folder with -o.",
+        )
+    return {
+        vehicle.id: (scene.observed_by(vehicle.id), folder_of_vehicle(out, vehicle.id))
+        for vehicle in scene.vehicles
+        if only in (None, vehicle.id)
+    }

@@ -101,8 +101,10 @@ class Rendered:
             letters = sorted({letter for name, letter, _ in self.empty if name == camera})
             if frames:
                 which = ", ".join(map(str, frames[:5])) + ", ..." * (len(frames) > 5)
-                yield (f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
-                       f"({which}): {', '.join(letters)} hold nothing there")
+                yield (
+                    f"camera {camera} has no surface in sight in {counted(len(frames), 'frame')} "
+                    f"({which}): {', '.join(letters)} hold nothing there"
+                )
 
 
 class _Threads(ThreadPoolExecutor):
@@ -170,8 +172,12 @@ class Pipeline:
         """
         cores, under_way = usable_cores(), deque()
         at_once = self.at_once or AT_ONCE[kind_of(self.renderer.device)]
-        with (taking_turns(), self.clock.rest("wait", "render"), ThreadPoolExecutor(cores, "write") as self.writers,
-              _Threads(at_once, "render") if at_once > 1 else _HereAndNow() as pool):
+        with (
+            taking_turns(),
+            self.clock.rest("wait", "render"),
+            ThreadPoolExecutor(cores, "write") as self.writers,
+            _Threads(at_once, "render") if at_once > 1 else _HereAndNow() as pool,
+        ):
             for job in jobs:
                 if len(under_way) >= room(cores):
                     self.collect(*under_way.popleft())
@@ -193,22 +199,35 @@ class Pipeline:
             with self.noting:
                 self.done()
             raise
-        writing = [self.writers.submit(self.store.write, job, letter, getattr(image, letter), self.clock)
-                   for letter in job.letters]
+        writing = [
+            self.writers.submit(self.store.write, job, letter, getattr(image, letter), self.clock)
+            for letter in job.letters
+        ]
         with self.noting:
-            self.made.timings.append({"frame": job.frame, "camera": job.camera, "outputs": job.letters,
-                                      "seconds": round(seconds, 4)} | self.samples_of(job, image))
+            self.made.timings.append(
+                {"frame": job.frame, "camera": job.camera, "outputs": job.letters, "seconds": round(seconds, 4)}
+                | self.samples_of(job, image)
+            )
             self.done()
         return writing
 
     def timed(self, job: ImageJob):
         """An image, and the seconds it took without those of compiling, nor those before the image before was done."""
         start = time.perf_counter()
-        image, seconds = timed(self.renderer, lambda: self.renderer.render(
-            self.T_w_v(job.frame), camera=job.camera, outputs=job.letters, frame=job.frame,
-            following=self.following(job.frame) if not OF_NEXT_FRAME.isdisjoint(job.letters) else None,
-            motion=self.motion(job.frame), time_ns=self.time_ns(job.frame),
-            **self.plan.options_of(job.camera, job.frame), **self.options))
+        image, seconds = timed(
+            self.renderer,
+            lambda: self.renderer.render(
+                self.T_w_v(job.frame),
+                camera=job.camera,
+                outputs=job.letters,
+                frame=job.frame,
+                following=self.following(job.frame) if not OF_NEXT_FRAME.isdisjoint(job.letters) else None,
+                motion=self.motion(job.frame),
+                time_ns=self.time_ns(job.frame),
+                **self.plan.options_of(job.camera, job.frame),
+                **self.options,
+            ),
+        )
         overlap = max(self.last_done - start, 0.0)
         self.last_done = time.perf_counter()
         return image, max(seconds - overlap, 0.0)
@@ -226,8 +245,10 @@ class Pipeline:
         lost = {letter: getattr(getattr(image, letter, None), "lost_samples", 0) for letter in job.letters}
         lost = {letter: count for letter, count in lost.items() if count}
         for letter, count in lost.items():
-            self.say(f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite or "
-                     "not a number and count as black")
+            self.say(
+                f"frame {job.frame}, camera {job.camera}: at least {count} samples of {letter} were infinite or "
+                "not a number and count as black"
+            )
         spp = getattr(getattr(image, WATER, None) or getattr(image, TWIN, None), "spp", None)
         return ({"spp": round(spp, 2)} if spp else {}) | ({"lost_samples": sum(lost.values())} if lost else {})
 

@@ -19,8 +19,14 @@ from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.geometry.files.named import mesh_textures
 
-CODE = ("varos_warp.kernels", "varos_warp.device", "varos_warp.render", "varos_warp.products.images",
-        "varos_warp.scene", "varos_warp.sim")
+CODE = (
+    "varos_warp.kernels",
+    "varos_warp.device",
+    "varos_warp.render",
+    "varos_warp.products.images",
+    "varos_warp.scene",
+    "varos_warp.sim",
+)
 """What a plan follows from, besides the scene,"""
 ROOTS = ("varos_warp.render.renderer", "varos_warp.render.planner.plan", "varos_warp.sim.trajectory")
 """beginning with these."""
@@ -39,8 +45,15 @@ def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **option
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
     ahead = scene.render.outputs if open_questions(scene) and not options.get("measure_cost") else ()
     with renderer.compiling(ahead), NamedSteps("planning", STEPS, quiet) as steps:
-        return plan_render(scene, renderer, list(frames.poses()), time_ns=frames.time_ns.tolist(), motion=motion,
-                           progress=steps.reach, **options)
+        return plan_render(
+            scene,
+            renderer,
+            list(frames.poses()),
+            time_ns=frames.time_ns.tolist(),
+            motion=motion,
+            progress=steps.reach,
+            **options,
+        )
 
 
 def what_is_planned(scene) -> str | None:
@@ -59,6 +72,7 @@ def kept_plan(scene, renderer, frames, make: Callable[[], Plan]) -> Plan:
     Without its cost, which is of one machine, and without models, which say of what outputs it was asked for. Of
     ``frames``, rows of a `Trajectory`; ``make`` is such as `plan_sequence`.
     """
+
     def build() -> dict[str, np.ndarray]:
         return {"plan": np.array(json.dumps({"plan": replace(make(), cost=None, models={}).to_dict()}))}
 
@@ -79,7 +93,14 @@ def depends_on(scene, renderer, frames) -> dict[str, Any]:
     for key in BESIDE:
         described["render"].pop(key, None)
     textures = {str(path.name): sha256(path) for path in mesh_textures(scene)}
-    return {"scene": described, "water": sees_water(scene.render.outputs), "files": sources(scene) | textures,
-            "frames": digest(frames.time_ns, frames.poses()), "device": kind_of(renderer.device),
-            "renderer": type(renderer).__qualname__, "denoiser": available_method(scene.render.denoise),
-            "version": varos_warp.__version__, "code": [code_hash(root, CODE) for root in ROOTS]}
+    return {
+        "scene": described,
+        "water": sees_water(scene.render.outputs),
+        "files": sources(scene) | textures,
+        "frames": digest(frames.time_ns, frames.poses()),
+        "device": kind_of(renderer.device),
+        "renderer": type(renderer).__qualname__,
+        "denoiser": available_method(scene.render.denoise),
+        "version": varos_warp.__version__,
+        "code": [code_hash(root, CODE) for root in ROOTS],
+    }

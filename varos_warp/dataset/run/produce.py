@@ -68,9 +68,19 @@ class Summary:
     """Frames of a camera per second, without the first one, which waits for compilers and caches."""
 
 
-def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), shard: tuple[int, int] = (0, 1),
-            sensors: bool = True, images: bool = True, quiet: bool = False, renderer=None,
-            workers: int | None = None) -> Summary:
+def produce(
+    scene,
+    out,
+    *,
+    device: str = "auto",
+    frames: slice = slice(None),
+    shard: tuple[int, int] = (0, 1),
+    sensors: bool = True,
+    images: bool = True,
+    quiet: bool = False,
+    renderer=None,
+    workers: int | None = None,
+) -> Summary:
     """Simulate, render and write a dataset; completes one that was interrupted, and leaves a complete one alone.
 
     Args:
@@ -92,18 +102,42 @@ def produce(scene, out, *, device: str = "auto", frames: slice = slice(None), sh
             is no such device.
         RunFailed: If images could not be made; all others are.
     """
-    return produce_sharing(scene, out, Shared(renderer=renderer, is_lit=renderer is not None), device=device,
-                           frames=frames, shard=shard, sensors=sensors, images=images, quiet=quiet, workers=workers)
+    return produce_sharing(
+        scene,
+        out,
+        Shared(renderer=renderer, is_lit=renderer is not None),
+        device=device,
+        frames=frames,
+        shard=shard,
+        sensors=sensors,
+        images=images,
+        quiet=quiet,
+        workers=workers,
+    )
 
 
-def produce_sharing(scene, out, shared: Shared, *, device: str, frames: slice, shard: tuple[int, int] = (0, 1),
-                    sensors: bool = True, images: bool = True, quiet: bool = False, workers: int | None = None
-                    ) -> Summary:
+def produce_sharing(
+    scene,
+    out,
+    shared: Shared,
+    *,
+    device: str,
+    frames: slice,
+    shard: tuple[int, int] = (0, 1),
+    sensors: bool = True,
+    images: bool = True,
+    quiet: bool = False,
+    workers: int | None = None,
+) -> Summary:
     """Do as `produce`, with what earlier runs have made already, and for later ones; ``shared`` must suit the scene."""
     start = time.monotonic()
     if workers is not None and (workers < 1 or shard[1] > 1):
-        raise InputError("must be at least 1" if workers < 1 else "cannot be given with --shard", key="--workers",
-                         value=workers, remedy="Leave one of them out." if workers > 0 else "Such as 2.")
+        raise InputError(
+            "must be at least 1" if workers < 1 else "cannot be given with --shard",
+            key="--workers",
+            value=workers,
+            remedy="Leave one of them out." if workers > 0 else "Such as 2.",
+        )
     layout = Layout.of(scene, out)
     if images and workers is None:
         device = shared.renderer.device if shared.is_lit else resolve_device(device)
@@ -132,8 +166,9 @@ def produce_sharing(scene, out, shared: Shared, *, device: str, frames: slice, s
     return run.summary
 
 
-def render_shard(scene, out, device: str, frames: slice, *, shard: tuple[int, int], console
-                 ) -> tuple[Summary, Rendered]:
+def render_shard(
+    scene, out, device: str, frames: slice, *, shard: tuple[int, int], console
+) -> tuple[Summary, Rendered]:
     """What a worker does: all of a run but what follows from the frames of all workers."""
     layout = Layout.of(scene, out)
     with folder.claimed(layout.root, (shard[0], shard[1] + 1)):
@@ -161,8 +196,10 @@ class _Run:
     """Whether a parent does what follows from the frames of all shards."""
     has_tables = False
     """Whether they are written already."""
-    def __init__(self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str,
-                 shared: Shared | None = None):
+
+    def __init__(
+        self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, shared: Shared | None = None
+    ):
         self.scene, self.layout, self.shard, self.console = scene, layout, shard, console
         self.device, self.shared = device, shared or Shared()
         self.renderer = self.shared.renderer if self.shared.is_lit else None
@@ -225,8 +262,11 @@ class _Run:
         damaged = self.record.damaged()
         own = self.layout.metadata.name
         if own in damaged:
-            raise InputError("is not as a run wrote it: its checksum differs", file=self.layout.metadata,
-                             remedy="Restore it, or make the dataset anew in another folder.")
+            raise InputError(
+                "is not as a run wrote it: its checksum differs",
+                file=self.layout.metadata,
+                remedy="Restore it, or make the dataset anew in another folder.",
+            )
         if damaged:
             names = ", ".join(damaged[:5]) + ", ..." * (len(damaged) > 5)
             self.say(f"{counted(len(damaged), 'damaged or missing file')}, to be made again: {names}")
@@ -235,7 +275,7 @@ class _Run:
     @property
     def mine(self) -> list[int]:
         """Frames of this shard."""
-        return self.selected[self.shard[0]::self.shard[1]]
+        return self.selected[self.shard[0] :: self.shard[1]]
 
     def borrow(self) -> None:
         """Link the images that other datasets have, but for the first frame, which shows whether they are the same."""
@@ -258,6 +298,7 @@ class _Run:
         self.choose_extent(images=True)
         try:
             with self.rendering() as progress:
+
                 def done(steps: int) -> None:
                     progress.advance(steps)
                     if not self.has_tables:
@@ -283,8 +324,12 @@ class _Run:
             if self.work or self.lacks_segments(images):
                 with self.clock("load"):
                     self.load()
-            with folder.planning(self.layout.root, lambda: None if self.is_worker else self.console.tell(
-                    "waiting for the plan that another shard makes ...")):
+            with folder.planning(
+                self.layout.root,
+                lambda: (
+                    None if self.is_worker else self.console.tell("waiting for the plan that another shard makes ...")
+                ),
+            ):
                 self.take_over(folder.recorded(self.scene, self.layout))
                 if self.work:
                     self.settle()
@@ -360,10 +405,14 @@ class _Run:
                 continue
             method, before = available_method(getattr(self.scene.render, key)), self.denoisers[letter]
             if before not in (None, method):
-                raise InputError(f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
-                                 f"would be with {method!r}", file=self.layout.metadata, key=f"samples.{key}",
-                                 remedy="Go on where Open Image Denoise (pyoidn) is installed alike, or give another "
-                                        "folder with -o.")
+                raise InputError(
+                    f"frames of {letter} in this folder were denoised with {before!r}, the next ones "
+                    f"would be with {method!r}",
+                    file=self.layout.metadata,
+                    key=f"samples.{key}",
+                    remedy="Go on where Open Image Denoise (pyoidn) is installed alike, or give another "
+                    "folder with -o.",
+                )
             self.denoisers[letter] = method
 
     def build(self) -> list:
@@ -391,9 +440,14 @@ class _Run:
         if self.renderer.device == "cpu":
             give_back_large_arrays()
         if SEGMENTS in self.scene.render.outputs and len(self.renderer.segments) > SEGMENT_LEVELS:
-            raise InputError(f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
-                             key="render.outputs", value=SEGMENTS, remedy="Leave out S, or scatter fewer" + (
-                                 "; or leave out render.segments: fine" * (self.scene.render.segments == "fine")) + ".")
+            raise InputError(
+                f"{len(self.renderer.segments)} objects cannot be numbered in 16 bits",
+                key="render.outputs",
+                value=SEGMENTS,
+                remedy="Leave out S, or scatter fewer"
+                + ("; or leave out render.segments: fine" * (self.scene.render.segments == "fine"))
+                + ".",
+            )
 
     def settle(self) -> None:
         """Decide what is still open: denoisers, the device on record, which stays the first, and the plan."""
@@ -403,12 +457,16 @@ class _Run:
         words, first = ("{name} ({model})".format_map(device) for device in (here, self.recorded_device))
         self.summary.device = words
         if here["model"] != self.recorded_device["model"]:
-            self.say(f"earlier frames were rendered on {first}, these are on {words}: pixels may differ in rounding; "
-                     "dataset.json keeps the first")
+            self.say(
+                f"earlier frames were rendered on {first}, these are on {words}: pixels may differ in rounding; "
+                "dataset.json keeps the first"
+            )
         simd, first_simd = writers.simd(), (self.previous or {}).get("versions", {}).get("simd")
         if first_simd not in (None, simd):
-            self.say(f"this dataset was begun on another kind of CPU ({first_simd}; here {simd}): the last digits of "
-                     "tables may differ, of images they do not; dataset.json keeps the first")
+            self.say(
+                f"this dataset was begun on another kind of CPU ({first_simd}; here {simd}): the last digits of "
+                "tables may differ, of images they do not; dataset.json keeps the first"
+            )
         with self.clock("plan"):
             if self.plan is None or not self.plan.says_how(self.letters()):
                 self.plan = self.make_plan()
@@ -422,8 +480,12 @@ class _Run:
             self.console.tell(f"planning {question} ...")
         # of the whole sequence, whichever part of it this run renders
         frames = self.simulation.frames
-        plan = kept_plan(self.scene, self.renderer, frames, lambda: plan_sequence(
-            self.scene, self.renderer, frames, self.simulation.motion, self.console.quiet))
+        plan = kept_plan(
+            self.scene,
+            self.renderer,
+            frames,
+            lambda: plan_sequence(self.scene, self.renderer, frames, self.simulation.motion, self.console.quiet),
+        )
         first, *others = told_of(plan, self.scene.render.outputs) or [""]
         if first:
             self.say(f"planned in {time.monotonic() - start:.0f} s: {first}")
@@ -444,9 +506,17 @@ class _Run:
     def write_metadata(self) -> None:
         """What says whose folder this is, before anything else is written, and what it holds."""
         plan = self.plan and writers.with_models(self.plan, self.scene, self.outputs, self.denoisers)
-        content = writers.describe(self.layout, self.scene, frames=self.frames, frame_count=self.count,
-                                   outputs=self.outputs, device=self.recorded_device, plan=plan and plan.to_dict(),
-                                   denoisers=self.denoisers, moving=describe_moving(self.scene, self.parts))
+        content = writers.describe(
+            self.layout,
+            self.scene,
+            frames=self.frames,
+            frame_count=self.count,
+            outputs=self.outputs,
+            device=self.recorded_device,
+            plan=plan and plan.to_dict(),
+            denoisers=self.denoisers,
+            moving=describe_moving(self.scene, self.parts),
+        )
         relief = {part.name: part.relief for part in self.parts or () if part.relief}
         if relief or (self.previous or {}).get("relief"):
             content["relief"] = relief or self.previous["relief"]
@@ -466,8 +536,9 @@ class _Run:
         poses = np.array([self.T_w_v(frame) for frame in self.frames])
         time_ns = self.simulation.frames.time_ns[self.frames]
         for camera in self.scene.vehicle.cameras:
-            writers.write_camera(self.layout, camera, self.frames, time_ns, poses, self.outputs,
-                                 color_matrix(self.scene, camera))
+            writers.write_camera(
+                self.layout, camera, self.frames, time_ns, poses, self.outputs, color_matrix(self.scene, camera)
+            )
             if has_lens(camera) and not self.record.has(self.layout.rays(camera.id)):
                 write_rays(self.layout, camera)
             if writers.has_row_poses(camera):
@@ -487,30 +558,50 @@ class _Run:
         if not self.work:
             return
         with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan.integrator):
-            Pipeline(self.renderer, self.store, self.plan, self.T_w_v, self.motion, self.made, self.clock,
-                     progress.advance, self.say).run(self.work)
+            Pipeline(
+                self.renderer,
+                self.store,
+                self.plan,
+                self.T_w_v,
+                self.motion,
+                self.made,
+                self.clock,
+                progress.advance,
+                self.say,
+            ).run(self.work)
             self.summary.rate = round(progress.rate, 4)
         if self.made.failures:
             (job, error), *rest = self.made.failures
             more = f"; {len(rest)} more failed" if rest else ""
-            raise RunFailed(f"frame {job.frame}, camera {job.camera} could not be made: {error}{more}. All others "
-                            "are; the same command tries again") from error
+            raise RunFailed(
+                f"frame {job.frame}, camera {job.camera} could not be made: {error}{more}. All others "
+                "are; the same command tries again"
+            ) from error
 
     def write_log(self) -> None:
         """When and how fast this run rendered; the only file that differs from run to run."""
         seconds = self.clock.rounded()
         if self.made.timings:
             stamp = datetime.now(UTC)
-            content = {"ended": stamp.isoformat(timespec="seconds"), "device": self.renderer.device,
-                       "model": self.renderer.device_name,
-                       "compile_seconds": round(self.renderer.compile_seconds, 3), "versions": writers.versions(),
-                       "stages": seconds, "messages": self.summary.messages, "frames": self.made.timings}
+            content = {
+                "ended": stamp.isoformat(timespec="seconds"),
+                "device": self.renderer.device,
+                "model": self.renderer.device_name,
+                "compile_seconds": round(self.renderer.compile_seconds, 3),
+                "versions": writers.versions(),
+                "stages": seconds,
+                "messages": self.summary.messages,
+                "frames": self.made.timings,
+            }
             with contextlib.suppress(InputError):  # on a full disk, that is what the user is told of already
-                files.write_json(self.layout.root / "log" / f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json",
-                                 content)
+                files.write_json(
+                    self.layout.root / "log" / f"{stamp:%Y%m%dT%H%M%S}_{files.HOST}_{os.getpid()}.json", content
+                )
         if self.summary.rendered and not self.is_worker:
-            words = [", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in stages if seconds[stage] >= 0.05)
-                     for stages in (MAIN, BESIDE)]
+            words = [
+                ", ".join(f"{stage} {seconds[stage]:.1f} s" for stage in stages if seconds[stage] >= 0.05)
+                for stages in (MAIN, BESIDE)
+            ]
             self.console.tell("time: " + "; beside it, in all threads: ".join(filter(None, words)))
 
     # --------------------------------------------------------------------------------------------------- finishing
@@ -526,15 +617,26 @@ class _Run:
         left = sum(len(job.letters) for job in self.store.missing(self.selected))
         self.summary.complete = left == 0
         if left:
-            self.say(f"{left} images belong to other shards and are not there yet; the run that completes them (or "
-                     "any later one) exposes A and B and ends the dataset")
+            self.say(
+                f"{left} images belong to other shards and are not there yet; the run that completes them (or "
+                "any later one) exposes A and B and ends the dataset"
+            )
             return
         with self.clock("expose"):
             for camera in self.scene.vehicle.cameras:
                 for letter in colors(self.outputs):  # A before P
                     frames = [f for f in self.frames if self.record.has(self.layout.exr(camera.id, letter, f))]
-                    expose(self.layout, self.scene, camera.id, letter, frames, self.simulation.frames.time_ns[frames],
-                           self.made.statistics, self.record.has, camera_model(camera).axis_weight)
+                    expose(
+                        self.layout,
+                        self.scene,
+                        camera.id,
+                        letter,
+                        frames,
+                        self.simulation.frames.time_ns[frames],
+                        self.made.statistics,
+                        self.record.has,
+                        camera_model(camera).axis_weight,
+                    )
             from varos_warp.dataset.write.pictures import contact_sheet
 
             contact_sheet(Dataset(self.layout.root), self.layout.root / "contact_sheet.png")

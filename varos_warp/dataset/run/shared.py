@@ -57,8 +57,12 @@ class Shared:
 
 def images_of(layout: Layout, scene: Scene, letter: str, frames: Iterable[int]) -> list[Path]:
     """All files of an image type at some frames, whichever camera they are of."""
-    return [path for frame in frames for camera in layout.cameras
-            for path in layout.image_files(camera, letter, frame, vars(scene.render)).values()]
+    return [
+        path
+        for frame in frames
+        for camera in layout.cameras
+        for path in layout.image_files(camera, letter, frame, vars(scene.render)).values()
+    ]
 
 
 def borrow(donors: Mapping[str, Path], layout: Layout, scene: Scene, frames: list[int], record: Record) -> None:
@@ -81,8 +85,12 @@ def borrow(donors: Mapping[str, Path], layout: Layout, scene: Scene, frames: lis
                 files.link(source, temp)
 
     gains = {letter: [layout.exposures(camera, letter) for camera in layout.cameras] for letter in colors([*donors])}
-    wanted = [(path, root) for letter, root in donors.items() if letter in scene.render.outputs
-              for path in [*gains.get(letter, ()), *images_of(layout, scene, letter, frames)]]
+    wanted = [
+        (path, root)
+        for letter, root in donors.items()
+        if letter in scene.render.outputs
+        for path in [*gains.get(letter, ()), *images_of(layout, scene, letter, frames)]
+    ]
     with ThreadPoolExecutor(usable_cores(), "link") as pool:
         list(pool.map(link, *zip(*wanted, strict=True)) if wanted else ())
 

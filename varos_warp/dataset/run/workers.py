@@ -36,8 +36,9 @@ def device_of_worker(asked: str, index: int) -> str:
     return f"cuda:{index % gpus}" if gpus else resolve_device(asked)
 
 
-def run_in_workers(count: int, work: Callable, arguments: tuple, *, done: Callable[[int], None],
-                   tell: Callable[[str], None]) -> list[Any]:
+def run_in_workers(
+    count: int, work: Callable, arguments: tuple, *, done: Callable[[int], None], tell: Callable[[str], None]
+) -> list[Any]:
     """What ``work(*arguments, shard=(i, count), console=...)`` returns in each of so many processes.
 
     Args:
@@ -216,5 +217,5 @@ def _take_cores(index: int, count: int) -> None:
     """Run on a share of the cores that the parent may use, so that workers do not hinder one another."""
     if hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
-        mine = cores[index * len(cores) // count:(index + 1) * len(cores) // count]
-        os.sched_setaffinity(0, mine or cores[index % len(cores):][:1])
+        mine = cores[index * len(cores) // count : (index + 1) * len(cores) // count]
+        os.sched_setaffinity(0, mine or cores[index % len(cores) :][:1])

@@ -40,20 +40,37 @@ def costs(sweep: Sweep, quiet: bool = False) -> list[dict[str, Any]]:
         for letter, donor in donors.items():
             took.setdefault(sweep.manifest.folder_of(donor), []).append(letter)
         views = len(scene.vehicle.cameras)
-        told.append(_entry(sweep, unit, "begun" if unit.layout.metadata.exists() else "missing", renders, took,
-                           views * (count * len(renders) + len(donors)), _seconds(scene, renders, count, bool(donors))))
+        told.append(
+            _entry(
+                sweep,
+                unit,
+                "begun" if unit.layout.metadata.exists() else "missing",
+                renders,
+                took,
+                views * (count * len(renders) + len(donors)),
+                _seconds(scene, renders, count, bool(donors)),
+            )
+        )
     return told
 
 
 def _entry(sweep: Sweep, unit, state: str, renders: list[str], took: dict, images: int, seconds: float) -> dict:
-    return {"folder": sweep.manifest.folder_of(unit), "overrides": unit.version.overrides, "state": state,
-            "renders": renders, "from": took, "images": images, "seconds": round(seconds, 1)}
+    return {
+        "folder": sweep.manifest.folder_of(unit),
+        "overrides": unit.version.overrides,
+        "state": state,
+        "renders": renders,
+        "from": took,
+        "images": images,
+        "seconds": round(seconds, 1),
+    }
 
 
 def _seconds(scene: Scene, letters: list[str], frames: int, loaded: bool) -> float:
     """Seconds to make these images; where something is there from before, nothing is compiled."""
     if not letters:
         return 0.0
-    facts = dataset_facts(scene.model_copy(update={"render": scene.render.model_copy(update={"outputs": letters})}),
-                          frames)
+    facts = dataset_facts(
+        scene.model_copy(update={"render": scene.render.model_copy(update={"outputs": letters})}), frames
+    )
     return facts["seconds"] - loaded * facts["compile_seconds"]

@@ -27,8 +27,12 @@ class Manifest:
     def __init__(self, out: Path, units: list[Unit], frames: slice):
         self.out, self.path, self.units, self.frames = out, out / NAME, units, frames
         sum_of = functools.cache(sha256)
-        self._scenes = {unit.version.name: fingerprint(
-            unit.scene, FREE, version=varos_warp.__version__, files=sources(unit.scene, sum_of)) for unit in units}
+        self._scenes = {
+            unit.version.name: fingerprint(
+                unit.scene, FREE, version=varos_warp.__version__, files=sources(unit.scene, sum_of)
+            )
+            for unit in units
+        }
         """Fingerprints of what may not change between runs, by version."""
         self._complete: dict[str, dict[str, Any]] = {}
         """What stands in the file of each dataset that is complete, by its folder."""
@@ -54,13 +58,19 @@ class Manifest:
         """
         for folder in (self.out, *self.out.absolute().parents):
             if (folder / "dataset.json").exists():
-                raise InputError(f"{folder} is a dataset, which holds its own files alone", file=self.out,
-                                 remedy="Give another folder with -o.")
+                raise InputError(
+                    f"{folder} is a dataset, which holds its own files alone",
+                    file=self.out,
+                    remedy="Give another folder with -o.",
+                )
         with files.writing(self.out):
             foreign = [entry.name for entry in self.out.iterdir()] if self.out.exists() else []
         if not self.path.exists() and any(not name.startswith(".") for name in foreign):
-            raise InputError("the folder is not empty and holds no sweep", file=self.out,
-                             remedy="Give a new folder with -o, or empty this one.")
+            raise InputError(
+                "the folder is not empty and holds no sweep",
+                file=self.out,
+                remedy="Give a new folder with -o, or empty this one.",
+            )
         for unit in self.units:
             open_folder(unit.scene, unit.layout)
         if self.path.exists():
@@ -79,14 +89,27 @@ class Manifest:
                 continue  # nothing of it was made
             key = f"versions.{old['name']}"
             if old["name"] not in asked:
-                raise InputError("is a version of the sweep in this folder, and not of the one asked for",
-                                 file=self.path, key=key, remedy=REMEDY)
+                raise InputError(
+                    "is a version of the sweep in this folder, and not of the one asked for",
+                    file=self.path,
+                    key=key,
+                    remedy=REMEDY,
+                )
             for inner, before, now in _changed(old["overrides"], asked[old["name"]]):
-                raise InputError(f"is {before!r} in the sweep in this folder, and {now!r} in the one asked for",
-                                 file=self.path, key=f"{key}.{inner}", remedy=REMEDY)
+                raise InputError(
+                    f"is {before!r} in the sweep in this folder, and {now!r} in the one asked for",
+                    file=self.path,
+                    key=f"{key}.{inner}",
+                    remedy=REMEDY,
+                )
             if old["scene"] != self._scenes[old["name"]]:
-                raise InputError("the scene, a file that it names, an option or varos_warp is not what it was when the "
-                                 "sweep in this folder was begun", file=self.path, key=key, remedy=REMEDY)
+                raise InputError(
+                    "the scene, a file that it names, an option or varos_warp is not what it was when the "
+                    "sweep in this folder was begun",
+                    file=self.path,
+                    key=key,
+                    remedy=REMEDY,
+                )
 
     # ------------------------------------------------------------------------------------------------ what is written
 
@@ -117,8 +140,12 @@ class Manifest:
         for unit in self.units:
             folder = self.folder_of(unit)
             entry = known.get(folder, {})
-            if (folder not in self._complete and entry.get("state") == COMPLETE and unit.is_whole(self.frames)
-                    and entry["checksums"] == sha256(unit.root / CHECKSUMS)):
+            if (
+                folder not in self._complete
+                and entry.get("state") == COMPLETE
+                and unit.is_whole(self.frames)
+                and entry["checksums"] == sha256(unit.root / CHECKSUMS)
+            ):
                 self._complete[folder] = entry
 
     def content(self) -> dict[str, Any]:
@@ -126,28 +153,42 @@ class Manifest:
         versions: dict[str, dict[str, Any]] = {}
         for unit in self.units:
             name, folder = unit.version.name, self.folder_of(unit)
-            entry = versions.setdefault(name, {"name": name, "overrides": unit.version.overrides,
-                                               "scene": self._scenes[name], "datasets": []})
+            entry = versions.setdefault(
+                name, {"name": name, "overrides": unit.version.overrides, "scene": self._scenes[name], "datasets": []}
+            )
             state = {"folder": folder, "state": "begun" if unit.layout.metadata.exists() else "missing"}
             entry["datasets"].append(self._complete.get(folder, state))
         chosen = {"start": self.frames.start, "stop": self.frames.stop, "step": self.frames.step}
-        return {"format": FORMAT, "schema_version": 1, "varos_warp": varos_warp.__version__, "frames": chosen,
-                "versions": [*versions.values()]}
+        return {
+            "format": FORMAT,
+            "schema_version": 1,
+            "varos_warp": varos_warp.__version__,
+            "frames": chosen,
+            "versions": [*versions.values()],
+        }
 
     def _described(self, unit: Unit) -> dict[str, Any]:
         """Entry of a complete dataset: whose course it has, and whose images, by letter, as the bytes say."""
-        before = self.units[:self.units.index(unit)]
+        before = self.units[: self.units.index(unit)]
         shared = {}
         for letter in unit.scene.render.outputs:
             same = (other for other in before if unit.has_same(letter, other) and unit.shares(letter, other))
             if (first := next(same, None)) is not None:
                 shared[letter] = self.folder_of(first)
         course = next(other for other in (*before, unit) if unit.course == other.course)
-        return {"folder": self.folder_of(unit), "state": COMPLETE, "course": self.folder_of(course),
-                "shared": shared, "checksums": sha256(unit.root / CHECKSUMS)}
+        return {
+            "folder": self.folder_of(unit),
+            "state": COMPLETE,
+            "course": self.folder_of(course),
+            "shared": shared,
+            "checksums": sha256(unit.root / CHECKSUMS),
+        }
 
 
 def _changed(old: dict, new: dict) -> list[tuple[str, Any, Any]]:
     """Keys whose values differ, with both values; of a key that one does not have, None."""
-    return [(key, old.get(key), new.get(key)) for key in {**old, **new} if old.get(key) != new.get(key)
-            or (key in old) != (key in new)]
+    return [
+        (key, old.get(key), new.get(key))
+        for key in {**old, **new}
+        if old.get(key) != new.get(key) or (key in old) != (key in new)
+    ]

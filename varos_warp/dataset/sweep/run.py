@@ -52,8 +52,9 @@ class Sweep:
                 found[letter] = donor
         return found
 
-    def run(self, *, shard: tuple[int, int] = (0, 1), workers: int | None = None, quiet: bool = False
-            ) -> dict[str, Summary | None]:
+    def run(
+        self, *, shard: tuple[int, int] = (0, 1), workers: int | None = None, quiet: bool = False
+    ) -> dict[str, Summary | None]:
         """Make what is missing; arguments are those of `produce`.
 
         Returns:
@@ -107,12 +108,14 @@ class Sweep:
             if before is not None:
                 summary.rendered, summary.seconds = summary.rendered + before.rendered, summary.seconds + before.seconds
                 summary.kept = before.kept
-            mine = select(self.manifest.frames, len(shared.simulation.frames))[how["shard"][0]::how["shard"][1]]
+            mine = select(self.manifest.frames, len(shared.simulation.frames))[how["shard"][0] :: how["shard"][1]]
             wrong = unlike(shared.donors, unit.layout, scene, mine[:1])
             if not wrong:
                 break
-            console.tell(f"note: {', '.join(wrong)} of {unit.version.name} are not those of other versions, as they "
-                         "should be, and are made anew")
+            console.tell(
+                f"note: {', '.join(wrong)} of {unit.version.name} are not those of other versions, as they "
+                "should be, and are made anew"
+            )
             give_up(wrong, unit.layout, scene, mine[1:])
             before = summary
             donors = {letter: donor for letter, donor in donors.items() if letter not in wrong}
@@ -126,8 +129,16 @@ class Sweep:
         return [*[other for other in others if unit.course == other.course][:1], *others[:1]]
 
 
-def prepare(path: str | Path, over: Sequence[str], out: str | Path, overrides: Iterable[str | tuple[str, str]] = (), *,
-            device: str = "auto", frames: slice = slice(None), only: str | None = None) -> Sweep:
+def prepare(
+    path: str | Path,
+    over: Sequence[str],
+    out: str | Path,
+    overrides: Iterable[str | tuple[str, str]] = (),
+    *,
+    device: str = "auto",
+    frames: slice = slice(None),
+    only: str | None = None,
+) -> Sweep:
     """What a sweep is to make, after everything is checked that can be before hours are spent. Changes nothing.
 
     Args:
@@ -147,8 +158,10 @@ def prepare(path: str | Path, over: Sequence[str], out: str | Path, overrides: I
     units = []
     for version in read_versions(over):
         scene = load_scene(path, [*overrides, *version.changes])
-        units += [Unit(version, vehicle, alone, root) for vehicle, (alone, root)
-                  in datasets_of(scene, out / version.name, only).items()]
+        units += [
+            Unit(version, vehicle, alone, root)
+            for vehicle, (alone, root) in datasets_of(scene, out / version.name, only).items()
+        ]
     manifest = Manifest(out, units, frames)
     manifest.check()
     for unit in units:

@@ -48,14 +48,20 @@ class Unit:
         if not listed or not is_file(self.layout.metadata):
             return False
         wanted = select(frames, files.read_json(self.layout.metadata)["frames"]["of"])
-        names = [path.relative_to(self.root).as_posix() for letter in self.scene.render.outputs
-                 for path in images_of(self.layout, self.scene, letter, wanted)]
+        names = [
+            path.relative_to(self.root).as_posix()
+            for letter in self.scene.render.outputs
+            for path in images_of(self.layout, self.scene, letter, wanted)
+        ]
         return all(name in listed for name in names) and all(is_file(self.root / name) for name in listed)
 
     def shares(self, letter: str, other: "Unit") -> bool:
         """Whether all its images of a type are those of another dataset, byte by byte."""
-        folders = {self.layout.image_files(camera, letter, 0, vars(self.scene.render))[folder].parent
-                   for camera in self.layout.cameras for folder in OUTPUTS[letter].wanted(vars(self.scene.render))}
+        folders = {
+            self.layout.image_files(camera, letter, 0, vars(self.scene.render))[folder].parent
+            for camera in self.layout.cameras
+            for folder in OUTPUTS[letter].wanted(vars(self.scene.render))
+        }
         own = {name: value for name, value in self.listed.items() if (self.root / name).parent in folders}
         theirs = other.listed
         return bool(own) and all(theirs.get(name) == value for name, value in own.items())

@@ -44,8 +44,10 @@ class Version(NamedTuple):
         return {change.key: change.value for change in self.changes}
 
 
-Values = Annotated[Annotated[list[Any], Tag("list")] | Annotated[Distribution, Tag("drawn")],
-                   Discriminator(lambda values: "drawn" if isinstance(values, dict) else "list")]
+Values = Annotated[
+    Annotated[list[Any], Tag("list")] | Annotated[Distribution, Tag("drawn")],
+    Discriminator(lambda values: "drawn" if isinstance(values, dict) else "list"),
+]
 
 
 class SweepFile(Block):
@@ -104,9 +106,17 @@ def _of_file(path: Path) -> list[Version]:
         return [Version(name, changes(("versions", name), block or {})) for name, block in given.versions.items()]
     if given.seed is None:
         return _combined(given.over, {key: _place(source, ("over",), key) for key in given.over}, path)
-    return [Version(f"{i:04d}", changes(("over",), {
-        key: values.draw(given.seed, key, i) for key, values in given.over.items()}, f", version {i:04d}"))
-        for i in range(given.count)]
+    return [
+        Version(
+            f"{i:04d}",
+            changes(
+                ("over",),
+                {key: values.draw(given.seed, key, i) for key, values in given.over.items()},
+                f", version {i:04d}",
+            ),
+        )
+        for i in range(given.count)
+    ]
 
 
 def _check_words(source: Source) -> None:
@@ -115,15 +125,20 @@ def _check_words(source: Source) -> None:
         block = source.data.get(name)
         for key in block if isinstance(block, dict) else ():
             if not isinstance(key, str):
-                raise InputError("is read as a number, not as a name", **source.where((name, str(key))),
-                                 remedy=f"Quote it: '{key}'.")
+                raise InputError(
+                    "is read as a number, not as a name", **source.where((name, str(key))), remedy=f"Quote it: '{key}'."
+                )
 
 
 def _place(source: Source, above: tuple, key: str) -> str:
     """File and line of a key; ``above``: the block in which it stands, as it is written or in parts."""
     parts = key.split(".")
-    known = [line for end in range(len(parts) + 1) for path, line in source.lines.items()
-             if path[:len(above)] == above and ".".join(map(str, path[len(above):])) == ".".join(parts[:end])]
+    known = [
+        line
+        for end in range(len(parts) + 1)
+        for path, line in source.lines.items()
+        if path[: len(above)] == above and ".".join(map(str, path[len(above) :])) == ".".join(parts[:end])
+    ]
     return f"{source.file}:{known[-1]}" if known else str(source.file)
 
 
@@ -153,13 +168,24 @@ def _combined(values: dict[str, list], where: dict[str, str], file: Path | None)
             if value in listed[:i]:
                 raise InputError("is given twice", file=file, key=key, value=value, remedy="Keep one.")
     if (count := math.prod(map(len, values.values()))) > MOST:
-        raise InputError(f"asks for {count} versions, and {MOST} are the most", file=file, key="over",
-                         remedy="Give fewer values, or distributions with a count.")
+        raise InputError(
+            f"asks for {count} versions, and {MOST} are the most",
+            file=file,
+            key="over",
+            remedy="Give fewer values, or distributions with a count.",
+        )
     labels = {key: [_label(value, i) for i, value in enumerate(listed)] for key, listed in values.items()}
-    return [Version("-".join(labels[key][i] for key, i in zip(values, chosen, strict=True)),
-                    [Change(inner, value, where[key]) for key, i in zip(values, chosen, strict=True)
-                     for inner, value in _leaves({key: values[key][i]})])
-            for chosen in itertools.product(*(range(len(listed)) for listed in values.values()))]
+    return [
+        Version(
+            "-".join(labels[key][i] for key, i in zip(values, chosen, strict=True)),
+            [
+                Change(inner, value, where[key])
+                for key, i in zip(values, chosen, strict=True)
+                for inner, value in _leaves({key: values[key][i]})
+            ],
+        )
+        for chosen in itertools.product(*(range(len(listed)) for listed in values.values()))
+    ]
 
 
 def _label(value: Any, number: int) -> str:
@@ -185,13 +211,23 @@ def _check_names(versions: list[Version], file: Path | None) -> None:
     seen: dict[str, str] = {}
     for name, changes in versions:
         if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name) or len(name) > LONGEST:
-            raise InputError("is no name of a folder on every system", file=file, key="versions", value=name,
-                             remedy="Use letters, digits, -, _ and dots, the first a letter or digit; a file with "
-                                    "`versions:` names them.")
+            raise InputError(
+                "is no name of a folder on every system",
+                file=file,
+                key="versions",
+                value=name,
+                remedy="Use letters, digits, -, _ and dots, the first a letter or digit; a file with "
+                "`versions:` names them.",
+            )
         if name.lower() in seen:
             but_for_case = ", but for upper and lower case" * (seen[name.lower()] != name)
-            raise InputError(f"is the name of two versions{but_for_case}", file=file, key="versions", value=name,
-                             remedy="Give each a name of its own, in a file with `versions:`.")
+            raise InputError(
+                f"is the name of two versions{but_for_case}",
+                file=file,
+                key="versions",
+                value=name,
+                remedy="Give each a name of its own, in a file with `versions:`.",
+            )
         seen[name.lower()] = name
         if twice := [change.key for i, change in enumerate(changes) if change.key in [c.key for c in changes[:i]]]:
             raise InputError("is given twice", file=file, key=f"versions.{name}.{twice[0]}", remedy="Keep one.")

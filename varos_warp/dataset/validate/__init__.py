@@ -42,11 +42,20 @@ def validate(root, quiet: bool = False) -> Validation:
     """
     data = Dataset(root)
     result, pending = Validation(data.root), completeness.Pending.of(data)
-    for check in (completeness.check_complete, completeness.check_files, completeness.check_checksums,
-                  metadata.check_times):
+    for check in (
+        completeness.check_complete,
+        completeness.check_files,
+        completeness.check_checksums,
+        metadata.check_times,
+    ):
         result.guard(check, data, result, pending)
-    for check in (metadata.check_metadata, metadata.check_segments, metadata.check_rays, meshes.check_meshes,
-                  *motion.CHECKS):
+    for check in (
+        metadata.check_metadata,
+        metadata.check_segments,
+        metadata.check_rays,
+        meshes.check_meshes,
+        *motion.CHECKS,
+    ):
         result.guard(check, data, result)
     images.check_images(data, result, pending, quiet)
     if DEPTH in data.outputs:

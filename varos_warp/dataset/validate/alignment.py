@@ -42,8 +42,18 @@ FLOOR_PX = 0.005
 MARGIN = 4.0
 """Limits in standard errors. Sound data of the demo, in clear and turbid water, of one camera and a pair, hardly moving
 or without texture, lies at 0.8 to 2.5, half or less of the limit with the floor."""
-UNKNOWNS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "roll": 1e-3, "pitch": 1e-3, "yaw": 1e-3, "f": 1e-3, "cx": 1.0, "cy": 1.0,
-            "D": 1e-3}
+UNKNOWNS = {
+    "x": 1e-3,
+    "y": 1e-3,
+    "z": 1e-3,
+    "roll": 1e-3,
+    "pitch": 1e-3,
+    "yaw": 1e-3,
+    "f": 1e-3,
+    "cx": 1.0,
+    "cy": 1.0,
+    "D": 1e-3,
+}
 """Unknowns with small steps: the camera's mounting [m, rad], focal length and scale of D [shares], principal point
 [px]."""
 
@@ -73,8 +83,14 @@ class View:
         smooth = maximum_filter(near, 5) < 1.05 * minimum_filter(near, 5)
         smooth[:3], smooth[-3:], smooth[:, :3], smooth[:, -3:] = False, False, False, False
         smooth &= (near < 1e9) & ~swept(data, frame, camera, depth.shape)
-        return cls(near, np.sqrt(np.maximum(light, 0.0)), smooth, data.camera_model(camera),
-                   sight(data, frame, camera), blur_of(data, frame, camera, depth).displaced)
+        return cls(
+            near,
+            np.sqrt(np.maximum(light, 0.0)),
+            smooth,
+            data.camera_model(camera),
+            sight(data, frame, camera),
+            blur_of(data, frame, camera, depth).displaced,
+        )
 
 
 def warp(first: View, second: View, row, col, z, scale: float = 1.0) -> np.ndarray:
@@ -125,6 +141,7 @@ def shifts(first: View, second: View) -> dict[str, np.ndarray]:
 
 def _moved(first: View, second: View, blocks: dict, name: str, size: float, stereo: bool) -> np.ndarray:
     """How far [n, 2] blocks move in the second view when one of `UNKNOWNS` changes, of both views or (stereo) one."""
+
     def changed(view: View) -> View:
         turn, K = np.eye(4), view.model.K.copy()
         motion = np.where(np.array(["x", "y", "z", "roll", "pitch", "yaw"]) == name, size, 0.0)
@@ -132,13 +149,21 @@ def _moved(first: View, second: View, blocks: dict, name: str, size: float, ster
         K[[0, 1], [0, 1]] *= 1.0 + size * (name == "f")
         K[:2, 2] += size * np.array([name == "cx", name == "cy"])
         return replace(view, model=replace(view.model, K=K), T_w_c=view.T_w_c @ turn)
-    new = warp(first if stereo else changed(first), changed(second), blocks["row"], blocks["col"], blocks["z"],
-               1.0 + size * (name == "D"))
+
+    new = warp(
+        first if stereo else changed(first),
+        changed(second),
+        blocks["row"],
+        blocks["col"],
+        blocks["z"],
+        1.0 + size * (name == "D"),
+    )
     return (new - warp(first, second, blocks["row"], blocks["col"], blocks["z"]))[:, :2]
 
 
-def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
-            ) -> tuple[np.ndarray, ...] | InputError | None:
+def compare(
+    view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple[int, str]]
+) -> tuple[np.ndarray, ...] | InputError | None:
     """Shifts [2n] [px] between two views, their weights [2n], and how far a step of each of `UNKNOWNS` moves them.
 
     Two views of one camera are compared both ways. ``view`` reads that of a frame and a camera. None where one is
@@ -155,8 +180,13 @@ def compare(view: Callable[[int, str], View], pair: tuple[tuple[int, str], tuple
         found = shifts(one, other)
         J = [_moved(one, other, found, name, size, stereo) for name, size in UNKNOWNS.items()]
         # no block is trusted to better than 0.03 px: denoised noise is correlated
-        parts.append((found["d"].ravel(), np.repeat(1.0 / np.hypot(found["error"], 0.03), 2),
-                      np.stack([j.ravel() for j in J], -1)))
+        parts.append(
+            (
+                found["d"].ravel(),
+                np.repeat(1.0 / np.hypot(found["error"], 0.03), 2),
+                np.stack([j.ravel() for j in J], -1),
+            )
+        )
     return tuple(np.concatenate(x) for x in zip(*parts, strict=True))
 
 
@@ -214,6 +244,10 @@ def check_alignment(data: Dataset, result: Validation, frames: list[int], quiet:
             continue
         d, w, J = (np.concatenate(x) for x in zip(*parts, strict=True))
         value, error = systematic(d, w, J)
-        result.measure(f"{name}: B against D, K and poses, shift of one block, median",
-                       np.median(np.hypot(*d.reshape(-1, 2).T)), 0.25, "px")
+        result.measure(
+            f"{name}: B against D, K and poses, shift of one block, median",
+            np.median(np.hypot(*d.reshape(-1, 2).T)),
+            0.25,
+            "px",
+        )
         result.measure(f"{name}: B against D, K and poses, systematic shift", value, FLOOR_PX + MARGIN * error, "px")

@@ -39,8 +39,9 @@ class Pending:
             return cls()
 
         def absent(paths: Iterable[Path]) -> set[Path]:
-            return {path for path in paths
-                    if not path.is_file() and path.relative_to(data.root).as_posix() not in listed}
+            return {
+                path for path in paths if not path.is_file() and path.relative_to(data.root).as_posix() not in listed
+            }
 
         by_frame = {frame: absent(images(data, frame)) for frame in data.frames}
         exposed = colors(data.outputs)  # their PNG follow from all frames
@@ -108,14 +109,22 @@ def check_files(data: Dataset, result: Validation, pending: Pending) -> None:
     required = {*_texts(data), *itertools.chain.from_iterable(images(data, frame) for frame in data.frames)}
     # what an earlier run may have been asked for
     every = dict.fromkeys((key for image in OUTPUTS.values() for key in image.folders.values()), True)
-    optional = {path for camera in data.cameras for output in data.outputs for frame in data.frames
-                for path in data.layout.image_files(camera, output, frame, every).values()}
+    optional = {
+        path
+        for camera in data.cameras
+        for output in data.outputs
+        for frame in data.frames
+        for path in data.layout.image_files(camera, output, frame, every).values()
+    }
     missing = sorted(path for path in required - pending.files if not path.is_file())
     found = [path for path in data.layout.vehicle_dir.rglob("*") if path.is_file()]
     strays = sorted(p for p in found if p not in required | optional and not p.name.startswith("."))
     remains = [] if pending.files else sorted(data.root.rglob(".*.tmp"))  # the run that goes on removes them
-    for paths, problem in ((missing, "there is no such file"), (strays, "dataset.json does not account for it"),
-                           (remains, "remains of an interrupted run")):
+    for paths, problem in (
+        (missing, "there is no such file"),
+        (strays, "dataset.json does not account for it"),
+        (remains, "remains of an interrupted run"),
+    ):
         result.add_all([f"{result.name(path)}: {problem}" for path in paths], "files")
 
 

@@ -32,8 +32,9 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
         return
     poses = sight(data, frame, camera), T_w_next
     moving = moving_parts(data, frame, camera, row, col)
-    ends = [_moved(data, camera, poses, row, col, levels[row, col] + offset, moving)
-            for offset in (-HALF_STEP, HALF_STEP)]
+    ends = [
+        _moved(data, camera, poses, row, col, levels[row, col] + offset, moving) for offset in (-HALF_STEP, HALF_STEP)
+    ]
     for name, image, slack in (("flow", found.flow, SLACK_PX), ("motion", found.motion, SLACK_M)):
         values = np.stack([getattr(end, name) for end in ends])
         known, value = np.isfinite(values).all((0, -1)), image[row, col]
@@ -41,12 +42,21 @@ def against_depth(data: Dataset, camera: str, frame: int, found: FlowImage, leve
         wrong = known & ~(off <= slack) | np.isnan(values).all((0, -1)) & np.isfinite(value).all(-1)
         if wrong.any():
             i = int(np.argmax(wrong))
-            yield (f"the {name} of {wrong.sum()} of {wrong.size} pixels does not follow from D and the poses of two "
-                   f"frames, the first in row {row[i]}, column {col[i]}")
+            yield (
+                f"the {name} of {wrong.sum()} of {wrong.size} pixels does not follow from D and the poses of two "
+                f"frames, the first in row {row[i]}, column {col[i]}"
+            )
 
 
-def _moved(data: Dataset, camera: str, poses: tuple[np.ndarray, np.ndarray], row: np.ndarray, col: np.ndarray,
-           levels: np.ndarray, moving: list[MovingPart]) -> Moved:
+def _moved(
+    data: Dataset,
+    camera: str,
+    poses: tuple[np.ndarray, np.ndarray],
+    row: np.ndarray,
+    col: np.ndarray,
+    levels: np.ndarray,
+    moving: list[MovingPart],
+) -> Moved:
     """What pixels move that have values of D between its steps; ``poses``: of the frame and of the next."""
     model, points = data.camera_model(camera), np.stack([col + 0.5, row + 0.5], -1)
     rays, distance = model.rays(points), data.meta["depth"]["range_m"][0] + levels * data.meta["depth"]["scale_m"]

@@ -69,8 +69,9 @@ def check_images(data: Dataset, result: Validation, pending: Pending, quiet: boo
 class _FrameImages:
     """The images of one frame of a camera: each file is read once, and held against the others."""
 
-    def __init__(self, data: Dataset, camera: str, exposures: list["Exposures"], boxes: dict[int, np.ndarray],
-                 frame: int):
+    def __init__(
+        self, data: Dataset, camera: str, exposures: list["Exposures"], boxes: dict[int, np.ndarray], frame: int
+    ):
         self.data, self.camera, self.boxes, self.frame = data, camera, boxes, frame
         self.found = Validation(data.root)
         self.kept: dict[str, np.ndarray] = {}
@@ -85,8 +86,12 @@ class _FrameImages:
             self.found.guard(one.check, self)
         for output in data.outputs:
             self.found.guard(self._check, OUTPUTS[output])
-        for pair, check in ((DEPTH, self._holes), (SEGMENTS, self._segments), (NORMALS, self._normals),
-                            (FLOW, self._flow)):
+        for pair, check in (
+            (DEPTH, self._holes),
+            (SEGMENTS, self._segments),
+            (NORMALS, self._normals),
+            (FLOW, self._flow),
+        ):
             if {pair, DEPTH} <= {*data.outputs}:
                 self.found.guard(check)
 
@@ -117,8 +122,9 @@ class _FrameImages:
         self.found.files_read += 1
         shape = (*self.shape, 3) if product.channels == 3 else self.shape
         if pixels.shape != shape or pixels.dtype != product.dtype:
-            raise InputError(f"is {pixels.dtype} {pixels.shape}, not {np.dtype(product.dtype)} {shape}",
-                             file=self.file(output))
+            raise InputError(
+                f"is {pixels.dtype} {pixels.shape}, not {np.dtype(product.dtype)} {shape}", file=self.file(output)
+            )
         return pixels if product.is_color else self.kept.setdefault(output, pixels)
 
     def along_axis(self, distance: np.ndarray) -> np.ndarray:
@@ -197,8 +203,9 @@ class _FrameImages:
         along = depth if model.is_pinhole else (depth - origins[..., 2]) / rays[..., 2]
         if (T_w_rows := sight(self.data, self.frame, self.camera)).ndim == 3:
             T = (inverse(T_w_c) @ T_w_rows[rows]).astype(np.float32)  # to the axes at the time stamp
-            origins, rays = (np.einsum("hij,hwj->hwi", T[:, :3, :3], np.broadcast_to(x, rays.shape))
-                             for x in (origins, rays))
+            origins, rays = (
+                np.einsum("hij,hwj->hwi", T[:, :3, :3], np.broadcast_to(x, rays.shape)) for x in (origins, rays)
+            )
             origins = origins + T[:, None, :3, 3]
         normal, to_pixel = decode_normal(self.pixels(NORMALS)[rows]), rays @ R.T
         away = np.einsum("...i,...i", normal, to_pixel) > 0.2 * np.sqrt(np.einsum("...i,...i", rays, rays))
@@ -206,8 +213,11 @@ class _FrameImages:
             slope = surfaces.normals_of(origins + rays * along[..., None].astype(np.float32), rays) @ R.T
         noise = surfaces.slope_noise(depth, model.K, self.data.meta["depth"]["scale_m"])
         both = np.isfinite(slope).all(-1) & self.has_normal[rows]
-        return (float(away.mean()), np.einsum("...i,...i", slope[both], normal[both]),
-                surfaces.slope_sums(normal, slope, noise, rows.start, self.shape[0]))
+        return (
+            float(away.mean()),
+            np.einsum("...i,...i", slope[both], normal[both]),
+            surfaces.slope_sums(normal, slope, noise, rows.start, self.shape[0]),
+        )
 
 
 # ------------------------------------------------------------------------------------------------------------- A and B

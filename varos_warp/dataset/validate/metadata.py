@@ -34,9 +34,16 @@ def check_metadata(data: Dataset, result: Validation) -> None:
     """What dataset.json says follows from the scene in it, and the cameras' YAML files say the same."""
     meta, samples, scene = data.meta, data.meta["samples"], scene_from_dict(data.meta["scene"])
     known = _without_table(scene)
-    made = writers.describe(data.layout, known, frames=data.frames, outputs=data.outputs,
-                            frame_count=meta["frames"]["of"], plan=samples["plan"], device=meta["device"],
-                            denoisers={letter: samples[key] for letter, key in DENOISE_KEYS.items()})
+    made = writers.describe(
+        data.layout,
+        known,
+        frames=data.frames,
+        outputs=data.outputs,
+        frame_count=meta["frames"]["of"],
+        plan=samples["plan"],
+        device=meta["device"],
+        denoisers={letter: samples[key] for letter, key in DENOISE_KEYS.items()},
+    )
     for key in ("versions", "sources", "conventions"):  # not of the scene alone
         del made[key]
     if "noise" in made:
@@ -55,12 +62,19 @@ def check_metadata(data: Dataset, result: Validation) -> None:
     for sensor in SENSORS:
         if profile.get(sensor.key):
             made["sensors"][sensor.id]["noise"] = profile[sensor.key]
-    result.add_all([f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
-                    for key, here, there in files.differences(meta, made, same, every=False)], "entries")
+    result.add_all(
+        [
+            f"dataset.json: {key} is {here!r}, but its scene makes it {there!r}"
+            for key, here, there in files.differences(meta, made, same, every=False)
+        ],
+        "entries",
+    )
     for camera in data.cameras:
         path = data.layout.camera_file(camera, ".yaml")
-        found = [f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
-                 for key, here, there in files.differences(_read_yaml(path), data.camera(camera), same, every=False)]
+        found = [
+            f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
+            for key, here, there in files.differences(_read_yaml(path), data.camera(camera), same, every=False)
+        ]
         result.add_all(found, "entries")
 
 
@@ -90,8 +104,12 @@ def _without_spectra(scene: Scene) -> Scene:
 
     cameras = [camera.model_copy(update={"response": "nikon_5100"}) for camera in scene.vehicle.cameras]
     plain = with_lights(scene, lambda light: {"spectrum": "led_b4"})
-    return plain.model_copy(update={"water": Water(spectral=SpectralWater(jerlov="IB")),
-                                    "vehicle": plain.vehicle.model_copy(update={"cameras": cameras})})
+    return plain.model_copy(
+        update={
+            "water": Water(spectral=SpectralWater(jerlov="IB")),
+            "vehicle": plain.vehicle.model_copy(update={"cameras": cameras}),
+        }
+    )
 
 
 def check_segments(data: Dataset, result: Validation) -> None:
@@ -102,9 +120,15 @@ def check_segments(data: Dataset, result: Validation) -> None:
     # how many copies find a place only the meshes tell
     copies = sorted({row["key"] for row in rows} - set(scene.numbered), key=_place)
     found = files.differences(rows, segment_table(scene, [*scene.numbered, *copies]), same)
-    result.add_all([f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}" if key else
-                    f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
-                    for key, here, there in found], "entries")
+    result.add_all(
+        [
+            f"segments.json: segments.{key} is {here!r}, but the scene makes it {there!r}"
+            if key
+            else f"segments.json: lists {len(here)} objects, but the scene has {len(there)}"
+            for key, here, there in found
+        ],
+        "entries",
+    )
 
 
 def check_rays(data: Dataset, result: Validation) -> None:

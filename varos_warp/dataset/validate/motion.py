@@ -34,19 +34,29 @@ def check_poses(data: Dataset, result: Validation) -> None:
 def _check_forms(data: Dataset, result: Validation, name: str) -> None:
     """The one of three that the other two outvote is named."""
     paths = [data.layout.poses(name, form) for form in POSE_FORMS]
-    times, tables = zip(*((t, np.column_stack(columns).astype(float))
-                          for t, *columns in map(files.read_numbers, paths)), strict=True)
+    times, tables = zip(
+        *((t, np.column_stack(columns).astype(float)) for t, *columns in map(files.read_numbers, paths)), strict=True
+    )
     if _odd_times(result, paths, times):
         return
     _check_sign(result, paths[2], tables[2][:, 3:], 4)
     T = [_poses(form, table) for form, table in zip(POSE_FORMS, tables, strict=True)]
     steep = np.abs(np.cos(tables[0][:, 4])) < GIMBAL
     apart = [np.abs(T[i] - T[j])[:, :, :3].max((1, 2)) for i, j in PAIRS]
-    differ = np.array([(off > np.where(steep & (0 in pair), 4e-7, 1e-12))
-                       | (T[pair[0]] != T[pair[1]])[:, :, 3].any(-1) for off, pair in zip(apart, PAIRS, strict=True)])
+    differ = np.array(
+        [
+            (off > np.where(steep & (0 in pair), 4e-7, 1e-12)) | (T[pair[0]] != T[pair[1]])[:, :, 3].any(-1)
+            for off, pair in zip(apart, PAIRS, strict=True)
+        ]
+    )
     for i, (form, table, (other, _)) in enumerate(zip(POSE_FORMS, tables, PAIRS, strict=True)):
-        result.add_rows(paths[i], "is not the pose that the other two files of poses have",
-                        ~differ[i] & (differ.sum(0) == 2), table - _columns_near(form, T[other], table), range(1, 13))
+        result.add_rows(
+            paths[i],
+            "is not the pose that the other two files of poses have",
+            ~differ[i] & (differ.sum(0) == 2),
+            table - _columns_near(form, T[other], table),
+            range(1, 13),
+        )
     if (all_three := np.flatnonzero(differ.all(0))).size:
         result.add(f"{result.name(paths[0])}:{all_three[0] + 2}: no two files of poses agree")
     near = np.concatenate([off[~steep] if 0 in pair else off for off, pair in zip(apart, PAIRS, strict=True)])
@@ -57,8 +67,13 @@ def _check_forms(data: Dataset, result: Validation, name: str) -> None:
 
 def _check_sign(result: Validation, path: Path, quaternion: np.ndarray, column: int) -> None:
     """Files of poses hold quaternions of length 1, of the two of an attitude the one with w >= 0."""
-    result.add_rows(path, "is negative; of q and -q files of poses hold that with w >= 0", quaternion[:, 0] < 0.0,
-                    quaternion[:, :1], [column])
+    result.add_rows(
+        path,
+        "is negative; of q and -q files of poses hold that with w >= 0",
+        quaternion[:, 0] < 0.0,
+        quaternion[:, :1],
+        [column],
+    )
     off = np.abs(np.sum(quaternion**2, axis=1) - 1.0)
     result.add_rows(path, "is of a quaternion that is not of length 1", ~(off <= 1e-12), off[:, None], [column])
 
@@ -110,12 +125,20 @@ def check_mounting(data: Dataset, result: Validation) -> None:
 
 def _check_mount(data: Dataset, result: Validation, name: str, about: dict) -> None:
     time_ns, T = data.poses(name)
-    expected = (np.broadcast_to(about["T_w_c"], T.shape) if "T_w_c" in about else
-                data.vehicle_at(time_ns) @ np.array(about["T_v_c"]))
+    expected = (
+        np.broadcast_to(about["T_w_c"], T.shape)
+        if "T_w_c" in about
+        else data.vehicle_at(time_ns) @ np.array(about["T_v_c"])
+    )
     off = np.abs(T - expected).max((1, 2))
     limit = 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
-    told = result.add_rows(data.layout.poses(name, "transformation_matrix"), "is not the vehicle's with its mounting",
-                           ~(off <= limit), (T - expected)[:, :3].reshape(-1, 12), range(1, 13))
+    told = result.add_rows(
+        data.layout.poses(name, "transformation_matrix"),
+        "is not the vehicle's with its mounting",
+        ~(off <= limit),
+        (T - expected)[:, :3].reshape(-1, 12),
+        range(1, 13),
+    )
     result.measure(f"{name}: pose against the vehicle's", off.max(initial=0.0), limit, "m", told)
 
 
@@ -179,9 +202,13 @@ def check_states(data: Dataset, result: Validation) -> None:
         return
     here = np.hstack([states["position"], states["quaternion"]])
     apart = np.abs(_poses("quaternion", here) - T[:, :3])
-    result.add_rows(path, "does not agree with the poses of the vehicle",
-                    apart[:, :, 3].any(-1) | (apart[:, :, :3].max((1, 2)) > 1e-12),
-                    here - _columns_near("quaternion", T, here), [1, 2, 3, 10, 11, 12, 13])
+    result.add_rows(
+        path,
+        "does not agree with the poses of the vehicle",
+        apart[:, :, 3].any(-1) | (apart[:, :, :3].max((1, 2)) > 1e-12),
+        here - _columns_near("quaternion", T, here),
+        [1, 2, 3, 10, 11, 12, 13],
+    )
     if len(time_ns) < 5:
         return
     h = (time_ns[1] - time_ns[0]) * 1e-9

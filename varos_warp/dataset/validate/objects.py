@@ -79,10 +79,16 @@ def check_moving(data: Dataset, result: Validation) -> None:
     if (named := [[entry["key"], entry.get("id")] for entry in entries]) != numbers:
         result.add(f"dataset.json: moving names {named}, but the scene lets {numbers} move")
         return
-    made = [{"lights": describe_lights(scene.companions[key])} if key in scene.companions else {}
-            for key in scene.tracked]
-    result.add_all([f"dataset.json: moving.{key} is {here!r}, but its scene makes it {there!r}"
-                    for key, here, there in files.differences(entries, made, same, every=False)], "entries")
+    made = [
+        {"lights": describe_lights(scene.companions[key])} if key in scene.companions else {} for key in scene.tracked
+    ]
+    result.add_all(
+        [
+            f"dataset.json: moving.{key} is {here!r}, but its scene makes it {there!r}"
+            for key, here, there in files.differences(entries, made, same, every=False)
+        ],
+        "entries",
+    )
     known = known_motions(data)
     for key in data.moving:
         (time_ns, T), path = data.poses(key), data.layout.poses(key, "transformation_matrix")
@@ -91,8 +97,9 @@ def check_moving(data: Dataset, result: Validation) -> None:
             continue
         apart = T - known[key](time_ns)
         off, limit = np.abs(apart).max((1, 2)), 1e-9 + 8 * EPS * np.abs(T).max(initial=0.0)
-        told = result.add_rows(path, "is not where its path has it", ~(off <= limit), apart[:, :3].reshape(-1, 12),
-                               range(1, 13))
+        told = result.add_rows(
+            path, "is not where its path has it", ~(off <= limit), apart[:, :3].reshape(-1, 12), range(1, 13)
+        )
         result.measure(f"{key}: poses against its path", off.max(initial=0.0), limit, "m", told)
 
 
@@ -158,8 +165,9 @@ def moving_parts(data: Dataset, frame: int, camera: str, row: np.ndarray, col: n
     numbers, about = data.pixels(SEGMENTS, frame, camera)[row, col], data.camera(camera)
     offset = offsets_ns(about) if is_rolling(about) else np.zeros(1, np.int64)
     times = [frame_time_ns(frame + i, data.meta["frames"]["rate_hz"]) + offset for i in range(2)]
-    return [MovingPart(numbers == ids[key], *map(poses, times))
-            for key, poses in known_motions(data).items() if key in ids]
+    return [
+        MovingPart(numbers == ids[key], *map(poses, times)) for key, poses in known_motions(data).items() if key in ids
+    ]
 
 
 # ----------------------------------------------------------------------------------------------------------- places
@@ -199,12 +207,16 @@ def sums_in(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, numbers: n
 
 def check_places(data: Dataset, result: Validation, camera: str, boxes: dict, sums: np.ndarray) -> None:
     """More than half of the points with an object's number lie in its box; if not, where they lie is told."""
-    keys = {number: f"number {number} (objects.{number - 1 - (data.meta['scene'].get('terrain') is not None)})"
-            for number in boxes}
+    keys = {
+        number: f"number {number} (objects.{number - 1 - (data.meta['scene'].get('terrain') is not None)})"
+        for number in boxes
+    }
     for (number, _), (count, within, *total) in zip(boxes.items(), sums, strict=True):
         if count >= FEWEST_POINTS and within < count / 2:
             middle = np.array(total) / count
             others = [keys[n] for n, (low, high) in boxes.items() if ((middle >= low) & (middle <= high)).all()]
             where = f"; they lie where {others[0]} is" if others else ""
-            result.add(f"{camera}: S: {100 - 100 * within / count:.0f} % of the points of {keys[number]} do not lie "
-                       f"where the scene has it{where}")
+            result.add(
+                f"{camera}: S: {100 - 100 * within / count:.0f} % of the points of {keys[number]} do not lie "
+                f"where the scene has it{where}"
+            )

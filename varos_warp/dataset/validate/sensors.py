@@ -33,8 +33,9 @@ def _check(data: Dataset, result: Validation, sensor: SensorProduct) -> None:
         return
     step = np.diff(times_ns(len(time_ns), rate := data.meta["sensors"][sensor.id]["rate_hz"]))
     wrong = np.diff(time_ns) != step
-    uneven = result.add_rows(data.layout.sensor(sensor.id), f"the next sample is not {1e9 / rate:.0f} ns later", wrong,
-                             wrong[:, None], [0])
+    uneven = result.add_rows(
+        data.layout.sensor(sensor.id), f"the next sample is not {1e9 / rate:.0f} ns later", wrong, wrong[:, None], [0]
+    )
     if not uneven:
         sensor.check(Checked(data, result, sensor, T))
 
@@ -101,8 +102,10 @@ class Checked:
 
     def apart(self, found: Samples, expected: Samples) -> np.ndarray:
         """How far quantities are apart [N, k], in the order of their columns: 0 where neither has a number."""
-        one, other = (np.column_stack([of[quantity] for quantity in expected if quantity != "time_ns"])
-                      for of in (found, expected))
+        one, other = (
+            np.column_stack([of[quantity] for quantity in expected if quantity != "time_ns"])
+            for of in (found, expected)
+        )
         off = np.where(np.isnan(one) & np.isnan(other), 0.0, np.abs(one - other))
         return np.where(np.isnan(off), np.inf, off)
 

@@ -110,18 +110,24 @@ def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float, top: int, he
     both = np.isfinite(slope).all(-1) & normal.any(-1)
     c, d = normal[both], slope[both]
     count = np.full(3, float(len(c)))
-    rows = np.stack([(c * c).sum(0), (d * d).sum(0), (c * d).sum(0), noise**2 * count, count, fineness(normal, both)],
-                    -1)
+    rows = np.stack(
+        [(c * c).sum(0), (d * d).sum(0), (c * d).sum(0), noise**2 * count, count, fineness(normal, both)], -1
+    )
     solid = ndimage.binary_erosion(both, np.ones((3, 3)))[1:-1, 1:-1]
     across, down = normal[1:-1, 2:] - normal[1:-1, :-2], normal[2:, 1:-1] - normal[:-2, 1:-1]
     gx, gy, e = (x[solid] for x in (across / 2, down / 2, slope[1:-1, 1:-1] - normal[1:-1, 1:-1]))
     # an edge of C is not a bend, and where C is finer than a pixel it says nothing of D
-    w = ((np.abs(gx).max(-1, initial=0) < 0.2) & (np.abs(gy).max(-1, initial=0) < 0.2)
-         & (np.abs(e).max(-1, initial=0) < 0.3))[:, None]
+    w = (
+        (np.abs(gx).max(-1, initial=0) < 0.2)
+        & (np.abs(gy).max(-1, initial=0) < 0.2)
+        & (np.abs(e).max(-1, initial=0) < 0.3)
+    )[:, None]
     row, col = np.nonzero(solid)
     block = (row + 1 + top) * BLOCKS[0] // height * BLOCKS[1] + (col + 1) * BLOCKS[1] // normal.shape[1]
-    steps = [np.bincount(block, (w * a * b).sum(-1), BLOCKS[0] * BLOCKS[1])
-             for a, b in ((gx, gx), (gx, gy), (gy, gy), (gx, e), (gy, e))]
+    steps = [
+        np.bincount(block, (w * a * b).sum(-1), BLOCKS[0] * BLOCKS[1])
+        for a, b in ((gx, gx), (gx, gy), (gy, gy), (gx, e), (gy, e))
+    ]
     return np.vstack([rows, np.pad(np.stack(steps, -1), ((0, 0), (0, 1)))])
 
 
@@ -147,8 +153,12 @@ def check_slopes(result: Validation, camera: str, sums: np.ndarray) -> None:
     """
     for axis, (cc, dd, cd, noise, count, fine) in zip("xyz", sums[:3], strict=True):
         if count >= FEWEST_SLOPES and cc > 0.02**2 * count and dd > max(8.0 * noise, 0.02**2 * count):
-            result.measure(f"{camera}: C against the slopes of D, {axis}, 1 - correlation", 1.0 - cd / np.sqrt(cc * dd),
-                           0.5 + fine / cc, "")
+            result.measure(
+                f"{camera}: C against the slopes of D, {axis}, 1 - correlation",
+                1.0 - cd / np.sqrt(cc * dd),
+                0.5 + fine / cc,
+                "",
+            )
     total = sums[3:, :5].sum(0)
     xx, xy, yy = total[:3]
     # per pixel, curvature must be more than the rounding of C to 8 bits
@@ -217,5 +227,9 @@ def check_borders(result: Validation, camera: str, letter: str, counts: np.ndarr
         if max(here, *aside) >= FEWEST_JUMPS:
             # of a difference of two counts
             chance = DEVIATIONS * np.sqrt(here + max(aside)) if letter == NORMALS else 0.0
-            result.measure(f"{camera}: borders of {letter} at jumps of D, {direction}: those a pixel aside over those "
-                           "in place", max(aside) / max(here, 1), 1.0 + chance / max(here, 1), "")
+            result.measure(
+                f"{camera}: borders of {letter} at jumps of D, {direction}: those a pixel aside over those in place",
+                max(aside) / max(here, 1),
+                1.0 + chance / max(here, 1),
+                "",
+            )

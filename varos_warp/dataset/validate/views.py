@@ -98,7 +98,7 @@ def _view_pairs(data: Dataset, frames: list[int]) -> Iterator[tuple[str, tuple[i
                 yield f"{camera}: {name}", (starts[i], camera), (starts[i] + step, camera)
     for one, other in itertools.pairwise(data.cameras):
         if data.camera(one)["mount"] == data.camera(other)["mount"]:
-            for a in frames[::max(1, len(frames) // PAIRS)]:
+            for a in frames[:: max(1, len(frames) // PAIRS)]:
                 yield f"{one}, {other}: D of the same moment", (a, one), (a, other)
 
 
@@ -173,13 +173,17 @@ def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet
         pairs: dict[tuple[int, int], dict[str, float]] = {}
         starts, compare = range(0, len(frames), CHUNK), partial(_compare_chunk, data, camera, frames)
         for chunk in in_threads(f"views {camera}", compare, starts, unit=f"x {CHUNK} frames", quiet=quiet):
-            result.add_all([result.problem_of(found) for found in chunk.values() if isinstance(found, InputError)],
-                           "images")
+            result.add_all(
+                [result.problem_of(found) for found in chunk.values() if isinstance(found, InputError)], "images"
+            )
             pairs |= {pair: found for pair, found in chunk.items() if isinstance(found, dict)}
         problems: list[str] = []
         for letter in (DEPTH, *LEAST):
-            shares = {pair: found[letter] for pair, found in pairs.items()
-                      if letter in found and (letter == DEPTH or found[DEPTH] <= 1.0)}
+            shares = {
+                pair: found[letter]
+                for pair, found in pairs.items()
+                if letter in found and (letter == DEPTH or found[DEPTH] <= 1.0)
+            }
             if not shares:
                 continue
             median, limit = float(np.median(list(shares.values()))), 1.0
@@ -187,11 +191,14 @@ def check_neighbours(data: Dataset, result: Validation, frames: list[int], quiet
                 result.measure(f"{camera}: D against neighbours, share of what is allowed", median, limit, "")
             else:
                 limit = min(INDEPENDENT, max(LEAST[letter], 5.0 * median))
-                result.measure(f"{camera}: {letter} against neighbours, points that differ", 100 * median, 100 * limit,
-                               "%")
-            problems += [f"{data.layout.image(camera, letter, frame).name}: does not fit the frames about it: it shows "
-                         "another view than that of its pose"
-                         for frame in _misfits({pair: share > limit for pair, share in shares.items()})]
+                result.measure(
+                    f"{camera}: {letter} against neighbours, points that differ", 100 * median, 100 * limit, "%"
+                )
+            problems += [
+                f"{data.layout.image(camera, letter, frame).name}: does not fit the frames about it: it shows "
+                "another view than that of its pose"
+                for frame in _misfits({pair: share > limit for pair, share in shares.items()})
+            ]
         result.add_all(problems, "images")
 
 
@@ -200,7 +207,7 @@ def _compare_chunk(data: Dataset, camera: str, frames: list[int], start: int) ->
     letters = "".join(letter for letter in LEAST if letter in data.outputs)
     view, pairs = lru_cache(3)(lambda frame: _View(data, frame, camera, letters)), {}
     for i in range(start, min(start + CHUNK, len(frames))):
-        for earlier in frames[max(0, i - 2):i]:
+        for earlier in frames[max(0, i - 2) : i]:
             try:
                 pairs[earlier, frames[i]] = _compare(view(earlier), view(frames[i]), data.meta["depth"]["scale_m"])
             except InputError as error:

@@ -92,6 +92,7 @@ class Record:
 
     def _there(self) -> list[tuple[str, str]]:
         """(name, sum) of each file that is there and that some run wrote."""
+
         def value(name: str) -> str:
             if name not in self._now:
                 self._now[name] = sha256(self.root / name)
@@ -117,8 +118,11 @@ class Record:
         lines = []
         for name, value in self._there():
             if value not in self.known[name]:
-                raise InputError("is not as a run wrote it: its checksum differs", file=self.root / name,
-                                 remedy="`run` again to make it anew.")
+                raise InputError(
+                    "is not as a run wrote it: its checksum differs",
+                    file=self.root / name,
+                    remedy="`run` again to make it anew.",
+                )
             lines.append(f"{value}  {name}\n")
         files.write_bytes(self.root / NAME, "".join(lines).encode())
         return self.root / NAME
@@ -143,8 +147,12 @@ def _lines(path: Path) -> list[tuple[str, str]]:
     result = []
     for line in lines:
         value, _, name = line.partition("  ")
-        if len(value) != 64 or not set(value) <= set("0123456789abcdef") or ".." in name.split("/") or (
-                not name or name.startswith("/")):
+        if (
+            len(value) != 64
+            or not set(value) <= set("0123456789abcdef")
+            or ".." in name.split("/")
+            or (not name or name.startswith("/"))
+        ):
             raise InputError("is not a list of SHA-256 sums", file=path, remedy="Delete it and `run` again.")
         result.append((name, value))
     return result

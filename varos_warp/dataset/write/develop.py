@@ -33,8 +33,15 @@ def develop(half: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> 
     return np.take(encode_color(_EVERY_HALF, gain), half.view(np.uint16))
 
 
-def dithered(half: np.ndarray, gain: float, dither: Dither, camera: str, letter: str, frame: int,
-             matrix: np.ndarray | None = None) -> np.ndarray:
+def dithered(
+    half: np.ndarray,
+    gain: float,
+    dither: Dither,
+    camera: str,
+    letter: str,
+    frame: int,
+    matrix: np.ndarray | None = None,
+) -> np.ndarray:
     """Dithered pixels of `develop`; the curve is in float64, so that every machine rounds the same to 8 bits."""
     if matrix is not None:
         curve = 255.0 * srgb_oetf((in_srgb(half, matrix) * np.float32(gain)).astype(np.float64))
@@ -71,8 +78,9 @@ class Developer:
             view = next(each for each in self.scene.vehicle.cameras if each.id == camera)
             open_s = view.shutter.exposure_s if view.shutter else 0.0
             rng, linear = frame_generator(self.scene.seed, frame, camera), half.astype(np.float32)
-            files.write_png(finished, noisy_color(sensor, linear, gain, camera_model(view), open_s, rng,
-                                                  self._matrices[camera]))
+            files.write_png(
+                finished, noisy_color(sensor, linear, gain, camera_model(view), open_s, rng, self._matrices[camera])
+            )
 
     def _without_noise(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: float) -> np.ndarray:
         dither, matrix = Dither.of(self.scene), self._matrices[camera]

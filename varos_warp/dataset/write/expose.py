@@ -21,8 +21,17 @@ Known = dict[tuple[str, str, int], exposure.Statistics]
 """Statistics by camera, letter and frame."""
 
 
-def expose(layout: Layout, scene: Any, camera: str, letter: str, frames: list[int], time_ns: np.ndarray,
-           made: Known, has: Callable[[Path], bool] = files.is_complete, axis_weight: float = 1.0) -> None:
+def expose(
+    layout: Layout,
+    scene: Any,
+    camera: str,
+    letter: str,
+    frames: list[int],
+    time_ns: np.ndarray,
+    made: Known,
+    has: Callable[[Path], bool] = files.is_complete,
+    axis_weight: float = 1.0,
+) -> None:
     """Gains of one camera from all its rendered frames; writes the PNG whose gain is new, then the gains.
 
     The gains come last: if it is interrupted, the next run finds the old ones and does it again.
@@ -64,12 +73,21 @@ def expose(layout: Layout, scene: Any, camera: str, letter: str, frames: list[in
             gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
         list(pool.map(write, frames, gains.tolist()))
     read = [[s.metered for s in found], [s.mean for s in found]] if meter else []
-    files.write_csv(table, [TIME, *exposure_columns(meter)], time_ns, frames, gains,
-                    [s.log_average for s in found], [s.highlight for s in found], *read)
+    files.write_csv(
+        table,
+        [TIME, *exposure_columns(meter)],
+        time_ns,
+        frames,
+        gains,
+        [s.log_average for s in found],
+        [s.highlight for s in found],
+        *read,
+    )
 
 
-def twin_gains(layout: Layout, setting: exposure.Setting, camera: str, frames: list[int], axis_weight: float
-               ) -> np.ndarray | None:
+def twin_gains(
+    layout: Layout, setting: exposure.Setting, camera: str, frames: list[int], axis_weight: float
+) -> np.ndarray | None:
     """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
 
     None where A has none for some frame: then P is exposed by itself. ``setting`` is the scene's ``render.exposure`` of

@@ -144,9 +144,12 @@ def _refuse_conflict(root: Path, other: Path, found: re.Match, shard: tuple[int,
     part = f", shard {index}/{of}," if of > 1 else ""
     with contextlib.suppress(OSError):
         part += f" since {time.strftime('%Y-%m-%d %H:%M', time.localtime(other.stat().st_mtime))}"
-    raise InputError(f"another run is writing to this folder: {_words(found)}{part}", file=root,
-                     remedy="Wait for it, or end it; several runs can share a folder as --shard I/N, each with an I of "
-                            "its own and the same N.")
+    raise InputError(
+        f"another run is writing to this folder: {_words(found)}{part}",
+        file=root,
+        remedy="Wait for it, or end it; several runs can share a folder as --shard I/N, each with an I of "
+        "its own and the same N.",
+    )
 
 
 @contextlib.contextmanager
@@ -183,8 +186,11 @@ def open_folder(scene, layout: Layout) -> dict | None:
     with files.writing(root):
         entries = [entry for entry in root.iterdir() if not (entry.name.startswith(".") or checksums.only_notes(entry))]
     if entries and not layout.metadata.exists():
-        raise InputError("the folder is not empty and holds no dataset", file=root,
-                         remedy="Give a new folder with -o, or empty this one.")
+        raise InputError(
+            "the folder is not empty and holds no dataset",
+            file=root,
+            remedy="Give a new folder with -o, or empty this one.",
+        )
     refuse_links_out(root)
     return recorded(scene, layout)
 
@@ -200,9 +206,13 @@ def recorded(scene, layout: Layout) -> dict | None:
     data = Dataset(layout.root)
     meta = data.meta
     if meta.get("noise") and not data.has_scene_noise:
-        raise InputError("noise was added to the dataset in this folder, which cannot go on without it",
-                         file=layout.metadata, key="noise.profile.name", value=meta["noise"]["profile"]["name"],
-                         remedy="`run` into the folder of the dataset that it was made of, and add the noise anew.")
+        raise InputError(
+            "noise was added to the dataset in this folder, which cannot go on without it",
+            file=layout.metadata,
+            key="noise.profile.name",
+            value=meta["noise"]["profile"]["name"],
+            remedy="`run` into the folder of the dataset that it was made of, and add the noise anew.",
+        )
     check_same(scene, meta, layout.metadata)
     return meta
 
@@ -219,8 +229,12 @@ def check_same(scene, meta: dict, file: Path) -> None:
         key, old, new = different[0]
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
         also = f" (also different: {', '.join(rest)})" if rest else ""
-        raise InputError(f"the dataset in this folder was made with {_short(old)}, not {_short(new)}{also}", file=file,
-                         key=key, remedy="Give the same scene and options, another folder with -o, or delete this one.")
+        raise InputError(
+            f"the dataset in this folder was made with {_short(old)}, not {_short(new)}{also}",
+            file=file,
+            key=key,
+            remedy="Give the same scene and options, another folder with -o, or delete this one.",
+        )
 
 
 def _short(value) -> str:

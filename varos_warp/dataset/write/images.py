@@ -64,8 +64,11 @@ class Store:
         """What there is to render of these frames."""
         for frame in frames:
             for camera in self.layout.cameras:
-                letters = "".join(letter for letter in self.render.outputs if not all(map(
-                    self.has, self.layout.rendered(camera, letter, frame, vars(self.render)))))
+                letters = "".join(
+                    letter
+                    for letter in self.render.outputs
+                    if not all(map(self.has, self.layout.rendered(camera, letter, frame, vars(self.render))))
+                )
                 if letters:
                     yield ImageJob(frame, camera, letters)
 

@@ -38,8 +38,9 @@ def whole_frames(data: Dataset, camera: str) -> list[int]:
 # ------------------------------------------------------------------------------------------------------------ colours
 
 
-def preview(data: Dataset, output: str, frame: int, camera: str | None, width: int,
-            near_far: tuple[float, float] | None = None):
+def preview(
+    data: Dataset, output: str, frame: int, camera: str | None, width: int, near_far: tuple[float, float] | None = None
+):
     """A small picture (PIL) for the eye: A, B and C as they are, D from near (bright) to far (dark), S by object.
 
     F by the colours of the Middlebury benchmark, where the longest flow is the most saturated.
@@ -54,8 +55,14 @@ def preview(data: Dataset, output: str, frame: int, camera: str | None, width: i
     if OUTPUTS[output].averages:
         pixels = OUTPUTS[output].colors(pixels, data.meta, near_far)
         return Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX)
-    pixels = pixels[np.ix_(*(((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
-                             for many, few in zip(pixels.shape[:2], (height, width), strict=True)))]
+    pixels = pixels[
+        np.ix_(
+            *(
+                ((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
+                for many, few in zip(pixels.shape[:2], (height, width), strict=True)
+            )
+        )
+    ]
     return Image.fromarray(OUTPUTS[output].colors(pixels, data.meta, near_far))
 
 
@@ -142,6 +149,7 @@ def _size(images: dict) -> float:
 
 def _encode(data: Dataset, frames: list[int], width: int, ends: tuple[float, float], quiet: bool) -> dict:
     """base64 of every image, by camera and output."""
+
     def encode(camera: str, output: str, frame: int) -> str:
         buffer = io.BytesIO()
         quality = 88 if OUTPUTS[output].is_color else 80
@@ -150,5 +158,7 @@ def _encode(data: Dataset, frames: list[int], width: int, ends: tuple[float, flo
 
     work = zip(*itertools.product(data.cameras, data.outputs, frames), strict=True)
     texts = iter(list(in_threads("report", encode, *work, unit="images", quiet=quiet)))
-    return {camera: {output: list(itertools.islice(texts, len(frames))) for output in data.outputs}
-            for camera in data.cameras}
+    return {
+        camera: {output: list(itertools.islice(texts, len(frames))) for output in data.outputs}
+        for camera in data.cameras
+    }

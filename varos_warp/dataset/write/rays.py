@@ -32,12 +32,15 @@ def ray_channels(model: CameraModel, width: int, height: int) -> dict[str, np.nd
     def fill(number: int, row: int) -> None:
         rays = model.rays(pixel_centres(width, min(BAND, height - row)) + [0.0, row], number)
         band = np.concatenate([rays.origin, rays.direction, rays.weight[..., None]], -1)
-        planes[number][:, row:row + BAND] = np.moveaxis(band, -1, 0)
+        planes[number][:, row : row + BAND] = np.moveaxis(band, -1, 0)
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(pool.map(fill, *zip(*itertools.product(numbers, range(0, height, BAND)), strict=True)))
-    return {f"{CHANNELS[number]}.{part}": plane for number in numbers
-            for part, plane in zip(PARTS, planes[number], strict=True)}
+    return {
+        f"{CHANNELS[number]}.{part}": plane
+        for number in numbers
+        for part, plane in zip(PARTS, planes[number], strict=True)
+    }
 
 
 def write_rays(layout: Layout, camera) -> None:

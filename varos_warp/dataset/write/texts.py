@@ -72,20 +72,27 @@ def write_sensors(layout: Layout, scene, simulation) -> None:
     """Vehicle and sensors: data and the pose of each at each of its samples."""
     trajectory = simulation.trajectory
     write_poses(layout, "vehicle", trajectory.time_ns, trajectory.poses())
-    files.write_csv(layout.states, [TIME, *itertools.chain(*STATES.values())], trajectory.time_ns,
-                    *(getattr(trajectory, quantity) for quantity in STATES))
+    files.write_csv(
+        layout.states,
+        [TIME, *itertools.chain(*STATES.values())],
+        trajectory.time_ns,
+        *(getattr(trajectory, quantity) for quantity in STATES),
+    )
     for product, block in mounted(scene.vehicle):
         reading, truth, bias = vars(getattr(simulation, product.key)), None, None
         if getattr(block, "noise", None) is not None:
-            truth, bias = ({quantity: reading[key.format(quantity)] for quantity in product.columns}
-                           for key in ("true_{}", "{}_bias"))
+            truth, bias = (
+                {quantity: reading[key.format(quantity)] for quantity in product.columns}
+                for key in ("true_{}", "{}_bias")
+            )
         write_readings(layout, product.id, reading, truth, bias)
         time_ns = reading["time_ns"]
         write_poses(layout, product.id, time_ns, trajectory.at(time_ns).poses() @ product.mounting(block))
 
 
-def write_readings(layout: Layout, name: str, reading: Samples, truth: Samples | None = None,
-                   bias: Samples | None = None) -> None:
+def write_readings(
+    layout: Layout, name: str, reading: Samples, truth: Samples | None = None, bias: Samples | None = None
+) -> None:
     """Readings of a sensor; where they have noise, what they would be without it beside them, and its bias.
 
     Args:
@@ -95,11 +102,16 @@ def write_readings(layout: Layout, name: str, reading: Samples, truth: Samples |
         truth: The same without noise.
         bias: The slowly varying part of the noise.
     """
+
     def write(path: Path, **parts: Samples | None) -> None:
         there = {prefix: part for prefix, part in parts.items() if part is not None}
         header = [prefix + column for prefix in there for columns in READINGS[name].values() for column in columns]
-        files.write_csv(path, [TIME, *header], reading["time_ns"],
-                        *(part[quantity] for part in there.values() for quantity in READINGS[name]))
+        files.write_csv(
+            path,
+            [TIME, *header],
+            reading["time_ns"],
+            *(part[quantity] for part in there.values() for quantity in READINGS[name]),
+        )
 
     if BY_ID[name].bias_apart and bias is not None:
         write(layout.bias(name), b_=bias)
@@ -110,16 +122,25 @@ def write_readings(layout: Layout, name: str, reading: Samples, truth: Samples |
 _PIXELS = "# The centre of the top left pixel is (0, 0) in K_opencv and (0.5, 0.5) in K_center_half.\n"
 
 
-def write_camera(layout: Layout, camera, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray,
-                 outputs: list[str], matrix: np.ndarray | None = None) -> None:
+def write_camera(
+    layout: Layout,
+    camera,
+    frames: list[int],
+    time_ns: np.ndarray,
+    T_w_v: np.ndarray,
+    outputs: list[str],
+    matrix: np.ndarray | None = None,
+) -> None:
     """Calibration, with a colour matrix if there is one, time stamps and poses of one camera at its frames [N]."""
     path = layout.camera_file(camera.id, ".yaml")
     text = yaml.safe_dump(describe_camera(layout, camera, matrix), sort_keys=False, default_flow_style=None, width=120)
     files.write_bytes(path, (_PIXELS + text).encode())
     letters = [letter for letter, image in OUTPUTS.items() if image.released]
     letters += [letter for letter in outputs if letter not in letters]
-    names = [[layout.image(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
-             for letter in letters]
+    names = [
+        [layout.image(camera.id, letter, frame).name if letter in outputs else "" for frame in frames]
+        for letter in letters
+    ]
     files.write_csv(layout.camera_file(camera.id, "_timestamps.csv"), [TIME, *letters], time_ns, *names)
     write_poses(layout, camera.id, time_ns, np.array([camera_pose(camera, T) for T in T_w_v]))
 
@@ -146,8 +167,10 @@ def light_pose(light) -> np.ndarray:
 
 def describe_lights(vehicle) -> list[dict]:
     """The lights of a vehicle: their keys, and where they are on it."""
-    return [{**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
-            for light in vehicle.lights]
+    return [
+        {**light.model_dump(mode="json"), "T_v_light": light_pose(light).tolist(), "intensity_unit": "W/sr"}
+        for light in vehicle.lights
+    ]
 
 
 def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, T_w_v: np.ndarray) -> None:
@@ -157,9 +180,15 @@ def write_lights(layout: Layout, scene, frames: list[int], time_ns: np.ndarray, 
         return
     T = (T_w_v[:, None] @ np.array([light_pose(light) for light in lights])).reshape(-1, 4, 4)
     direction = ["direction_w_x", "direction_w_y", "direction_w_z"]
-    files.write_csv(layout.lights, [TIME, "frame", "light", *xyz("p_wl", "m"), *direction],
-                    np.repeat(time_ns, len(lights)), np.repeat(frames, len(lights)),
-                    np.tile(np.arange(len(lights)), len(frames)), T[:, :3, 3], T[:, :3, 2])
+    files.write_csv(
+        layout.lights,
+        [TIME, "frame", "light", *xyz("p_wl", "m"), *direction],
+        np.repeat(time_ns, len(lights)),
+        np.repeat(frames, len(lights)),
+        np.tile(np.arange(len(lights)), len(frames)),
+        T[:, :3, 3],
+        T[:, :3, 2],
+    )
 
 
 # ------------------------------------------------------------------------------------------------------- dataset.json
@@ -171,14 +200,20 @@ def describe_camera(layout: Layout, camera, matrix: np.ndarray | None = None) ->
     width, height = camera.resolution
     sizes = {"focal_length": camera.focal_mm, "sensor_width": camera.sensor_mm[0], "sensor_height": camera.sensor_mm[1]}
     return {
-        "id": camera.id, "folder": layout.camera_dir(camera.id).relative_to(layout.root).as_posix(),
+        "id": camera.id,
+        "folder": layout.camera_dir(camera.id).relative_to(layout.root).as_posix(),
         **(sizes if camera.intrinsics is None else {}),  # of a camera that is measured in pixels nobody knows them
-        "width": width, "height": height, "resolution": {"width": width, "height": height},
-        "f_stop": camera.f_stop, "focus_m": camera.focus_m, **describe_optics(camera),
+        "width": width,
+        "height": height,
+        "resolution": {"width": width, "height": height},
+        "f_stop": camera.f_stop,
+        "focus_m": camera.focus_m,
+        **describe_optics(camera),
         **({} if matrix is None else {"color_matrix": matrix.tolist()}),
         **describe_shutter(layout, camera),
         **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
-        "K_center_half": intrinsics(camera).tolist(), "K_opencv": opencv_intrinsics(camera).tolist(),
+        "K_center_half": intrinsics(camera).tolist(),
+        "K_opencv": opencv_intrinsics(camera).tolist(),
         "mount": camera.mount,
         "T_w_c" if camera.mount == "world" else "T_v_c": T.tolist(),
     }
@@ -188,8 +223,10 @@ def describe_optics(camera) -> dict:
     """Lens, port and vignetting, as `described_camera` reads them."""
     lens, port = camera.distortion, camera.port
     fisheye = lens is not None and lens.model in FISHEYES
-    about = {"camera_model": "fisheye" if fisheye else "pinhole",
-             "distortion": "none" if lens is None else lens.model_dump(mode="json")}
+    about = {
+        "camera_model": "fisheye" if fisheye else "pinhole",
+        "distortion": "none" if lens is None else lens.model_dump(mode="json"),
+    }
     if port is not None:
         about |= {"port": port.model_dump(mode="json"), "n_water": list(camera_model(camera).n_water)}
     return about if camera.vignetting is None else about | {"vignetting": camera.vignetting.model_dump(mode="json")}
@@ -199,8 +236,11 @@ def describe_shutter(layout: Layout, camera) -> dict:
     """Exposure of a camera's rows, and where their poses are; nothing of a camera without a shutter."""
     if camera.shutter is None:
         return {}
-    about = {**camera.shutter.model_dump(mode="json"), "line_delay_s": camera.shutter.readout_s / camera.resolution[1],
-             "time_stamp": "middle of the exposure of the middle row"}
+    about = {
+        **camera.shutter.model_dump(mode="json"),
+        "line_delay_s": camera.shutter.readout_s / camera.resolution[1],
+        "time_stamp": "middle of the exposure of the middle row",
+    }
     if has_row_poses(camera):
         about["row_poses"] = layout.row_poses(camera.id).relative_to(layout.root).as_posix()
     return {"shutter": about}
@@ -216,25 +256,46 @@ def describe_water(scene) -> dict:
     if scene.is_spectral:
         return _describe_spectra(scene)
     water, bodies = optical_properties(scene), [law.describe() for law in particle_laws(scene)]
-    return {"source": water.source, "sigma_a": water.sigma_a.tolist(), "sigma_s": water.sigma_s.tolist(),
-            "sigma_t": water.sigma_t.tolist(), "albedo": water.albedo.tolist(), "unit": "1/m",
-            "phase": water.phase.kind, "g": water.g,
-            **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()}),
-            **({"particles": bodies} if bodies else {})}
+    return {
+        "source": water.source,
+        "sigma_a": water.sigma_a.tolist(),
+        "sigma_s": water.sigma_s.tolist(),
+        "sigma_t": water.sigma_t.tolist(),
+        "albedo": water.albedo.tolist(),
+        "unit": "1/m",
+        "phase": water.phase.kind,
+        "g": water.g,
+        **({} if water.phase.is_henyey_greenstein else {"phase_function": water.phase.describe()}),
+        **({"particles": bodies} if bodies else {}),
+    }
 
 
 def _describe_spectra(scene) -> dict:
     water, phase = water_spectra(scene), phase_function(scene)
-    return {"source": "spectral", "water": water.source, "unit": "1/m", "wavelength_nm": GRID.tolist(),
-            **{name: getattr(water, name).tolist() for name in ("a", "b_water", "b_particles")},
-            "phase": phase.kind, "g": phase.mean_cosine, "phase_function": phase.describe(), "bands": described(scene)}
+    return {
+        "source": "spectral",
+        "water": water.source,
+        "unit": "1/m",
+        "wavelength_nm": GRID.tolist(),
+        **{name: getattr(water, name).tolist() for name in ("a", "b_water", "b_particles")},
+        "phase": phase.kind,
+        "g": phase.mean_cosine,
+        "phase_function": phase.describe(),
+        "bands": described(scene),
+    }
 
 
 def describe_sensors(vehicle) -> dict[str, dict]:
     """Rate, mounting and noise of each sensor on the vehicle, and what else its readings follow from."""
-    return {sensor.id: {"rate_hz": block.rate_hz, "T_v_s": sensor.mounting(block).tolist(),
-                        "noise": block.model_dump(mode="json").get("noise"), **sensor.describe(block)}
-            for sensor, block in mounted(vehicle)}
+    return {
+        sensor.id: {
+            "rate_hz": block.rate_hz,
+            "T_v_s": sensor.mounting(block).tolist(),
+            "noise": block.model_dump(mode="json").get("noise"),
+            **sensor.describe(block),
+        }
+        for sensor, block in mounted(vehicle)
+    }
 
 
 def versions() -> dict[str, str]:
@@ -269,8 +330,12 @@ def sources(scene, sum_of: Callable[[Path], str] = sha256) -> dict[str, str | No
     bodies = [vehicle.body for vehicle in scene.vehicles or () if vehicle.body]
     objects = [*scene.objects, *(block.object for block in scene.scatter), *bodies]
     named += [o.file for o in objects if getattr(o, "file", None)]
-    textures = [texture.texture for material in scene.materials.values() if isinstance(material, SlopeBlend)
-                for texture in (material.flat, material.steep)]
+    textures = [
+        texture.texture
+        for material in scene.materials.values()
+        if isinstance(material, SlopeBlend)
+        for texture in (material.flat, material.steep)
+    ]
     named += [name for name in textures if name not in GROUND_TEXTURES]
     named += [light.file for light in scene.lights if getattr(light, "file", None)]
     named += [course.file for course in scene.trajectories.values() if course.file]
@@ -278,8 +343,10 @@ def sources(scene, sum_of: Callable[[Path], str] = sha256) -> dict[str, str | No
     phase = getattr(water, "phase", None)
     named += [part.file for part in getattr(phase, "of", [phase]) if getattr(part, "file", None)]
     named += [water.file] if getattr(water, "file", None) else []
-    for kind, names in (("lamps", [light.spectrum for light in scene.lights]),
-                        ("cameras", [camera.response for camera in scene.vehicle.cameras])):
+    for kind, names in (
+        ("lamps", [light.spectrum for light in scene.lights]),
+        ("cameras", [camera.response for camera in scene.vehicle.cameras]),
+    ):
         named += [name for name in names if name and is_file_name(name, kind)]
     named += scene.calibrations
     found: dict[str, str | None] = dict.fromkeys(named)
@@ -304,8 +371,18 @@ CLEAN = "; A_clean: without the noise of noise.profile.camera, which A has"
 DITHERED = "; dithered with triangular noise before it is rounded to 8 bits (A with the noise of a sensor is not)"
 
 
-def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outputs: list[str], plan: dict | None,
-             device: dict | None, denoisers: dict[str, str | None], moving: Sequence[dict] = ()) -> dict:
+def describe(
+    layout: Layout,
+    scene,
+    *,
+    frames: list[int],
+    frame_count: int,
+    outputs: list[str],
+    plan: dict | None,
+    device: dict | None,
+    denoisers: dict[str, str | None],
+    moving: Sequence[dict] = (),
+) -> dict:
     """Everything that dataset.json says.
 
     Args:
@@ -333,25 +410,41 @@ def describe(layout: Layout, scene, *, frames: list[int], frame_count: int, outp
         conventions |= {letter: conventions[letter] + DITHERED for letter in colors(outputs)}
     start, end = render.depth_range_m
     return {
-        "format": "varos_warp dataset", "schema_version": SCHEMA_VERSION,
-        "name": scene.name, "sequence": scene.sequence, "vehicle": vehicle.id, "seed": scene.seed,
-        "versions": versions(), "device": device, "conventions": conventions,
+        "format": "varos_warp dataset",
+        "schema_version": SCHEMA_VERSION,
+        "name": scene.name,
+        "sequence": scene.sequence,
+        "vehicle": vehicle.id,
+        "seed": scene.seed,
+        "versions": versions(),
+        "device": device,
+        "conventions": conventions,
         "frames": {"of": frame_count, "ranges": runs(frames), "rate_hz": render.frame_rate_hz},
         "outputs": outputs,
-        "color": {"png": "sRGB (IEC 61966-2-1), 8 bit",
-                  "exr": CHANNELS if scene.is_spectral else "linear, Rec. 709 primaries",
-                  "radiance_unit": "W/sr/m^2 per channel", "exposure": render.exposure.model_dump(mode="json")},
-        "depth": {"kind": render.depth_kind, "range_m": [start, end], "levels": DEPTH_LEVELS,
-                  "scale_m": (end - start) / DEPTH_LEVELS, "at_or_beyond_end": DEPTH_LEVELS},
+        "color": {
+            "png": "sRGB (IEC 61966-2-1), 8 bit",
+            "exr": CHANNELS if scene.is_spectral else "linear, Rec. 709 primaries",
+            "radiance_unit": "W/sr/m^2 per channel",
+            "exposure": render.exposure.model_dump(mode="json"),
+        },
+        "depth": {
+            "kind": render.depth_kind,
+            "range_m": [start, end],
+            "levels": DEPTH_LEVELS,
+            "scale_m": (end - start) / DEPTH_LEVELS,
+            "at_or_beyond_end": DEPTH_LEVELS,
+        },
         "samples": {"plan": plan, "spp_b": render.spp_b, "denoise": denoisers[WATER], "denoise_b": denoisers[AMBIENT]},
         "cameras": [describe_camera(layout, camera, color_matrix(scene, camera)) for camera in vehicle.cameras],
         "sensors": describe_sensors(vehicle),
         "lights": describe_lights(vehicle),
         "water": describe_water(scene),
         **({"moving": list(moving)} if moving else {}),
-        "gravity": [0.0, 0.0, -scene.gravity], "surface_depth_m": scene.surface_depth_m,
+        "gravity": [0.0, 0.0, -scene.gravity],
+        "surface_depth_m": scene.surface_depth_m,
         **describe_noise(scene, outputs),
-        "sources": sources(scene), "scene": scene_to_dict(scene),
+        "sources": sources(scene),
+        "scene": scene_to_dict(scene),
     }
 
 
@@ -365,9 +458,14 @@ def describe_noise(scene, outputs: Sequence[str]) -> dict:
 
 def _conventions(vehicle, outputs: Sequence[str]) -> dict[str, str]:
     """What the numbers mean; those of sensors and images of which notes tell are in their places."""
-    told = {"sensors": {sensor.key: sensor.convention for sensor in _noted(vehicle)},
-            "images": {letter: image.convention for letter, image in OUTPUTS.items()
-                       if image.convention and (image.released or letter in outputs)}}
+    told = {
+        "sensors": {sensor.key: sensor.convention for sensor in _noted(vehicle)},
+        "images": {
+            letter: image.convention
+            for letter, image in OUTPUTS.items()
+            if image.convention and (image.released or letter in outputs)
+        },
+    }
     found: dict[str, str] = {}
     for key, words in plain_yaml.parse(_text("conventions.yaml")).items():
         found |= told.get(key, {key: words})
@@ -381,8 +479,10 @@ def _noted(vehicle) -> list[SensorProduct]:
 
 
 _KINDS = {"z": "planar: along the camera's z axis", "range": "along the ray"}
-_RAYS = {"z": "# z = 1: D is planar",
-         "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray"}
+_RAYS = {
+    "z": "# z = 1: D is planar",
+    "range": "ray /= np.linalg.norm(ray, axis=-1, keepdims=True)  # D is along the ray",
+}
 _INSTANTS = """Each reading and image is for the instant of its time stamp (global
   shutter; nothing is averaged over an interval)."""
 _PINHOLES = "Pinhole without distortion, in both conventions of pixels:"
@@ -401,16 +501,25 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
     more += [_text("particles_readme.txt")] * bool(scene.particles and scene.render.shows_bodies)
     more += [_text("camera_noise_readme.txt")] * bool(describe_noise(scene, outputs))
     bent = any(map(has_lens, scene.vehicle.cameras))
-    words = {"SENSORS": "\n".join([*(sensor.chapter for sensor in _noted(scene.vehicle)), *more]),
-             "LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
-             "KIND": _KINDS[scene.render.depth_kind], "START": f"{start:g}", "END": f"{end:g}",
-             "GRAVITY": f"{scene.gravity:g}",
-             "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}", "STEP_M": repr((end - start) / DEPTH_LEVELS),
-             "RAY": _RAYS[scene.render.depth_kind], "SURFACE": f"{scene.surface_depth_m:g}",
-             "IMAGES": "".join("\n" + OUTPUTS[letter].readme for letter in outputs if OUTPUTS[letter].readme),
-             "SHUTTER": _text("shutter_readme.txt").rstrip("\n") if any(c.shutter for c in scene.vehicle.cameras)
-             else _INSTANTS,
-             "VEHICLE": scene.vehicle.id, "SEQUENCE": scene.sequence, "CAMERA": scene.vehicle.cameras[0].id}
+    words = {
+        "SENSORS": "\n".join([*(sensor.chapter for sensor in _noted(scene.vehicle)), *more]),
+        "LENS": _text("bent_readme.txt").rstrip("\n") if bent else _PINHOLES,
+        "KIND": _KINDS[scene.render.depth_kind],
+        "START": f"{start:g}",
+        "END": f"{end:g}",
+        "GRAVITY": f"{scene.gravity:g}",
+        "STEP": f"{(end - start) / DEPTH_LEVELS * 1000:.6g}",
+        "STEP_M": repr((end - start) / DEPTH_LEVELS),
+        "RAY": _RAYS[scene.render.depth_kind],
+        "SURFACE": f"{scene.surface_depth_m:g}",
+        "IMAGES": "".join("\n" + OUTPUTS[letter].readme for letter in outputs if OUTPUTS[letter].readme),
+        "SHUTTER": _text("shutter_readme.txt").rstrip("\n")
+        if any(c.shutter for c in scene.vehicle.cameras)
+        else _INSTANTS,
+        "VEHICLE": scene.vehicle.id,
+        "SEQUENCE": scene.sequence,
+        "CAMERA": scene.vehicle.cameras[0].id,
+    }
     for word, value in words.items():
         text = text.replace("{" + word + "}", value)
     text = text.replace("{NAME}", scene.name)  # last: it may look like one of the words

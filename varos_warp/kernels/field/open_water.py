@@ -18,6 +18,7 @@ from varos_warp.kernels.world.medium import exp3
 
 wp.set_module_options({"enable_backward": False})
 
+
 @wp.struct
 class NodeGrid:
     """Nodes of a table around a light, in a half plane through its axis."""

@@ -112,8 +112,9 @@ def ray_node(field: LightField, light: Light, end: wp.vec3, d: wp.vec3, t: float
 
 
 @wp.func
-def add_next_order(medium: Medium, field: LightField, grid: NodeGrid, node: RayNode, rows: int,
-                   radiance: wp.array(dtype=wp.vec3)):
+def add_next_order(
+    medium: Medium, field: LightField, grid: NodeGrid, node: RayNode, rows: int, radiance: wp.array(dtype=wp.vec3)
+):
     """Add what a node contributes to the ``radiance`` at the first ``rows`` distances, divided by scale_at."""
     last = float(field.grid.distances - 1) - 1.0e-3
     place = wp.log(grid.nearest * node.distance / field.grid.nearest) / field.grid.log_step

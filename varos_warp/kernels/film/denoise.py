@@ -78,9 +78,7 @@ def mean_around(image: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int)
 
 
 @wp.func
-def square_around(
-    smooth: wp.array2d(dtype=wp.vec3), noisy: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int
-):
+def square_around(smooth: wp.array2d(dtype=wp.vec3), noisy: wp.array2d(dtype=wp.vec3), side: int, row: int, col: int):
     """Mean over a square of the squared difference of two images."""
     total = wp.vec3d(wp.float64(0.0))
     count = wp.float64(0.0)

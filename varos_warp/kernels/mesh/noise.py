@@ -69,14 +69,32 @@ def gradient_noise(seed: wp.uint32, q: wp.vec3d):
     z = float(q[2] - wp.float64(k))
     u = fade(x)
     v = fade(y)
-    low = wp.lerp(wp.lerp(along_gradient(bits_at(seed, i, j, k), x, y, z),
-                          along_gradient(bits_at(seed, i + 1, j, k), x - 1.0, y, z), u),
-                  wp.lerp(along_gradient(bits_at(seed, i, j + 1, k), x, y - 1.0, z),
-                          along_gradient(bits_at(seed, i + 1, j + 1, k), x - 1.0, y - 1.0, z), u), v)
-    high = wp.lerp(wp.lerp(along_gradient(bits_at(seed, i, j, k + 1), x, y, z - 1.0),
-                           along_gradient(bits_at(seed, i + 1, j, k + 1), x - 1.0, y, z - 1.0), u),
-                   wp.lerp(along_gradient(bits_at(seed, i, j + 1, k + 1), x, y - 1.0, z - 1.0),
-                           along_gradient(bits_at(seed, i + 1, j + 1, k + 1), x - 1.0, y - 1.0, z - 1.0), u), v)
+    low = wp.lerp(
+        wp.lerp(
+            along_gradient(bits_at(seed, i, j, k), x, y, z),
+            along_gradient(bits_at(seed, i + 1, j, k), x - 1.0, y, z),
+            u,
+        ),
+        wp.lerp(
+            along_gradient(bits_at(seed, i, j + 1, k), x, y - 1.0, z),
+            along_gradient(bits_at(seed, i + 1, j + 1, k), x - 1.0, y - 1.0, z),
+            u,
+        ),
+        v,
+    )
+    high = wp.lerp(
+        wp.lerp(
+            along_gradient(bits_at(seed, i, j, k + 1), x, y, z - 1.0),
+            along_gradient(bits_at(seed, i + 1, j, k + 1), x - 1.0, y, z - 1.0),
+            u,
+        ),
+        wp.lerp(
+            along_gradient(bits_at(seed, i, j + 1, k + 1), x, y - 1.0, z - 1.0),
+            along_gradient(bits_at(seed, i + 1, j + 1, k + 1), x - 1.0, y - 1.0, z - 1.0),
+            u,
+        ),
+        v,
+    )
     return wp.lerp(low, high, fade(z))
 
 
@@ -121,7 +139,12 @@ def octave_mean(kind: int):
 
 @wp.kernel
 def sum_octaves(
-    first_row: int, kind: int, seed: wp.uint32, cycles: wp.vec3d, octaves: int, gain: float,
+    first_row: int,
+    kind: int,
+    seed: wp.uint32,
+    cycles: wp.vec3d,
+    octaves: int,
+    gain: float,
     points: wp.array(dtype=wp.vec3d),
     edge: wp.array(dtype=wp.float32),
     # out
@@ -212,7 +235,10 @@ def search(seed: wp.uint32, i: int, j: int, k: int, inside: wp.vec3, reach: int,
 
 @wp.kernel
 def find_cells(
-    first_row: int, seed: wp.uint32, cycles: wp.vec3d, is_flat: int,
+    first_row: int,
+    seed: wp.uint32,
+    cycles: wp.vec3d,
+    is_flat: int,
     points: wp.array(dtype=wp.vec3d),
     # out
     cell: wp.array(dtype=wp.vec3),

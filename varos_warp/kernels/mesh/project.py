@@ -24,7 +24,10 @@ FOLDED = wp.constant(0.2)
 
 @wp.kernel(module="unique")
 def find_nearest(
-    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float,
+    first_row: int,
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    reach: float,
     # out
     face: wp.array(dtype=wp.int32),  # -1: none within reach; shape [N]
     place: wp.array(dtype=wp.vec3),  # nearest point of the mesh [m]
@@ -40,7 +43,10 @@ def find_nearest(
 
 @wp.kernel(module="unique")
 def find_first_hits(
-    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
+    first_row: int,
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
     # out
     face: wp.array(dtype=wp.int32),  # -1: none; shape [N]
     side: wp.array(dtype=wp.float32),  # 1: front, -1: back
@@ -56,7 +62,11 @@ def find_first_hits(
 
 @wp.kernel(module="unique")
 def sample_signed_distance(
-    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), known: wp.array(dtype=wp.int8), threshold: float,
+    first_row: int,
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    known: wp.array(dtype=wp.int8),
+    threshold: float,
     # out
     value: wp.array(dtype=wp.float32),  # [m], negative inside; shape [N]
 ):
@@ -86,7 +96,10 @@ def face_normal(points: wp.array(dtype=wp.vec3), face: wp.vec3i):
 
 @wp.func
 def ring(
-    i: int, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i), first: wp.array(dtype=wp.int32),
+    i: int,
+    points: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    first: wp.array(dtype=wp.int32),
     incident: wp.array(dtype=wp.int32),
 ):
     """Area-weighted unit normal of a vertex, and the mean of its neighbours."""
@@ -146,12 +159,17 @@ def border_target(mesh: wp.uint64, p: wp.vec3, n: wp.vec3, lock: wp.vec3, step: 
 
 @wp.kernel(module="unique")
 def move_vertices(
-    first_row: int, mesh: wp.uint64, points: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
-    first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),  # faces at every vertex, in CSR
+    first_row: int,
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    first: wp.array(dtype=wp.int32),
+    incident: wp.array(dtype=wp.int32),  # faces at every vertex, in CSR
     lock: wp.array(dtype=wp.vec3b),  # -1 or 1: on that side of the region, shape [V]
     step: float,  # of the grid [m]; the model is looked for within two of them
     # out
-    moved: wp.array(dtype=wp.vec3), held: wp.array(dtype=wp.int8),  # 1: on the model
+    moved: wp.array(dtype=wp.vec3),
+    held: wp.array(dtype=wp.int8),  # 1: on the model
 ):
     """Spread the vertices evenly over their surface and move them onto the model; over a hole they form a membrane."""
     i = first_row + wp.tid()
@@ -172,8 +190,12 @@ def move_vertices(
 
 @wp.kernel(module="unique")
 def undo_folds(
-    first_row: int, before: wp.array(dtype=wp.vec3), moved: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i),
-    first: wp.array(dtype=wp.int32), incident: wp.array(dtype=wp.int32),
+    first_row: int,
+    before: wp.array(dtype=wp.vec3),
+    moved: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    first: wp.array(dtype=wp.int32),
+    incident: wp.array(dtype=wp.int32),
     # out
     after: wp.array(dtype=wp.vec3),
 ):

@@ -31,9 +31,13 @@ def is_in_cone(along: float, half: float, cosine: float, ball: float):
 
 @wp.kernel(module="unique")
 def find_nearest_view(
-    first_row: int, eyes: wp.array(dtype=wp.vec3), axes: wp.array(dtype=wp.vec3), halves: wp.array(dtype=wp.float32),
+    first_row: int,
+    eyes: wp.array(dtype=wp.vec3),
+    axes: wp.array(dtype=wp.vec3),
+    halves: wp.array(dtype=wp.float32),
     cosines: wp.array(dtype=wp.float32),  # of the halves
-    points: wp.array(dtype=wp.vec3), normals: wp.array(dtype=wp.vec3),  # zero: not known
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),  # zero: not known
     radius: wp.array(dtype=wp.float32),  # of balls about the points [m]
     # out
     distance: wp.array(dtype=wp.float32),  # from the nearest eye [m]; shape [N]

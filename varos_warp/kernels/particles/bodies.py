@@ -103,8 +103,12 @@ def cell_of(cells: Cells, i: int):
 @wp.func
 def hashed(cells: Cells, at: wp.vec3i, number: int):
     """Four numbers in [0, 1) of a cell."""
-    x, y, z, w = pcg4d(cells.base[0] + wp.uint32(at[0]), cells.base[1] + wp.uint32(at[1]),
-                       cells.base[2] + wp.uint32(at[2]), cells.key + wp.uint32(number))
+    x, y, z, w = pcg4d(
+        cells.base[0] + wp.uint32(at[0]),
+        cells.base[1] + wp.uint32(at[1]),
+        cells.base[2] + wp.uint32(at[2]),
+        cells.key + wp.uint32(number),
+    )
     return wp.vec4(to_unit(x), to_unit(y), to_unit(z), to_unit(w))
 
 
@@ -146,8 +150,9 @@ def body_of(cells: Cells, at: wp.vec3i, n: int):
 def body_at(particles: Particles, body: Body, time: float, way: wp.vec3):
     """Where a body is at a time [s] from the frame's, since when the water has gone a way [m]; it wanders in it."""
     angle = particles.wander_phase + particles.wander_rate * time
-    own = wp.vec3(wp.sin(angle + wp.tau * body.u[0]), wp.sin(angle + wp.tau * body.u[1]),
-                  wp.sin(angle + wp.tau * body.u[2]))
+    own = wp.vec3(
+        wp.sin(angle + wp.tau * body.u[0]), wp.sin(angle + wp.tau * body.u[1]), wp.sin(angle + wp.tau * body.u[2])
+    )
     return body.p + way + time * particles.drift + particles.wander * own
 
 

@@ -167,8 +167,9 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         return image_of(camera_between(exposure.moments, instant), exposure.table, p, channel)
 
     @wp.func
-    def part_of(exposure: Exposure, particles: Particles, body: Body, whole: Sighting, k: int, parts: int,
-                channel: int):
+    def part_of(
+        exposure: Exposure, particles: Particles, body: Body, whole: Sighting, k: int, parts: int, channel: int
+    ):
         """A body in the k-th of so many parts of its exposure."""
         found = whole
         length = (whole.end - whole.begin) / float(parts)

@@ -60,8 +60,16 @@ def panel_end(lit: LitInterval, core: LitInterval, t: float, end: float):
 
 
 @wp.func
-def expected_between(scene: SceneData, particles: Particles, light: Light, lit: LitInterval, o: wp.vec3, d: wp.vec3,
-                     begin: float, end: float):
+def expected_between(
+    scene: SceneData,
+    particles: Particles,
+    light: Light,
+    lit: LitInterval,
+    o: wp.vec3,
+    d: wp.vec3,
+    begin: float,
+    end: float,
+):
     """Radiance of a panel, by quadrature in the angle under which the lamp sees the ray."""
     L = wp.vec3(0.0)
     ya, yb = begin - lit.foot, end - lit.foot
@@ -79,8 +87,9 @@ def expected_between(scene: SceneData, particles: Particles, light: Light, lit: 
 
 
 @wp.func
-def expected_of_lamp(scene: SceneData, particles: Particles, light: Light, o: wp.vec3, d: wp.vec3, t_min: float,
-                     t_max: float):
+def expected_of_lamp(
+    scene: SceneData, particles: Particles, light: Light, o: wp.vec3, d: wp.vec3, t_min: float, t_max: float
+):
     """Radiance of one lamp that drawn bodies between two distances scatter into an unobstructed ray, in the mean."""
     L = wp.vec3(0.0)
     lit = lit_part(light, o, d, wp.min(t_max, particles.reach))

@@ -62,8 +62,9 @@ def expected_of_field(table: wp.array3d(dtype=wp.vec3), particles: Particles, x:
     """Radiance that bodies scatter of the field before ``t``, in the mean; (x, y) in [0, 1]^2 is the image point."""
     nodes = table.shape[0]
     k = wp.log(wp.max(t, NEAREST) / NEAREST) / wp.log(particles.reach / NEAREST) * float(nodes - 1)
-    return trilinear(table, wp.clamp(k, 0.0, float(nodes - 1) - 1.0e-3), y * float(table.shape[1] - 1),
-                     x * float(table.shape[2] - 1))
+    return trilinear(
+        table, wp.clamp(k, 0.0, float(nodes - 1) - 1.0e-3), y * float(table.shape[1] - 1), x * float(table.shape[2] - 1)
+    )
 
 
 @specialised("optics")

@@ -91,8 +91,12 @@ def splat_box(splat: Splat):
     reach = splat_reach(splat)
     across = reach + wp.abs(splat.along[0])
     down = reach + wp.abs(splat.along[1])
-    return wp.vec4i(int(wp.floor(splat.x - across - 0.5)), int(wp.floor(splat.y - down - 0.5)),
-                    int(wp.ceil(splat.x + across - 0.5)), int(wp.ceil(splat.y + down - 0.5)))
+    return wp.vec4i(
+        int(wp.floor(splat.x - across - 0.5)),
+        int(wp.floor(splat.y - down - 0.5)),
+        int(wp.ceil(splat.x + across - 0.5)),
+        int(wp.ceil(splat.y + down - 0.5)),
+    )
 
 
 @wp.func

@@ -150,8 +150,9 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
                         correction = L_single
                         in_step()
                         if field.single.radiance.shape[0] > 0:
-                            L_single += radiance_along(field.single, point.x / float(width), point.y / float(height),
-                                                       hit.t)
+                            L_single += radiance_along(
+                                field.single, point.x / float(width), point.y / float(height), hit.t
+                            )
                         else:
                             L_single += scattered_by_lights(scene, ray.o, ray.d, hit.t)
             if wp.static(field_layer and spec.camera_field):
@@ -178,8 +179,14 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
                 if reflects and is_metal(end):
                     L_multiple += mirrored(scene, field, bounds, end, hit.t, next_vertex(sampler, 2))
             weight *= point.weight
-            sums = add_sample(sums, sampler.sample, wp.cw_mul(weight, L_direct), wp.cw_mul(weight, L_single),
-                              wp.cw_mul(weight, L_multiple), wp.cw_mul(weight, correction))
+            sums = add_sample(
+                sums,
+                sampler.sample,
+                wp.cw_mul(weight, L_direct),
+                wp.cw_mul(weight, L_single),
+                wp.cw_mul(weight, L_multiple),
+                wp.cw_mul(weight, correction),
+            )
         store(film, i, sums)
 
     return trace_camera_segments

@@ -175,8 +175,14 @@ def make_leave_vertex(spec: SceneSpec) -> wp.Function:
         return share
 
     @wp.func
-    def leave_vertex(scene: SceneData, lights: wp.array(dtype=VirtualLight), path: Subpath, bounds: PathBounds,
-                     u: wp.vec4, v: wp.vec4):
+    def leave_vertex(
+        scene: SceneData,
+        lights: wp.array(dtype=VirtualLight),
+        path: Subpath,
+        bounds: PathBounds,
+        u: wp.vec4,
+        v: wp.vec4,
+    ):
         """The subpath with its next direction, and the light of virtual point lights at the vertex that it leaves."""
         L = wp.vec3(0.0)
         if wp.static(spec.surfaces):
@@ -197,8 +203,17 @@ def make_gather(spec: SceneSpec) -> wp.Function:
     scattered_once = make_segment(spec).scattered_once
 
     @wp.func
-    def gather(scene: SceneData, field: Field, path: Subpath, hit: Hit, end: Vertex, reflected: LightConnection,
-               bounds: PathBounds, u: wp.vec4, w: wp.vec4):
+    def gather(
+        scene: SceneData,
+        field: Field,
+        path: Subpath,
+        hit: Hit,
+        end: Vertex,
+        reflected: LightConnection,
+        bounds: PathBounds,
+        u: wp.vec4,
+        w: wp.vec4,
+    ):
         """Light of one more event on a subpath's segment: reflected at its end, or scattered on the way."""
         if wp.static(spec.mirrors):
             if events(path) == 1 and is_metal(path.vertex):

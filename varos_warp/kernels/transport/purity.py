@@ -25,8 +25,9 @@ def make_purity_kernel(spec: SceneSpec) -> wp.Kernel:
     ray_of = make_ray(spec.optics)
 
     @wp.func
-    def object_seen(scene: SceneData, numbers: wp.array(dtype=wp.int32), camera: Camera, x: float, y: float,
-                    lens: wp.vec2):
+    def object_seen(
+        scene: SceneData, numbers: wp.array(dtype=wp.int32), camera: Camera, x: float, y: float, lens: wp.vec2
+    ):
         """Number in S of what a ray of the camera hits first; 0 if it hits nothing."""
         ray, seen = ray_of(camera, x, y, lens, GREEN)
         found = int(0)

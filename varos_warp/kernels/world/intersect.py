@@ -216,8 +216,16 @@ def set_hit(hit: Hit, query: wp.MeshQueryRay):
 
 
 @wp.func(inline=False)  # one copy for all callers, with one query in it: a GPU waits for long code
-def first_solid(masks: wp.array(dtype=Masks), mesh: wp.uint64, whole: wp.uint64, first_face: int, part: int,
-                o: wp.vec3, d: wp.vec3, t_max: float):
+def first_solid(
+    masks: wp.array(dtype=Masks),
+    mesh: wp.uint64,
+    whole: wp.uint64,
+    first_face: int,
+    part: int,
+    o: wp.vec3,
+    d: wp.vec3,
+    t_max: float,
+):
     """First hit of a mesh that is not in a hole, in its axes; face -1 if there is none before ``t_max``.
 
     ``whole`` is a mesh of those of its faces, the first ones, that no mask cuts; 0 if all may be cut. ``part`` is that
@@ -278,8 +286,16 @@ def make_in_instances(spec: SceneSpec):
             copy = get_instance(scene, k)
             # the direction is not normalised, so that t stays in units of the world
             if wp.static(spec.masks):
-                solid = first_solid(scene.masks, copy.mesh, copy.whole, copy.first_face, copy.part,
-                                  to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
+                solid = first_solid(
+                    scene.masks,
+                    copy.mesh,
+                    copy.whole,
+                    copy.first_face,
+                    copy.part,
+                    to_instance(copy, o - copy.p),
+                    to_instance(copy, d),
+                    hit.t,
+                )
                 if solid.face >= 0:
                     hit = solid
                     hit.instance = k
@@ -301,8 +317,16 @@ def make_in_instances(spec: SceneSpec):
         while wp.bvh_query_next(query, k, t_max):
             copy = get_instance(scene, k)
             if wp.static(spec.masks):
-                solid = first_solid(scene.masks, copy.mesh, copy.whole, copy.first_face, copy.part,
-                                  to_instance(copy, o - copy.p), to_instance(copy, d), t_max)
+                solid = first_solid(
+                    scene.masks,
+                    copy.mesh,
+                    copy.whole,
+                    copy.first_face,
+                    copy.part,
+                    to_instance(copy, o - copy.p),
+                    to_instance(copy, d),
+                    t_max,
+                )
                 if solid.face >= 0:
                     return True
             else:

@@ -134,8 +134,12 @@ def make_distorted(lens: str) -> wp.Function:
         off_x = x * scale + 2.0 * k[2] * x * y + k[3] * (q + 2.0 * x * x) - at[0]
         off_y = y * scale + k[2] * (q + 2.0 * y * y) + 2.0 * k[3] * x * y - at[1]
         across = 2.0 * x * y * slope + 2.0 * (k[2] * x + k[3] * y)
-        J = wp.mat22(scale + 2.0 * x * x * slope + 2.0 * k[2] * y + 6.0 * k[3] * x, across,
-                     across, scale + 2.0 * y * y * slope + 6.0 * k[2] * y + 2.0 * k[3] * x)
+        J = wp.mat22(
+            scale + 2.0 * x * x * slope + 2.0 * k[2] * y + 6.0 * k[3] * x,
+            across,
+            across,
+            scale + 2.0 * y * y * slope + 6.0 * k[2] * y + 2.0 * k[3] * x,
+        )
         step = wp.inverse(J) * wp.vec2(off_x, off_y)
         return wp.vec4(off_x, off_y, step[0], step[1])
 
@@ -145,8 +149,11 @@ def make_distorted(lens: str) -> wp.Function:
 @cache
 def make_undone(lens: str) -> wp.Function:
     """The function ``undone``: tangent or angle, within the lens's reach, of a distance ``r`` from the centre."""
-    radius = {"brown_conrady": brown_conrady_radius, "rational": rational_radius,
-              "kannala_brandt": kannala_brandt_radius}[lens]
+    radius = {
+        "brown_conrady": brown_conrady_radius,
+        "rational": rational_radius,
+        "kannala_brandt": kannala_brandt_radius,
+    }[lens]
 
     @wp.func
     def undone(optics: Optics, r: float):
@@ -174,6 +181,7 @@ def make_undistorted(lens: str, ends: bool = False) -> wp.Function:
     Zero where a lens that ``ends`` within the image sees nothing.
     """
     if lens == "none":
+
         @wp.func
         def straight(optics: Optics, at: wp.vec2):
             return wp.vec3(at[0], at[1], 1.0)
@@ -295,6 +303,7 @@ def sphere_exit(o: wp.vec3, d: wp.vec3, radius: float):
 def make_behind_port(port: str, rim: bool) -> wp.Function:
     """The function ``behind_port``: the ray in the water, for one channel, of a ray in air; none past the ``rim``."""
     if port == "none":
+
         @wp.func
         def no_port(optics: Optics, ray: Bent, channel: int):
             return ray

@@ -62,7 +62,8 @@ class Depth(ImageProduct):
     averages = False  # across an edge nothing has the mean of two distances
     convention = (
         "round((d - start) / (end - start) * 65535), clamped; 65535: at or beyond the end, or nothing hit; d is planar "
-        "(along the camera's z) or range (along the ray), as depth.kind says")
+        "(along the camera's z) or range (along the ray), as depth.kind says"
+    )
 
     def of_hits(self, hits: FirstHits) -> DepthImage:
         """Both distances."""

@@ -56,8 +56,13 @@ def flow_colors(flow: np.ndarray) -> np.ndarray:
     longest = max(float(np.quantile(length[known], 0.99)), 1e-6) if known.any() else 1.0
     turn = (np.arctan2(-v, -u) / np.pi + 1.0) / 2.0
     wheel = np.cumsum([0, 15, 6, 4, 11, 13, 6]) / 55  # red, yellow, green, cyan, blue, magenta, red
-    hue = np.stack([np.interp(turn, wheel, ends) for ends in (
-        (1, 1, 0, 0, 0, 1, 1), (0, 1, 1, 1, 0, 0, 0), (0, 0, 0, 1, 1, 1, 0))], -1)
+    hue = np.stack(
+        [
+            np.interp(turn, wheel, ends)
+            for ends in ((1, 1, 0, 0, 0, 1, 1), (0, 1, 1, 1, 0, 0, 0), (0, 0, 0, 1, 1, 1, 0))
+        ],
+        -1,
+    )
     colors = 1.0 - np.minimum(length / longest, 1.0)[..., None] * (1.0 - hue)
     return np.where(known[..., None], np.rint(255 * colors), 0).astype(np.uint8)
 
@@ -78,7 +83,8 @@ class Flow(ImageProduct):
         "that stands still: PNG of 16-bit R = 64 u + 2^15, G = 64 v + 2^15, B = 1 (KITTI; u right, v down, in pixels), "
         "all 0 where it is not known. F_exr, float32: flow.u, flow.v without steps; occluded, 1 where something nearer "
         "hides the point in the next frame; motion.x, y, z [m], the point in the axes of the next camera less that in "
-        "those of this one; NaN is not known")
+        "those of this one; NaN is not known"
+    )
 
     def pixels(self, image: FlowImage, render: Any) -> np.ndarray:
         """Flow in 16 bits: `encode_flow`."""

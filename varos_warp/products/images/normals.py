@@ -43,8 +43,9 @@ class Normals(ImageProduct):
     method = "first hits of pixel centres, smoothed normals"
     planes, channels, dtype, bytes_a_pixel = ("normal",), 3, np.uint8, 0.6
     beside = LOOKS
-    convention = ("world normal n in [-1, 1] as round((n + 1) * 127.5); pixels (0, 0, 0) have no normal, nothing is "
-                  "hit there")
+    convention = (
+        "world normal n in [-1, 1] as round((n + 1) * 127.5); pixels (0, 0, 0) have no normal, nothing is hit there"
+    )
 
     def of_hits(self, hits: FirstHits) -> NormalImage:
         """The normals."""

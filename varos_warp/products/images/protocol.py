@@ -171,8 +171,7 @@ class ImageProduct(Protocol):
         """What is wrong with its files of a frame: names of files, and problems."""
         return ()
 
-    def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None
-               ) -> np.ndarray:
+    def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
         """uint8 [H, W, 3] for the eye, of a finished image.
 
         Args:

@@ -36,7 +36,8 @@ class Purity(ImageProduct):
     beside = tuple(key for key in LOOKS if not key.endswith("lights"))  # a strobe decides when a shutter sees
     convention = (
         f"round(255 p), 8 bit: p is the share of the pixel (of {RAYS} rays over its area, the aperture and the "
-        "exposure, as A is made) whose first hit is the object that S names there; where S is 0, that hits nothing")
+        "exposure, as A is made) whose first hit is the object that S names there; where S is 0, that hits nothing"
+    )
     readme = """IMAGES U (vehicle{VEHICLE}/cam0/U, 8 bit)
   Purity: the share, 0 to 255, of what A averages over a pixel that shows the object which S names at its centre; where
   S is 0, that shows nothing. Below 255 a pixel is mixed: edges, things thinner than a pixel, blur of the lens and of
@@ -66,8 +67,11 @@ class Purity(ImageProduct):
         mixed = 255.0 - pixels
         if np.count_nonzero(steps) >= FEWEST and not mixed[border].any():
             yield name, "has no mixed pixel, though S has borders that cross some"
-        elif (np.count_nonzero(border) >= FEWEST and np.count_nonzero(inside) >= FEWEST
-              and mixed[border].mean() < mixed[inside].mean()):
+        elif (
+            np.count_nonzero(border) >= FEWEST
+            and np.count_nonzero(inside) >= FEWEST
+            and mixed[border].mean() < mixed[inside].mean()
+        ):
             yield name, "has pixels that are more mixed inside the objects of S than at their borders"
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:

@@ -85,8 +85,10 @@ def to_half(radiance: np.ndarray) -> tuple[np.ndarray, int]:
     refuse_nan(radiance)
     clamped = int(np.count_nonzero(np.abs(radiance) > HALF_MAX))
     if 0.0 < np.max(radiance, initial=0.0) < HALF_NORMAL:
-        warn(f"an image is darker than {HALF_NORMAL:.1g} W/sr/m^2 everywhere: half floats lose its digits, "
-             "and below 3e-8 its light; brighter lights would help")
+        warn(
+            f"an image is darker than {HALF_NORMAL:.1g} W/sr/m^2 everywhere: half floats lose its digits, "
+            "and below 3e-8 its light; brighter lights would help"
+        )
     return np.clip(radiance, -HALF_MAX, HALF_MAX).astype(np.float16), clamped
 
 
@@ -142,8 +144,11 @@ class Radiance(ImageProduct):
             yield name, problem
             return
         for c in "RGB":
-            layers = [values.astype(float) for channel, values in channels.items()
-                      if channel.endswith(f".{c}") and not channel.startswith("stderr.")]
+            layers = [
+                values.astype(float)
+                for channel, values in channels.items()
+                if channel.endswith(f".{c}") and not channel.startswith("stderr.")
+            ]
             if layers and np.abs(sum(layers) - channels[c]).max() > 1e-4 * max(np.abs(channels[c]).max(), 1e-30):
                 yield name, f"has layers that do not sum to channel {c}"
             if f"stderr.{c}" in channels and channels[f"stderr.{c}"].min() < 0.0:
@@ -173,8 +178,9 @@ class Water(Radiance):
     source, denoise_key, bytes_a_pixel, parts = Source.WATER, "denoise", 4.0, ("radiance",)
     noise_key = "noise"
     folders: Mapping[str, str] = {"_linear": "linear_exr", "_exr": "", "": ""}
-    convention = ("8 bit sRGB of linear radiance times the gain of camXX_exposure_A.csv; A_exr: linear, half float, "
-                  "denoised")
+    convention = (
+        "8 bit sRGB of linear radiance times the gain of camXX_exposure_A.csv; A_exr: linear, half float, denoised"
+    )
 
 
 class Ambient(Radiance):
@@ -198,7 +204,8 @@ class Twin(Radiance):
     folders: Mapping[str, str] = {"_linear": "linear_exr", "_exr": "", "": ""}
     convention = (
         "as A, without port, lens distortion, vignetting and what follows from them (radiance in the water, not at the "
-        "sensor); its gain is that of A times green.weight in the middle of the image")
+        "sensor); its gain is that of A times green.weight in the middle of the image"
+    )
 
     def seen_by(self, scene: Scene, camera: Camera) -> Camera:
         """Camera without port, distortion and vignetting; strobes light its image as they do A."""

@@ -101,8 +101,11 @@ def block_of(scene: Scene, key: str) -> Any:
         return scene.terrain
     if group == "vehicles":
         return next((vehicle.body for vehicle in scene.vehicles or () if vehicle.key == key), None)
-    groups: dict[str, Any] = {"objects": scene.objects, "scatter": [block.object for block in scene.scatter],
-                              "growth": scene.growth}
+    groups: dict[str, Any] = {
+        "objects": scene.objects,
+        "scatter": [block.object for block in scene.scatter],
+        "growth": scene.growth,
+    }
     blocks = groups.get(group, [])
     known = bool(numbers) and numbers[0].isdigit() and int(numbers[0]) < len(blocks)
     return blocks[int(numbers[0])] if known else None

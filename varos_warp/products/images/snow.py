@@ -47,7 +47,8 @@ class SnowImage(ImageProduct):
     convention = (
         "round(255 min(1, c)), 8 bit: c is the share of the pixel that bodies cover; N_exr: float32, RGB what they add "
         "to linear A, passed what they let pass of it (A = passed times the image without bodies plus RGB), flow.x and "
-        "flow.y the motion of the pixel's brightest body to the next frame [pixels], 0 where it is not known")
+        "flow.y the motion of the pixel's brightest body to the next frame [pixels], 0 where it is not known"
+    )
     readme = """IMAGES N (vehicle{VEHICLE}/cam0/N, 8 bit; N_exr, float32 EXR)
   Bodies in the water (marine snow), which image A shows and C, D, S, F do not: the share of the pixel, 0 to 255, that
   they cover. N_exr has what they add to linear A (R, G, B; negative where fewer are seen than in the mean), the share
@@ -64,8 +65,12 @@ class SnowImage(ImageProduct):
     def floats(self, image: Snow) -> dict[str, np.ndarray]:
         """Channels R, G, B, passed, flow.x, flow.y."""
         flow = np.zeros((*image.passed.shape, 2), np.float32) if image.flow is None else image.flow
-        planes = {**dict(zip("RGB", np.moveaxis(image.added, -1, 0), strict=True)), "passed": image.passed,
-                  "flow.x": flow[..., 0], "flow.y": flow[..., 1]}
+        planes = {
+            **dict(zip("RGB", np.moveaxis(image.added, -1, 0), strict=True)),
+            "passed": image.passed,
+            "flow.x": flow[..., 0],
+            "flow.y": flow[..., 1],
+        }
         for plane in planes.values():
             refuse_nan(plane)
         return {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}

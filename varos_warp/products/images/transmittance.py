@@ -39,7 +39,8 @@ class Transmittance(ImageProduct):
     convention = (
         "exp(-sigma_t r), float32 EXR, channels R, G, B: the share of light from what the pixel's centre sees that the "
         "water lets through; r is its distance along the ray in the water (channel range of D_exr), also "
-        "beyond depth.range_m; 0: nothing hit")
+        "beyond depth.range_m; 0: nothing hit"
+    )
     readme = """IMAGES T (vehicle{VEHICLE}/cam0/T, float32 EXR with channels R, G, B)
   exp(-sigma_t r) per channel: the share of light from what the pixel's centre sees that reaches the camera, neither
   absorbed nor scattered; r is the distance along the ray in the water, from the port if there is one (channel range of
@@ -107,8 +108,9 @@ class Transmittance(ImageProduct):
         if count := np.count_nonzero(known & (np.abs(found - made) > limit).any(-1)):
             yield files.file(self.letter).name, f"has another distance than D in {count} pixels"
 
-    def _against_depth(self, files: FrameFiles, distance: np.ndarray, known: np.ndarray, slack_m: float
-                       ) -> Iterator[tuple[str, str]]:
+    def _against_depth(
+        self, files: FrameFiles, distance: np.ndarray, known: np.ndarray, slack_m: float
+    ) -> Iterator[tuple[str, str]]:
         """What is wrong with the distances [m] of T where they are ``known``, beside those of D."""
         planar, seen = files.planar, files.along_axis(distance)
         both, depth = known & np.isfinite(planar), files.data.meta["depth"]

@@ -76,8 +76,10 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
     columns = {"range": ["range [m]"]}
     curves = (Curve("range", "Altimeter", "m", ["along the beam"], viewed="altimeter [m]"),)
     stream_id, stream_fields = 70, "float64: distance along the beam to what it meets first [m]; NaN for nothing"
-    convention = ("distance along the beam, the x axis of the sensor, to what it meets first; nan where that is "
-                  "nothing within max_range_m")
+    convention = (
+        "distance along the beam, the x axis of the sensor, to what it meets first; nan where that is "
+        "nothing within max_range_m"
+    )
     chapter = """ALTIMETER (altimeter0/altimeter0_data.csv)
   range is the distance along the beam, which is the x axis of the sensor, to the terrain or an object; nan: it meets
   nothing within sensors.altimeter0.max_range_m of dataset.json. If noise is listed there, the column true_range is
@@ -105,8 +107,10 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
         """Whether it never meets anything."""
         if np.isfinite(read.range).any():
             return ""
-        return (f"its beam meets nothing within max_range_m = {sensor.max_range_m:g} in the whole run, so all readings "
-                "are nan")
+        return (
+            f"its beam meets nothing within max_range_m = {sensor.max_range_m:g} in the whole run, so all readings "
+            "are nan"
+        )
 
     def describe(self, sensor: Altimeter) -> dict[str, Any]:
         """Farthest distance that it reads."""
@@ -131,8 +135,9 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
     def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
         """Infinite where it meets nothing (REP 117)."""
         distance, most = float(row["range"]), meta["sensors"][self.id]["max_range_m"]
-        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), ULTRASOUND, 0.0, 0.0, most,
-                                           np.inf if np.isnan(distance) else distance)
+        return make[self.ros_types[topic]](
+            make.header(time_ns, self.ros_frame), ULTRASOUND, 0.0, 0.0, most, np.inf if np.isnan(distance) else distance
+        )
 
 
 ALTIMETER = AltimeterProduct()
@@ -153,5 +158,6 @@ def _check_ranges(found: Evidence, truth: np.ndarray) -> None:
     slack = 1e-6 + 1e-9 * np.where(np.isfinite(read), read, 0.0)
     wrong = (read < near.min(axis=1) - slack) | (read > near.max(axis=1) + slack)
     expected = np.where(wrong, met[0][:, 0], truth)
-    found.agree("range against the scene's meshes", {"range": expected}, 1e-6, "m",
-                "is not the distance to the scene's meshes")
+    found.agree(
+        "range against the scene's meshes", {"range": expected}, 1e-6, "m", "is not the distance to the scene's meshes"
+    )

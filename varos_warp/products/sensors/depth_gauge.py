@@ -68,8 +68,9 @@ class DepthGauge(SensorProduct[Mounted, DepthGaugeNoise, DepthReadings]):
         lever = applied(there.rotation(), np.asarray(sensor.position, float))
         return DepthReadings(there.time_ns, around.surface_depth_m - (there.position[:, 2] + lever[:, 2]))
 
-    def noisy(self, truth: Samples, about: dict[str, Any], model: DepthGaugeNoise, seed: int
-              ) -> tuple[Samples, Samples]:
+    def noisy(
+        self, truth: Samples, about: dict[str, Any], model: DepthGaugeNoise, seed: int
+    ) -> tuple[Samples, Samples]:
         """White noise and bias, then the step of the readings."""
         reading, bias = depth_gauge_noise(model, truth["depth"], about["rate_hz"], seed)
         return {**truth, "depth": reading}, {"depth": bias}
@@ -91,12 +92,14 @@ class DepthGauge(SensorProduct[Mounted, DepthGaugeNoise, DepthReadings]):
         about, per_metre = meta["sensors"][self.id], WATER_DENSITY * float(np.linalg.norm(meta["gravity"]))
         step = (about.get("noise") or {}).get("resolution") or 0.0
         variance = white_variance(about) + step**2 / 12.0
-        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), ATMOSPHERE + per_metre * float(
-            row["depth"]), per_metre**2 * variance)
+        return make[self.ros_types[topic]](
+            make.header(time_ns, self.ros_frame), ATMOSPHERE + per_metre * float(row["depth"]), per_metre**2 * variance
+        )
 
 
-def depth_gauge_noise(model: DepthGaugeNoise, depth: np.ndarray, rate_hz: float, seed: int
-                      ) -> tuple[np.ndarray, np.ndarray]:
+def depth_gauge_noise(
+    model: DepthGaugeNoise, depth: np.ndarray, rate_hz: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Readings of the depth gauge [n] and the bias in them [n], [m], of true depths [n]."""
     rng = np.random.default_rng([seed, SEED])
     made = noise(len(depth), rate_hz, model.noise_density, model.random_walk, rng, model.bias, model.turn_on_bias, 1)

@@ -88,17 +88,25 @@ class DvlProduct(SensorProduct[Dvl, DvlNoise, DvlReadings]):
 
     key, id, label = "dvl", "dvl0", "DVL"
     noise = DvlNoise
-    columns = {"velocity": xyz("v_RS_S", "m s^-1"), "altitude": ["altitude [m]"],
-               "range": [f"range_{i} [m]" for i in range(1, 5)],
-               "beam_velocity": [f"beam_velocity_{i} [m s^-1]" for i in range(1, 5)]}
-    curves = (Curve("velocity", "Velocity over the bottom (DVL)", "m/s", "xyz",
-                    viewed="velocity over the bottom [m/s]"),
-              Curve("altitude", "Altitude (DVL)", "m", ["above the bottom"]))
+    columns = {
+        "velocity": xyz("v_RS_S", "m s^-1"),
+        "altitude": ["altitude [m]"],
+        "range": [f"range_{i} [m]" for i in range(1, 5)],
+        "beam_velocity": [f"beam_velocity_{i} [m s^-1]" for i in range(1, 5)],
+    }
+    curves = (
+        Curve("velocity", "Velocity over the bottom (DVL)", "m/s", "xyz", viewed="velocity over the bottom [m/s]"),
+        Curve("altitude", "Altitude (DVL)", "m", ["above the bottom"]),
+    )
     stream_id = 40
-    stream_fields = ("float64[12]: velocity over the bottom x y z [m/s], axes of the DVL; altitude [m]; ranges of four "
-                     "beams [m]; their velocities away from the sensor [m/s]; NaN without bottom lock")
-    convention = ("velocity of the sensor over the bottom in sensor axes, z up; beam velocities are those of the "
-                  "bottom along the beams, away from the sensor; nan without bottom lock")
+    stream_fields = (
+        "float64[12]: velocity over the bottom x y z [m/s], axes of the DVL; altitude [m]; ranges of four "
+        "beams [m]; their velocities away from the sensor [m/s]; NaN without bottom lock"
+    )
+    convention = (
+        "velocity of the sensor over the bottom in sensor axes, z up; beam velocities are those of the "
+        "bottom along the beams, away from the sensor; nan without bottom lock"
+    )
     chapter = """DVL (dvl0/dvl0_data.csv)
   v_RS_S is the velocity of the sensor over the bottom, in sensor axes: least squares of the beams with bottom lock. \
 altitude
@@ -129,8 +137,10 @@ true_...
         if np.isfinite(read.range).any():
             return ""
         least, most = sensor.range_m
-        return (f"none of its beams meets anything within range_m = [{least:g}, {most:g}] in the whole run, so all "
-                "readings are nan")
+        return (
+            f"none of its beams meets anything within range_m = [{least:g}, {most:g}] in the whole run, so all "
+            "readings are nan"
+        )
 
     def describe(self, sensor: Dvl) -> dict[str, Any]:
         """Unit vectors of the beams, and within which ranges they lock."""
@@ -149,8 +159,13 @@ true_...
         away = _check_ranges(found, truth.range, beams)
         expected = np.where(np.isnan(away), truth.beam_velocity, from_still + away)
         locked = np.where((truth.range >= least) & (truth.range <= most), truth.range, np.nan)
-        found.agree("readings against ranges and states", vars(bottom_track(truth.time_ns, beams, locked, expected)),
-                    1e-9, "m, m/s", f"is not what its ranges and {found.states} make it")
+        found.agree(
+            "readings against ranges and states",
+            vars(bottom_track(truth.time_ns, beams, locked, expected)),
+            1e-9,
+            "m, m/s",
+            f"is not what its ranges and {found.states} make it",
+        )
         if about.get("noise"):
             _check_noise(found, truth, beams)
 
@@ -165,8 +180,10 @@ true_...
         inverse = np.linalg.pinv(np.array(about["beams"])[np.isfinite(row["range"])])
         covariance[:3, :3] = (about.get("noise") or {}).get("velocity_std", 0.0) ** 2 * inverse @ inverse.T
         twist = make["geometry_msgs/msg/Twist"](make.vector(row["velocity"]), make.vector(np.zeros(3)))
-        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), make[
-            "geometry_msgs/msg/TwistWithCovariance"](twist, covariance.ravel()))
+        return make[self.ros_types[topic]](
+            make.header(time_ns, self.ros_frame),
+            make["geometry_msgs/msg/TwistWithCovariance"](twist, covariance.ravel()),
+        )
 
 
 def beam_directions(dvl: Dvl) -> np.ndarray:
@@ -175,8 +192,9 @@ def beam_directions(dvl: Dvl) -> np.ndarray:
     return np.column_stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.full(4, -np.cos(theta))])
 
 
-def bottom_track(time_ns: np.ndarray, beams: np.ndarray, distance: np.ndarray, beam_velocity: np.ndarray
-                 ) -> DvlReadings:
+def bottom_track(
+    time_ns: np.ndarray, beams: np.ndarray, distance: np.ndarray, beam_velocity: np.ndarray
+) -> DvlReadings:
     """Readings that follow from the beams.
 
     Args:
@@ -220,20 +238,28 @@ def _check_ranges(found: Evidence, ranges: np.ndarray, beams: np.ndarray) -> np.
         return np.full(ranges.shape, np.nan if found.anything_moves else 0.0)
     expected, away = met
     same = np.isclose(ranges, expected, rtol=1e-9, atol=1e-6, equal_nan=True)
-    found.measure("beams with another range than to the scene's meshes", float(np.mean(~same)),
-                  0.01 + 1.0 / same.size, "")
+    found.measure(
+        "beams with another range than to the scene's meshes", float(np.mean(~same)), 0.01 + 1.0 / same.size, ""
+    )
     return np.where(same | (not found.anything_moves), away, np.nan)
 
 
 def _check_noise(found: Evidence, truth: DvlReadings, beams: np.ndarray) -> None:
     """Velocity and altitude are those of the beams, which are no farther off than their noise can be."""
     model, read = found.about["noise"], DvlReadings(**found.read)
-    found.agree("readings against their own beams",
-                vars(bottom_track(read.time_ns, beams, read.range, read.beam_velocity)), 1e-9, "m, m/s",
-                "is not what its beams make it", noisy=True)
+    found.agree(
+        "readings against their own beams",
+        vars(bottom_track(read.time_ns, beams, read.range, read.beam_velocity)),
+        1e-9,
+        "m, m/s",
+        "is not what its beams make it",
+        noisy=True,
+    )
     exact = vars(truth) | {"beam_velocity": (1.0 + model["scale"]) * truth.beam_velocity}
-    for name, quantity, std, unit in (("range", "range", model["range_std"], "m"),
-                                      ("beam velocity", "beam_velocity", model["velocity_std"], "m/s")):
+    for name, quantity, std, unit in (
+        ("range", "range", model["range_std"], "m"),
+        ("beam velocity", "beam_velocity", model["velocity_std"], "m/s"),
+    ):
         off = found.apart(found.read, {quantity: exact[quantity]})
         found.measure(f"{name} off the truth, at most", off.max(initial=0.0), 8 * std + 1e-9, unit)
     found.repeated(1e-9, "m, m/s")

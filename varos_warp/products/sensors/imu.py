@@ -105,12 +105,16 @@ class ImuProduct(SensorProduct[Imu, ImuNoise, ImuReadings]):
     key, id, label = "imu", "imu0", "IMU"
     noise = ImuNoise
     columns = {"acceleration": xyz("a_RS_S", "m s^-2"), "angular_velocity": xyz("w_RS_S", "rad s^-1")}
-    curves = (Curve("acceleration", "Specific force", "m/s²", "xyz", viewed="specific force [m/s²]"),
-              Curve("angular_velocity", "Angular velocity", "rad/s", "xyz", viewed="angular velocity [rad/s]"))
+    curves = (
+        Curve("acceleration", "Specific force", "m/s²", "xyz", viewed="specific force [m/s²]"),
+        Curve("angular_velocity", "Angular velocity", "rad/s", "xyz", viewed="angular velocity [rad/s]"),
+    )
     stream_id = 10
     stream_fields = "float64[6]: specific force x y z [m/s^2], angular velocity x y z [rad/s], axes of the IMU"
-    convention = ("specific force R_s_w (a - g), +9.81 on the up axis at rest, then angular velocity, both in sensor "
-                  "axes; instantaneous at the time stamp")
+    convention = (
+        "specific force R_s_w (a - g), +9.81 on the up axis at rest, then angular velocity, both in sensor "
+        "axes; instantaneous at the time stamp"
+    )
     chapter = """IMU (imu0/imu0_data.csv)
   Acceleration first, then angular velocity, both in sensor axes. The accelerometer measures specific force,
   R_s_w (a - g) with g = (0, 0, -{GRAVITY}) m/s^2: at rest it reads +{GRAVITY} on the up axis. Readings are exact unless
@@ -143,8 +147,10 @@ and the
     def noisy(self, truth: Samples, about: dict[str, Any], model: ImuNoise, seed: int) -> tuple[Samples, Samples]:
         """White noise and bias of each axis."""
         made = dict(zip(PARTS, imu_noise(model, len(truth["time_ns"]), about["rate_hz"], seed), strict=True))
-        return ({**truth, **{quantity: truth[quantity] + each.white + each.bias for quantity, each in made.items()}},
-                {quantity: each.bias for quantity, each in made.items()})
+        return (
+            {**truth, **{quantity: truth[quantity] + each.white + each.bias for quantity, each in made.items()}},
+            {quantity: each.bias for quantity, each in made.items()},
+        )
 
     def check(self, found: Evidence) -> None:
         """Readings without noise against differences of the poses, the states and an integration; then the noise."""
@@ -158,11 +164,19 @@ and the
 
     def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
         """-1 says that it has no orientation; the variance is of the white noise, and 0 says that it is not known."""
-        force, rate = (white_variance(meta["sensors"][self.id], f"{sensor}_noise_density") * np.eye(3).ravel()
-                       for sensor, _ in PARTS.values())
-        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), make.rotation((1, 0, 0, 0)),
-                                   np.array([-1.0, *np.zeros(8)]), make.vector(row["angular_velocity"]), rate,
-                                   make.vector(row["acceleration"]), force)
+        force, rate = (
+            white_variance(meta["sensors"][self.id], f"{sensor}_noise_density") * np.eye(3).ravel()
+            for sensor, _ in PARTS.values()
+        )
+        return make[self.ros_types[topic]](
+            make.header(time_ns, self.ros_frame),
+            make.rotation((1, 0, 0, 0)),
+            np.array([-1.0, *np.zeros(8)]),
+            make.vector(row["angular_velocity"]),
+            rate,
+            make.vector(row["acceleration"]),
+            force,
+        )
 
 
 IMU = ImuProduct()
@@ -173,10 +187,17 @@ IMU = ImuProduct()
 def imu_noise(model: ImuNoise, count: int, rate_hz: float, seed: int) -> tuple[Noise, ...]:
     """Noise of the accelerometer [m/s^2] and of the gyroscope [rad/s], in this order."""
     return tuple(
-        noise(count, rate_hz, getattr(model, f"{sensor}_noise_density"), getattr(model, f"{sensor}_random_walk"),
-              np.random.default_rng([seed, SEED, i]), getattr(model, f"{sensor}_bias"),
-              getattr(model, f"{sensor}_turn_on_bias"))
-        for i, (sensor, _) in enumerate(PARTS.values()))
+        noise(
+            count,
+            rate_hz,
+            getattr(model, f"{sensor}_noise_density"),
+            getattr(model, f"{sensor}_random_walk"),
+            np.random.default_rng([seed, SEED, i]),
+            getattr(model, f"{sensor}_bias"),
+            getattr(model, f"{sensor}_turn_on_bias"),
+        )
+        for i, (sensor, _) in enumerate(PARTS.values())
+    )
 
 
 class ImuNoiseStream:
@@ -200,21 +221,36 @@ class ImuNoiseStream:
 
     def _draw(self) -> None:
         """Put a block behind the samples that are left; its bias walks on from the last one's."""
-        made = [noise(BLOCK + 1, self._rate_hz, getattr(self._model, f"{sensor}_noise_density"),
-                      getattr(self._model, f"{sensor}_random_walk"),
-                      np.random.default_rng([self._seed, SEED, i, self._blocks]), before.bias[-1])
-                for i, ((sensor, _), before) in enumerate(zip(PARTS.values(), self._drawn, strict=True))]
-        self._drawn = tuple(Noise(np.concatenate([old.white[self._taken:], new.white[1:]]),
-                                  np.concatenate([old.bias[self._taken:], new.bias[1:]]))
-                            for old, new in zip(self._drawn, made, strict=True))
+        made = [
+            noise(
+                BLOCK + 1,
+                self._rate_hz,
+                getattr(self._model, f"{sensor}_noise_density"),
+                getattr(self._model, f"{sensor}_random_walk"),
+                np.random.default_rng([self._seed, SEED, i, self._blocks]),
+                before.bias[-1],
+            )
+            for i, ((sensor, _), before) in enumerate(zip(PARTS.values(), self._drawn, strict=True))
+        ]
+        self._drawn = tuple(
+            Noise(
+                np.concatenate([old.white[self._taken :], new.white[1:]]),
+                np.concatenate([old.bias[self._taken :], new.bias[1:]]),
+            )
+            for old, new in zip(self._drawn, made, strict=True)
+        )
         self._taken, self._blocks = 0, self._blocks + 1
 
 
 def _with_noise(stream: ImuNoiseStream, read: ImuReadings) -> ImuReadings:
     force, rate = stream.take(len(read.time_ns))
-    return replace(read, acceleration=read.acceleration + force.white + force.bias,
-                   angular_velocity=read.angular_velocity + rate.white + rate.bias,
-                   acceleration_bias=force.bias, angular_velocity_bias=rate.bias)
+    return replace(
+        read,
+        acceleration=read.acceleration + force.white + force.bias,
+        angular_velocity=read.angular_velocity + rate.white + rate.bias,
+        acceleration_bias=force.bias,
+        angular_velocity_bias=rate.bias,
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------- check
@@ -226,9 +262,13 @@ def _against_states(found: Evidence) -> None:
     w, alpha, lever = there.angular_velocity, there.angular_acceleration, T_v_s[:3, 3]
     felt = there.rotation().inv().apply(there.acceleration - found.meta["gravity"])
     felt = (felt + np.cross(w, np.cross(w, lever)) + np.cross(alpha, lever)) @ T_v_s[:3, :3]
-    found.agree("readings against the vehicle's states",
-                {"acceleration": felt, "angular_velocity": w @ T_v_s[:3, :3]}, 1e-9, "m/s^2, rad/s",
-                f"is not what {found.states} makes it")
+    found.agree(
+        "readings against the vehicle's states",
+        {"acceleration": felt, "angular_velocity": w @ T_v_s[:3, :3]},
+        1e-9,
+        "m/s^2, rad/s",
+        f"is not what {found.states} makes it",
+    )
 
 
 def _against_differences(found: Evidence, h: float) -> None:
@@ -249,10 +289,15 @@ def _against_differences(found: Evidence, h: float) -> None:
     turn_apart = (rate[:-1] + rate[1:]) / 2 - turned
     turn_off = np.linalg.norm(turn_apart, axis=1)
     found.measure("angular velocity against poses, median", np.median(turn_off), 1e-3, "rad/s")
-    found.rows("its specific force is not that of the poses",
-               np.pad(off > limit + 2 * changes(acceleration), 2), apart, slice(0, 3))
-    found.rows("its angular velocity is not that of the poses",
-               turn_off > 1e-3 + 2 * changes(turned), turn_apart, slice(3, 6))
+    found.rows(
+        "its specific force is not that of the poses",
+        np.pad(off > limit + 2 * changes(acceleration), 2),
+        apart,
+        slice(0, 3),
+    )
+    found.rows(
+        "its angular velocity is not that of the poses", turn_off > 1e-3 + 2 * changes(turned), turn_apart, slice(3, 6)
+    )
 
 
 def _strapdown(found: Evidence, h: float) -> None:
@@ -281,15 +326,29 @@ def _strapdown(found: Evidence, h: float) -> None:
     bound_p, bound_R = 2 * (h * velocity.sum(axis=1) + far), 2 * theta[:, -1]
     off_p = np.linalg.norm(end_p - p[starts + length], axis=1)
     off_R = (end_R.inv() * R[starts + length]).magnitude()
-    for name, off, bound, scale, unit in (("position", off_p, bound_p, 1e3, "mm"),
-                                          ("attitude", off_R, bound_R + 1e-12, 1e6, "urad")):
+    for name, off, bound, scale, unit in (
+        ("position", off_p, bound_p, 1e3, "mm"),
+        ("attitude", off_R, bound_R + 1e-12, 1e6, "urad"),
+    ):
         worst = int(np.argmax(off / bound))
-        found.measure(f"integrated from {starts[worst] * h:.4g} s for {length * h:.4g} s, {name} against poses (worst)",
-                      scale * off[worst], scale * bound[worst], unit)
+        found.measure(
+            f"integrated from {starts[worst] * h:.4g} s for {length * h:.4g} s, {name} against poses (worst)",
+            scale * off[worst],
+            scale * bound[worst],
+            unit,
+        )
 
 
-def _integrate(imu: Samples, g: np.ndarray, attitude: Rotation, v: np.ndarray, p: np.ndarray, starts: np.ndarray,
-               length: int, h: float) -> tuple[Rotation, np.ndarray]:
+def _integrate(
+    imu: Samples,
+    g: np.ndarray,
+    attitude: Rotation,
+    v: np.ndarray,
+    p: np.ndarray,
+    starts: np.ndarray,
+    length: int,
+    h: float,
+) -> tuple[Rotation, np.ndarray]:
     """Attitude and position [W, 3] after ``length`` steps of trapezoids from each of W starting samples."""
     i = starts + np.arange(length + 1)[:, None]
     w, f = imu["angular_velocity"][i], imu["acceleration"][i]
@@ -309,8 +368,17 @@ def _check_noise(found: Evidence) -> None:
         white = read[quantity] - found.truth[quantity] - bias[quantity]
         sigma = about["noise"][f"{sensor}_noise_density"] * np.sqrt(about["rate_hz"])
         # the standard error of a variance over 5: less than one false alarm in a million
-        found.measure(f"white noise of the {sensor}, off by", abs(white.std() - sigma),
-                      5 * sigma / np.sqrt(2 * white.size) + 1e-9, unit)
-        found.rows(f"its {quantity} is off by more than noise can be", np.abs(white).max(1) > 8 * sigma + 1e-9, white,
-                   slice(3 * k, 3 * k + 3), noisy=True)
+        found.measure(
+            f"white noise of the {sensor}, off by",
+            abs(white.std() - sigma),
+            5 * sigma / np.sqrt(2 * white.size) + 1e-9,
+            unit,
+        )
+        found.rows(
+            f"its {quantity} is off by more than noise can be",
+            np.abs(white).max(1) > 8 * sigma + 1e-9,
+            white,
+            slice(3 * k, 3 * k + 3),
+            noisy=True,
+        )
     found.repeated(1e-9, "m/s^2, rad/s")

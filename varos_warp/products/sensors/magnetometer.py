@@ -85,8 +85,9 @@ readings.
         """The field in world axes."""
         return {"field_T": list(sensor.field_T)}
 
-    def noisy(self, truth: Samples, about: dict[str, Any], model: MagnetometerNoise, seed: int
-              ) -> tuple[Samples, Samples]:
+    def noisy(
+        self, truth: Samples, about: dict[str, Any], model: MagnetometerNoise, seed: int
+    ) -> tuple[Samples, Samples]:
         """White noise and bias of each axis."""
         made = magnetometer_noise(model, len(truth["time_ns"]), about["rate_hz"], seed)
         return {**truth, "field": truth["field"] + made.white + made.bias}, {"field": made.bias}
@@ -94,16 +95,24 @@ readings.
     def check(self, found: Evidence) -> None:
         """The field is that of the world in the axes of the sensor's poses."""
         field = np.array(found.about["field_T"])
-        found.agree("against poses", {"field": field @ found.T[:, :3, :3]}, 1e-9 * float(np.linalg.norm(field)), "T",
-                    "is not the field in the axes of the poses")
+        found.agree(
+            "against poses",
+            {"field": field @ found.T[:, :3, :3]},
+            1e-9 * float(np.linalg.norm(field)),
+            "T",
+            "is not the field in the axes of the poses",
+        )
         if found.about.get("noise"):
             largest = max(np.abs(found.read["field"]).max(), np.abs(found.bias["field"]).max())
             check_noise(found, "field", 8 * EPS * largest, "T")
 
     def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
         """The field; the variance is of the white noise, and 0 says that it is not known."""
-        return make[self.ros_types[topic]](make.header(time_ns, self.ros_frame), make.vector(row["field"]),
-                                           white_variance(meta["sensors"][self.id]) * np.eye(3).ravel())
+        return make[self.ros_types[topic]](
+            make.header(time_ns, self.ros_frame),
+            make.vector(row["field"]),
+            white_variance(meta["sensors"][self.id]) * np.eye(3).ravel(),
+        )
 
 
 def magnetometer_noise(model: MagnetometerNoise, count: int, rate_hz: float, seed: int) -> Noise:

@@ -19,8 +19,16 @@ class Noise:
     bias: np.ndarray
 
 
-def noise(count: int, rate_hz: float, density: float, random_walk: float, rng: np.random.Generator,
-          bias: float | tuple[float, ...] | np.ndarray = 0.0, turn_on_bias: float = 0.0, axes: int = 3) -> Noise:
+def noise(
+    count: int,
+    rate_hz: float,
+    density: float,
+    random_walk: float,
+    rng: np.random.Generator,
+    bias: float | tuple[float, ...] | np.ndarray = 0.0,
+    turn_on_bias: float = 0.0,
+    axes: int = 3,
+) -> Noise:
     """Noise of one sensor at ``rate_hz`` (IEEE Std 952; Kalibr's IMU noise model).
 
     Args:
@@ -49,6 +57,10 @@ def check_noise(found: Evidence, quantity: str, slack: float, unit: str) -> None
     about = found.about
     read, truth, bias = (samples[quantity] for samples in (found.read, found.truth, found.bias))
     most = 8 * about["noise"]["noise_density"] * np.sqrt(about["rate_hz"])
-    found.measure("reading off truth and bias, at most", np.abs(read - truth - bias).max(initial=0.0),
-                  most + about["noise"].get("resolution", 0.0) / 2 + slack, unit)
+    found.measure(
+        "reading off truth and bias, at most",
+        np.abs(read - truth - bias).max(initial=0.0),
+        most + about["noise"].get("resolution", 0.0) / 2 + slack,
+        unit,
+    )
     found.repeated(slack, unit)

@@ -66,12 +66,14 @@ class Surroundings(Protocol):
     @property
     def gravity(self) -> float:
         """Acceleration by gravity [m/s^2], along -z of the world."""
+
     @property
     def surface_depth_m(self) -> float:
         """Depth of world z = 0 below the surface [m]."""
 
-    def met_by_beams(self, time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float]
-                     ) -> tuple[np.ndarray, np.ndarray]:
+    def met_by_beams(
+        self, time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Distance [M, k] along beams to what is there at the time, NaN without any, and its velocity along them.
 
         Args:
@@ -88,24 +90,31 @@ class Evidence(Protocol):
     @property
     def meta(self) -> dict[str, Any]:
         """What dataset.json says."""
+
     @property
     def about(self) -> dict[str, Any]:
         """What it says of the sensor."""
+
     @property
     def T(self) -> np.ndarray:
         """Poses of the sensor [N, 4, 4] at its readings, from files of their own."""
+
     @property
     def truth(self) -> Samples:
         """Readings without noise."""
+
     @property
     def read(self) -> Samples:
         """Readings with the noise that they may have."""
+
     @property
     def bias(self) -> Samples:
         """The bias in them, of a sensor that has one."""
+
     @property
     def motion(self) -> Trajectory:
         """The vehicle's motion at the readings, from its states."""
+
     @property
     def states(self) -> str:
         """Name of the file of these states."""
@@ -154,8 +163,10 @@ class RosMessages(Protocol):
     def __getitem__(self, name: str) -> Any: ...
     def header(self, time_ns: int, frame_id: str) -> Any:
         """Stamp and frame."""
+
     def vector(self, values: np.ndarray) -> Any:
         """A Vector3."""
+
     def rotation(self, q: Sequence[float]) -> Any:
         """A Quaternion of (w, x, y, z)."""
 

@@ -40,7 +40,8 @@ class Readings:
 
 
 SENSORS: tuple[SensorProduct[Any, Any, Any], ...] = tuple(
-    product for field in SensorBlocks.model_fields.values() for product in field.metadata)
+    product for field in SensorBlocks.model_fields.values() for product in field.metadata
+)
 BY_ID = {sensor.id: sensor for sensor in SENSORS}
 ASKED_FOR = tuple(name for name, field in SensorBlocks.model_fields.items() if field.default is None)
 """Keys of the sensors that a vehicle has only if its scene asks for them: without them nothing of them is written."""

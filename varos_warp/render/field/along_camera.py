@@ -93,8 +93,9 @@ class Kernels(NamedTuple):
 OF_SINGLE = Kernels(tabulate_single_along_camera, compare_single_along_camera, False)
 
 
-def tabulated(launcher: Launcher, view: Camera, nodes: Nodes, medium: Medium, lights: Lights,
-              fields: wp.array | None) -> np.ndarray:
+def tabulated(
+    launcher: Launcher, view: Camera, nodes: Nodes, medium: Medium, lights: Lights, fields: wp.array | None
+) -> np.ndarray:
     """Radiance [distance, row, column, 3] added up to each distance, of a vehicle at rest; empty if it is not right.
 
     Args:
@@ -109,8 +110,9 @@ def tabulated(launcher: Launcher, view: Camera, nodes: Nodes, medium: Medium, li
     if nodes.name != MULTIPLE.name:
         return checked(launcher, nodes, OF_SINGLE, known).radiance.numpy()
     table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=launcher.device))
-    launcher.rows(tabulate_multiple_along_camera, nodes.counts[1:], known | {"table": table, "lights": fields},
-                  tile_rows=1)
+    launcher.rows(
+        tabulate_multiple_along_camera, nodes.counts[1:], known | {"table": table, "lights": fields}, tile_rows=1
+    )
     return table.radiance.numpy()
 
 
@@ -119,14 +121,17 @@ def seen_at_rest(view: Camera, medium: Medium, lights: Lights) -> dict:
     T_w_v, origin = np.eye(4), np.zeros(3)
     scene = SceneData()
     scene.medium, scene.lights = medium, lights.at(T_w_v, origin)
-    return {"scene": scene, "camera": camera_record(view, T_w_v, origin, pinhole=True),
-            "size": wp.vec2(*map(float, view.resolution))}
+    return {
+        "scene": scene,
+        "camera": camera_record(view, T_w_v, origin, pinhole=True),
+        "size": wp.vec2(*map(float, view.resolution)),
+    }
 
 
 def checked(launcher: Launcher, nodes: Nodes, kernels: Kernels, known: dict) -> AlongCamera:
     """A table that agrees between its nodes with what it stands for, in every channel; empty if it does not."""
     table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=launcher.device))
-    launcher.rows(kernels.tabulate, nodes.counts[kernels.along_ray:], known | {"table": table}, tile_rows=1)
+    launcher.rows(kernels.tabulate, nodes.counts[kernels.along_ray :], known | {"table": table}, tile_rows=1)
     if not _is_right(launcher, nodes, kernels.compare, known | {"table": table}):
         table.radiance = wp.empty((0, 0, 0), dtype=wp.vec3, device=launcher.device)
     return table
@@ -138,8 +143,12 @@ def _is_right(launcher: Launcher, nodes: Nodes, compare: wp.Kernel, known: dict)
     distances = np.exp(rng.uniform(*np.log(nodes.judged_m), POINTS))
     points = np.column_stack((rng.random((POINTS, 2)), distances))
     found = {name: wp.empty(POINTS, dtype=wp.vec3, device=launcher.device) for name in ("known", "tabulated")}
-    launcher.rows(compare, (POINTS,), known | found | {
-        "points": wp.array(points, dtype=wp.vec3, device=launcher.device)}, tile_rows=1024)
+    launcher.rows(
+        compare,
+        (POINTS,),
+        known | found | {"points": wp.array(points, dtype=wp.vec3, device=launcher.device)},
+        tile_rows=1024,
+    )
     truth, error = found["known"].numpy().astype(float), found["tabulated"].numpy() - found["known"].numpy()
     scale = np.sqrt(np.mean(truth**2, axis=0))
     rms, most = np.sqrt(np.mean(np.square(error, dtype=float), axis=0)), np.abs(error).max(axis=0)

@@ -24,8 +24,13 @@ from varos_warp.scene.lights.records import Lights, radius_of
 from varos_warp.scene.passes import passes
 from varos_warp.scene.water import medium_record, optical_properties
 
-CODE = ("varos_warp.kernels", "varos_warp.render.field", "varos_warp.scene.device", "varos_warp.scene.lights",
-        "varos_warp.scene.water")
+CODE = (
+    "varos_warp.kernels",
+    "varos_warp.render.field",
+    "varos_warp.scene.device",
+    "varos_warp.scene.lights",
+    "varos_warp.scene.water",
+)
 """What the numbers of the field follow from, besides the scene: those on disk are solved again when it changes."""
 MOST_BACKWARD_G, SHARPEST_G = 0.0, 0.98
 """Mean cosines of phase functions that the field serves. Of Henyey and Greenstein g = 0.8, 0.924, 0.95 and 0.98 agree
@@ -60,14 +65,18 @@ def _no_lights(scene: Scene) -> str | None:
 def _no_water(scene: Scene) -> str | None:
     """Why there is no field for the water of a scene; None: there may be one."""
     if scene.is_spectral:  # in every band
-        return next(filter(None, (_no_water(one.scene) for camera in scene.vehicle.cameras
-                                  for one in passes(scene, camera))), None)
+        return next(
+            filter(None, (_no_water(one.scene) for camera in scene.vehicle.cameras for one in passes(scene, camera))),
+            None,
+        )
     water = optical_properties(scene)
     if not water.sigma_s.any():
         return "the water does not scatter"
     if not MOST_BACKWARD_G <= water.g <= SHARPEST_G:
-        return (f"the mean cosine of the water's phase function is {water.g:g}, and the field is known from "
-                f"{MOST_BACKWARD_G} to {SHARPEST_G}")
+        return (
+            f"the mean cosine of the water's phase function is {water.g:g}, and the field is known from "
+            f"{MOST_BACKWARD_G} to {SHARPEST_G}"
+        )
     if water.sigma_t.max() * farthest_m(water) > MOST_DEPTH:
         return f"one channel is much murkier than another: it has an optical depth of over {MOST_DEPTH:g} on their grid"
     return None
@@ -79,11 +88,15 @@ def _no_shape(scene: Scene) -> str | None:
     for light in scene.lights:
         shape = distribution(light, scene)
         if not shape.is_round:
-            return (f"the intensity of a lamp ({light.file}) changes around its axis, and the field is known for lamps "
-                    "that are the same all around")
+            return (
+                f"the intensity of a lamp ({light.file}) changes around its axis, and the field is known for lamps "
+                "that are the same all around"
+            )
         if not shape.everywhere and not narrow <= np.degrees(2.0 * shape.half_angle) <= wide:
-            return (f"a light's cone of {np.degrees(2.0 * shape.half_angle):.3g} degrees is not between {narrow:g} and "
-                    f"{wide:g}")
+            return (
+                f"a light's cone of {np.degrees(2.0 * shape.half_angle):.3g} degrees is not between {narrow:g} and "
+                f"{wide:g}"
+            )
     return None
 
 
@@ -146,8 +159,12 @@ class OpenWater:
         key = f"{nodes.name} {camera!r}"
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
-            depends_on = self._depends_on(camera=camera, lights=lights, order=nodes.name,
-                                          distributions=[shape.described() for shape in self.lights.distributions])
+            depends_on = self._depends_on(
+                camera=camera,
+                lights=lights,
+                order=nodes.name,
+                distributions=[shape.described() for shape in self.lights.distributions],
+            )
             arrays = cached("camera", depends_on, lambda: {"radiance": self._tabulated(view, nodes)})
             self._cameras[key] = nodes.table(self._array(arrays["radiance"]))
         return self._cameras[key]
@@ -171,8 +188,12 @@ class OpenWater:
         """The field of one of so many kinds of lamps, which differ in more than their gain."""
         solving, unit = LightFieldSolver(shape, self.water, self.launcher), replace(shape, gain=1.0)
         which = f" ({kinds.index(unit) + 1} of {len(kinds)} kinds)" if len(kinds) > 1 else ""
-        arrays = cached("light", self._depends_on(light=unit.described()), lambda: _solved(solving),
-                        what=f"the field of a lamp in this water{which}")
+        arrays = cached(
+            "light",
+            self._depends_on(light=unit.described()),
+            lambda: _solved(solving),
+            what=f"the field of a lamp in this water{which}",
+        )
         if "failure" in arrays:
             raise NotSolved(str(arrays["failure"]))
         field = LightField()

@@ -177,8 +177,12 @@ class LightFieldSolver:
         shape = (grid.inside + grid.outside + 1, len(directions.pairs), grid.distances)
         radiance = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         pairs = wp.array(directions.pairs.astype(np.float32), dtype=wp.vec2, device=self.device)
-        self.launcher.rows(kernel, shape[:2], {
-            "scene": self._scene, "grid": grid, "directions": pairs, "radiance": radiance, **more}, tile_rows=1)
+        self.launcher.rows(
+            kernel,
+            shape[:2],
+            {"scene": self._scene, "grid": grid, "directions": pairs, "radiance": radiance, **more},
+            tile_rows=1,
+        )
         return radiance.numpy()
 
     def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:
@@ -211,8 +215,10 @@ class Refinement:
         # farther away an order says nothing of the sum of them all: it goes on as ``scale_at`` does
         last = (depth <= FARTHEST_DEPTH).sum(axis=0) - 1
         amplitude = amplitude[np.minimum(np.arange(len(d))[:, None], last), np.arange(3)]
-        along, across = (make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others)
-                         for at, others in zip(_places(coarse), _places(fine), strict=True))
+        along, across = (
+            make_interp_spline(at, np.eye(len(at)), k=min(3, len(at) - 1))(others)
+            for at, others in zip(_places(coarse), _places(fine), strict=True)
+        )
         self.amplitude = amplitude.astype(np.float32)
         """How large values are about at each distance [distances, 3]; splines and errors are of what is left."""
         rescaled = np.exp(along @ np.log(amplitude))[:, None] * along[..., None] / amplitude
@@ -236,15 +242,19 @@ def _matrices(phase: PhaseFunction, once: Directions, *more: Directions) -> list
     scatter = scattering_matrix(phase, once, LEAVING)
     off = np.abs(scatter.sum(axis=1) - 1.0).max()
     if not off <= MOST_UNEVEN:
-        raise NotSolved("the phase function has steps or peaks too sharp for the field, whose scattering would make or "
-                        f"lose up to {off:.1%} of the light in a direction")
+        raise NotSolved(
+            "the phase function has steps or peaks too sharp for the field, whose scattering would make or "
+            f"lose up to {off:.1%} of the light in a direction"
+        )
     irradiance = irradiance_matrix(once, NORMALS)
     shape = shape_of_twice(phase, scatter, once, LEAVING)
     between = [grid.interpolation(once, shape) for grid in more]
     if not all(np.isfinite(matrix).all() for matrix in between):
         raise NotSolved("the phase function has steps or peaks too sharp for the field")
-    return [{"irradiance": irradiance, "source": scatter},
-            *({"irradiance": irradiance @ matrix, "source": scatter @ matrix} for matrix in between)]
+    return [
+        {"irradiance": irradiance, "source": scatter},
+        *({"irradiance": irradiance @ matrix, "source": scatter @ matrix} for matrix in between),
+    ]
 
 
 def _as_grid(values: np.ndarray, directions: Directions) -> np.ndarray:

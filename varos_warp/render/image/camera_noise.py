@@ -10,8 +10,15 @@ from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centre
 from varos_warp.sim.sensors import image_noise
 
 
-def noisy_color(model: CameraNoise, radiance: np.ndarray, gain: float, view: CameraModel, exposure_s: float,
-                rng: np.random.Generator, matrix: np.ndarray | None = None) -> np.ndarray:
+def noisy_color(
+    model: CameraNoise,
+    radiance: np.ndarray,
+    gain: float,
+    view: CameraModel,
+    exposure_s: float,
+    rng: np.random.Generator,
+    matrix: np.ndarray | None = None,
+) -> np.ndarray:
     """Pixels uint8 [H, W, 3] of A.
 
     Args:
@@ -29,4 +36,3 @@ def noisy_color(model: CameraNoise, radiance: np.ndarray, gain: float, view: Cam
         share = seen.vignette(pixel_centres(*radiance.shape[1::-1]))
     numbers = image_noise.expose(model, radiance, gain, rng, share, exposure_s)
     return encode_color(image_noise.to_linear(model, numbers), 1.0, matrix)
-

@@ -106,8 +106,10 @@ def available_method(method: str) -> str:
     try:
         open_image_denoise()
     except (ImportError, OSError) as error:
-        warn(f"Open Image Denoise is not available ({error}); non-local means takes its place, for which B needs more "
-             "samples: render.spp_b: 20")
+        warn(
+            f"Open Image Denoise is not available ({error}); non-local means takes its place, for which B needs more "
+            "samples: render.spp_b: 20"
+        )
         return "nlm"
     return "oidn"
 
@@ -159,13 +161,19 @@ class Denoiser:
     def _add_base(self, result, radiance, correction, variance, by_error: bool):
         """Add all but the correction, denoised where it has a variance, and mixed with itself by that."""
         base, clean = wp.empty_like(radiance), wp.zeros_like(radiance)
-        self.launcher.run(subtract, radiance.shape, {
-            "image": radiance, "part": correction, "rest": result if variance is None else base})
+        self.launcher.run(
+            subtract,
+            radiance.shape,
+            {"image": radiance, "part": correction, "rest": result if variance is None else base},
+        )
         if variance is not None:
             error = upload(np.sqrt(variance.numpy()), wp.vec3, self.device) if by_error else None
             self.add_denoised(clean, base, 1.0, PART_QUALITY, {}, error)
-            self.launcher.rows(add_mixed, radiance.shape, {
-                "smooth": clean, "noisy": base, "variance": variance, "near": NEAR, "far": FAR, "image": result})
+            self.launcher.rows(
+                add_mixed,
+                radiance.shape,
+                {"smooth": clean, "noisy": base, "variance": variance, "near": NEAR, "far": FAR, "image": result},
+            )
 
     def _correction_guides(self, base, albedo, normal) -> dict[str, wp.array]:
         """What guides the denoiser of a correction: as ``albedo`` its mean with the base over itself plus its mean.
@@ -201,8 +209,11 @@ class Denoiser:
             for name in {"color", "stderr"} & {*filter_.images}:
                 self.launcher.run(scale_to_unit, noisy.shape, {"total": total, "image": filter_.images[name]})
             filter_.run()
-            self.launcher.run(add_scaled, noisy.shape, {
-                "part": filter_.images["output"], "total": total, "sign": sign, "image": result})
+            self.launcher.run(
+                add_scaled,
+                noisy.shape,
+                {"part": filter_.images["output"], "total": total, "sign": sign, "image": result},
+            )
 
     def _sum(self, image: wp.array) -> wp.array:
         """Sum of the pixels, [1]."""

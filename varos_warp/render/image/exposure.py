@@ -82,6 +82,7 @@ def centre_weights(height: int, width: int) -> np.ndarray:
 
     Products and sums only, which every machine rounds alike.
     """
+
     def along(count: int) -> np.ndarray:
         place = (2.0 * np.arange(count) + 1.0 - count) / count
         return 1.0 - (1.0 - EDGE_WEIGHT) * place * place

@@ -82,8 +82,15 @@ class Films:
         """Sums, or anything else with a float64 for each channel."""
         return wp.empty(shape, dtype=wp.vec3d, device=self.device)
 
-    def take(self, film: Film, kernel: wp.Kernel, arguments: Mapping[str, Any], samples: int | np.ndarray,
-             queued: bool = False, share: wp.array | None = None):
+    def take(
+        self,
+        film: Film,
+        kernel: wp.Kernel,
+        arguments: Mapping[str, Any],
+        samples: int | np.ndarray,
+        queued: bool = False,
+        share: wp.array | None = None,
+    ):
         """Take more samples.
 
         Args:
@@ -138,8 +145,11 @@ class Films:
         tiles = []
         for film in films:
             pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
-            self.launcher.run(pixel_statistics, pixels[0].shape, {
-                "film": film, "denoised": denoised, "mean": pixels[0], "variance": pixels[1]})
+            self.launcher.run(
+                pixel_statistics,
+                pixels[0].shape,
+                {"film": film, "denoised": denoised, "mean": pixels[0], "variance": pixels[1]},
+            )
             tiles.append([self.buffer(*film.count.shape) for _ in "mv"])
             for image, means in zip(pixels, tiles[-1], strict=True):
                 self.launcher.run(average_tiles, means.shape, {"pixels": image, "tiles": means})

@@ -57,8 +57,15 @@ class MovingPart(NamedTuple):
     """Its pose in the next frame, for each row [height, 4, 4], or for all [1, 4, 4]."""
 
 
-def flow_by_rows(model: CameraModel, points: np.ndarray, rays: Rays, distance: np.ndarray, T_w_c: np.ndarray,
-                 T_w_next: np.ndarray, moving: Sequence[MovingPart] = ()) -> Moved:
+def flow_by_rows(
+    model: CameraModel,
+    points: np.ndarray,
+    rays: Rays,
+    distance: np.ndarray,
+    T_w_c: np.ndarray,
+    T_w_next: np.ndarray,
+    moving: Sequence[MovingPart] = (),
+) -> Moved:
     """The flow as `flow_of` has it, between images with a rolling shutter or of a world in which objects move.
 
     Args:

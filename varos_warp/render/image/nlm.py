@@ -46,8 +46,13 @@ def non_local_means(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
     steps = int(np.ceil(np.log(high / low) / np.log(_STRENGTH_RATIO)))
     levels = np.geomspace(low, high, min(steps, _STRENGTHS - 1) + 1)
     root = np.sqrt(radiance)
-    smooth = [denoise_nl_means(root, patch_size=5, patch_distance=3, h=0.8 * level, sigma=level, fast_mode=True,
-                               channel_axis=-1).astype(np.float32) ** 2 for level in levels]
+    smooth = [
+        denoise_nl_means(
+            root, patch_size=5, patch_distance=3, h=0.8 * level, sigma=level, fast_mode=True, channel_axis=-1
+        ).astype(np.float32)
+        ** 2
+        for level in levels
+    ]
     smooth = _between(smooth, levels, np.clip(sigma, low, high))
     blur = functools.partial(gaussian_filter, sigma=(_BLUR_PX, _BLUR_PX, 0.0))
     tiny = np.float32(1e-12) * max(float(smooth.max()), 1e-20)

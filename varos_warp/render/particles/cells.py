@@ -71,8 +71,9 @@ def particle_record(law: ParticleLaw, pixel_angle: float, device: str) -> Partic
     share = law.drawn(fine, record.least_angle, FAR_FADE) * np.clip(4.0 * (1.0 - fine / reach), 0.0, 1.0)
     near = share * np.clip((fine - NEAREST) / FADE, 0.0, 1.0)
     depth = np.append(0.0, np.cumsum(0.5 * (near[1:] + near[:-1]))) * (record.step / FINE) * law.extinction
-    record.drawn, record.covered = (wp.array(values[::FINE].astype(np.float32), dtype=float, device=device)
-                                    for values in (share, depth))
+    record.drawn, record.covered = (
+        wp.array(values[::FINE].astype(np.float32), dtype=float, device=device) for values in (share, depth)
+    )
     record.sigma_s, record.albedo = wp.vec3(*law.sigma_s), wp.vec3(*law.albedo)
     record.phase, record.opacity = law.phase.device_record(device), law.block.opacity
     return record
@@ -95,8 +96,10 @@ def size_classes(law: ParticleLaw) -> list[SizeClass]:
     low, high = law.block.radius_m
     edges = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(WIDEST_CLASS))))
     numbers = [law.number(a, b) for a, b in pairwise(edges)]
-    return [SizeClass(float(a), float(b), float((IN_CELL / n) ** (1.0 / 3.0)), IN_CELL)
-            for (a, b), n in zip(pairwise(edges), numbers, strict=True)]
+    return [
+        SizeClass(float(a), float(b), float((IN_CELL / n) ** (1.0 / 3.0)), IN_CELL)
+        for (a, b), n in zip(pairwise(edges), numbers, strict=True)
+    ]
 
 
 def slack_of(law: ParticleLaw, view: Camera, way: float = 0.0) -> float:
@@ -125,8 +128,11 @@ def check_cells(laws: Sequence[ParticleLaw], cameras: Iterable[Camera]) -> None:
             if count > MOST_CELLS:
                 raise InputError(
                     f"camera {view.id} would see bodies in {count:.2g} cells of water, and {MOST_CELLS:.2g} are the "
-                    "most", key=f"particles.{i}.least_px", value=law.block.least_px,
-                    remedy="Raise it, or the smallest radius; or give a smaller share, or a lens that is less open.")
+                    "most",
+                    key=f"particles.{i}.least_px",
+                    value=law.block.least_px,
+                    remedy="Raise it, or the smallest radius; or give a smaller share, or a lens that is less open.",
+                )
 
 
 def _count(size: SizeClass, cone: Cone, reach: float) -> float:
@@ -138,8 +144,9 @@ def _count(size: SizeClass, cone: Cone, reach: float) -> float:
 def _extents(cone: Cone) -> tuple[np.ndarray, np.ndarray]:
     """How far a cone of length 1 reaches from its apex along each axis [3], and against it."""
     between = np.arccos(np.clip(np.array(cone.axis, float), -1.0, 1.0))
-    ahead, behind = (np.maximum(np.cos(np.maximum(angle - cone.half_angle, 0.0)), 0.0)
-                     for angle in (between, np.pi - between))
+    ahead, behind = (
+        np.maximum(np.cos(np.maximum(angle - cone.half_angle, 0.0)), 0.0) for angle in (between, np.pi - between)
+    )
     return ahead, behind
 
 

@@ -130,8 +130,10 @@ def mean_lights(moments: Moments, rows: int) -> np.ndarray:
     found, summed = lights[middle], np.cumsum(lights["intensity"].astype(float), axis=0)
     summed = np.concatenate([np.zeros_like(summed[:1]), summed])
     nodes = np.arange(count + 1)
-    over = [np.stack([np.interp(at, nodes, column) for column in summed.reshape(count + 1, -1).T], -1)
-            for at in (begin, end)]
+    over = [
+        np.stack([np.interp(at, nodes, column) for column in summed.reshape(count + 1, -1).T], -1)
+        for at in (begin, end)
+    ]
     length = np.maximum(end - begin, 1e-9)[:, None]
     found["intensity"] = ((over[1] - over[0]) / length).reshape(found["intensity"].shape)
     found["intensity"][end <= begin] = 0.0

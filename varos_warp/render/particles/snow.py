@@ -64,8 +64,9 @@ class SnowRenderer:
         self._field_tables: dict[Camera, wp.array] = {}
         self._lamp_tables: dict[Camera, tuple[list[AlongCamera], wp.array]] = {}
 
-    def render(self, here: View, key: int, share: wp.array | None = None, following: View | None = None,
-               whole: bool = True) -> Snow:
+    def render(
+        self, here: View, key: int, share: wp.array | None = None, following: View | None = None, whole: bool = True
+    ) -> Snow:
         """The bodies that a camera sees.
 
         Args:
@@ -76,19 +77,31 @@ class SnowRenderer:
             whole: Whether more is asked for than what image A needs.
         """
         shape = here.view.resolution[::-1]
-        particles = [self._moved(record, law, here.time_ns) for record, law in
-                     zip(self._records(here.view), self.laws, strict=True)]
+        particles = [
+            self._moved(record, law, here.time_ns)
+            for record, law in zip(self._records(here.view), self.laws, strict=True)
+        ]
         shutter = open_shutter(here, self._current(here.time_ns))
-        images = {name: wp.zeros(shape, dtype=kind, device=self.device) for name, kind in (
-            ("light", wp.vec3), ("passed", float), ("coverage", float), ("flow", wp.vec2))}
+        images = {
+            name: wp.zeros(shape, dtype=kind, device=self.device)
+            for name, kind in (("light", wp.vec3), ("passed", float), ("coverage", float), ("flow", wp.vec2))
+        }
         added = wp.empty(shape, dtype=wp.vec3, device=self.device)
         expected, hits = self._expect(here, shutter, particles, key, images["passed"])
         splats = self._splats(here, shutter, particles, following)
         if splats is not None:
             self.launcher.rows(gather_splats, shape, {**splats, "hits": hits, **images})
-        self.launcher.run(take_mean, shape, {
-            "share": wp.empty((0, 0), dtype=wp.float64, device=self.device) if share is None else share,
-            "expected": expected, "passed": images["passed"], "light": images["light"], "added": added})
+        self.launcher.run(
+            take_mean,
+            shape,
+            {
+                "share": wp.empty((0, 0), dtype=wp.float64, device=self.device) if share is None else share,
+                "expected": expected,
+                "passed": images["passed"],
+                "light": images["light"],
+                "added": added,
+            },
+        )
         wanted = {"added": added, "passed": images["passed"]}
         wanted |= {name: images[name] for name in ("coverage", "light") if whole}
         wanted |= {"flow": images["flow"]} if whole and following is not None else {}
@@ -155,8 +168,12 @@ class SnowRenderer:
             scene.assign(here.world.data)
             lights = shutter.lights
             scene.lights = here.world.lights.at(T_w_v, origin) if rides else lights[lights.shape[0] // 2]
-            known = {"scene": scene, "camera": camera_record(here.view, T_w_v, origin, pinhole=True),
-                     "field": self.open_water.around_lights, "size": wp.vec2(*map(float, here.view.resolution))}
+            known = {
+                "scene": scene,
+                "camera": camera_record(here.view, T_w_v, origin, pinhole=True),
+                "field": self.open_water.around_lights,
+                "size": wp.vec2(*map(float, here.view.resolution)),
+            }
             for i, kind in enumerate(particles):
                 self.launcher.rows(kernel, FIELD_NODES, known | {"particles": kind, "table": tables[i]}, tile_rows=4)
                 self.launcher.run(sum_along_rays, FIELD_NODES[1:], {"table": tables[i]})
@@ -164,8 +181,9 @@ class SnowRenderer:
             self._field_tables[here.view] = tables
         return tables
 
-    def _expect(self, here: View, shutter: Open, particles: list[ParticleData], key: int, passed: wp.array
-                ) -> tuple[wp.array, wp.array]:
+    def _expect(
+        self, here: View, shutter: Open, particles: list[ParticleData], key: int, passed: wp.array
+    ) -> tuple[wp.array, wp.array]:
         """What the bodies add in the mean, and where the rays of the pixels end; fills what lets through."""
         view, world = here.view, here.world
         shape, spec = view.resolution[::-1], optics_spec(view)
@@ -174,27 +192,45 @@ class SnowRenderer:
         scene = SceneData()
         scene.assign(world.data)
         scene.lights = shutter.lights[0]
-        self.launcher.rows(self._kernels(here).expected, shape, {
-            "of_field": self._of_field(here, shutter, particles), "of_lamps": self._of_lamps(here, particles),
-            "scene": scene,
-            "camera": world.camera(view, here.T_w_v), "key": wp.uint32(key), "hits": hits, "expected": expected,
-            "moments": shutter.exposure.moments if shutter.varies else Moments(), "passed": passed,
-            "particles": wp.array(particles, dtype=ParticleData, device=self.device)})
+        self.launcher.rows(
+            self._kernels(here).expected,
+            shape,
+            {
+                "of_field": self._of_field(here, shutter, particles),
+                "of_lamps": self._of_lamps(here, particles),
+                "scene": scene,
+                "camera": world.camera(view, here.T_w_v),
+                "key": wp.uint32(key),
+                "hits": hits,
+                "expected": expected,
+                "moments": shutter.exposure.moments if shutter.varies else Moments(),
+                "passed": passed,
+                "particles": wp.array(particles, dtype=ParticleData, device=self.device),
+            },
+        )
         return expected, hits
 
-    def _splats(self, here: View, shutter: Open, particles: list[ParticleData], following: View | None
-                ) -> dict[str, wp.array] | None:
+    def _splats(
+        self, here: View, shutter: Open, particles: list[ParticleData], following: View | None
+    ) -> dict[str, wp.array] | None:
         """The splats of all bodies by tiles; None if there is none."""
         then = Exposure()
         then.moments.cameras = wp.empty(0, dtype=CameraData, device=self.device)
         if following is not None and optics_spec(following.view) == optics_spec(here.view):
             way = self.current.way(1e-9 * following.time_ns) - self.current.way(1e-9 * here.time_ns)
-            then = open_shutter(following, self._current(following.time_ns),
-                                1e-9 * (following.time_ns - here.time_ns), way).exposure
-        known = {"scene": here.world.data, "exposure": shutter.exposure, "following": then, "lights": shutter.lights,
-                 "field": self.open_water.around_lights if self._has_field else Field()}
-        return splats_by_tiles(self.launcher, self._kernels(here).draw, known, self._cells(here, shutter, particles),
-                               here.view.resolution)
+            then = open_shutter(
+                following, self._current(following.time_ns), 1e-9 * (following.time_ns - here.time_ns), way
+            ).exposure
+        known = {
+            "scene": here.world.data,
+            "exposure": shutter.exposure,
+            "following": then,
+            "lights": shutter.lights,
+            "field": self.open_water.around_lights if self._has_field else Field(),
+        }
+        return splats_by_tiles(
+            self.launcher, self._kernels(here).draw, known, self._cells(here, shutter, particles), here.view.resolution
+        )
 
     def _cells(self, here: View, shutter: Open, particles: list[ParticleData]) -> list[Seen]:
         """The cells that a camera may see, of all classes of sizes of all blocks."""
@@ -216,9 +252,10 @@ def lamp_table(launcher: Launcher, here: View, kind: ParticleData) -> AlongCamer
 
 def with_snow(image, snow: Snow, layers: bool):
     """The image of water with its bodies; ``layers``: as a layer too."""
-    shown = {name: None if (values := getattr(image, name)) is None else snow.over(values)
-             for name in ("radiance", "denoised")}
+    shown = {
+        name: None if (values := getattr(image, name)) is None else snow.over(values)
+        for name in ("radiance", "denoised")
+    }
     if layers and image.radiance is not None:
         image = replace(image, layers=image.layers | {"snow": shown["radiance"] - image.radiance})
     return replace(image, snow=snow, **shown)
-

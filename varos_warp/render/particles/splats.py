@@ -28,8 +28,9 @@ class Seen(NamedTuple):
     cells: Cells
 
 
-def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open, way: np.ndarray,
-               seeds: np.random.SeedSequence) -> Iterator[Seen]:
+def seen_cells(
+    law: ParticleLaw, record: ParticleData, here: View, shutter: Open, way: np.ndarray, seeds: np.random.SeedSequence
+) -> Iterator[Seen]:
     """The cells of each class of sizes of a block.
 
     Args:
@@ -51,8 +52,9 @@ def seen_cells(law: ParticleLaw, record: ParticleData, here: View, shutter: Open
         yield Seen(record, cone, cells)
 
 
-def splats_by_tiles(launcher: Launcher, kernel: wp.Kernel, known: dict[str, Any], seen: Sequence[Seen],
-                    resolution: tuple[int, int]) -> dict[str, wp.array] | None:
+def splats_by_tiles(
+    launcher: Launcher, kernel: wp.Kernel, known: dict[str, Any], seen: Sequence[Seen], resolution: tuple[int, int]
+) -> dict[str, wp.array] | None:
     """The splats of all bodies, as `gather_splats` takes them; None if there is none.
 
     Args:
@@ -81,8 +83,9 @@ def splats_by_tiles(launcher: Launcher, kernel: wp.Kernel, known: dict[str, Any]
         if total:
             part = slice(first, first + total)
             listed.tiles, listed.splats = tiles[part], splats[part]
-            launcher.rows(kernel, listed.counts.shape, {**known, **some._asdict(), "listed": listed},
-                          tile_rows=CELL_ROWS)
+            launcher.rows(
+                kernel, listed.counts.shape, {**known, **some._asdict(), "listed": listed}, tile_rows=CELL_ROWS
+            )
         first += total
     return {"splats": splats, **_sorted(launcher, tiles, count, resolution)}
 

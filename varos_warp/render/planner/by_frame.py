@@ -108,8 +108,14 @@ def samples_needed(image: Callable[[float, int, bool], Made], spp: float, target
         made.append(image(max(said.spp, most), len(made), said.spp > most))
 
 
-def samples_along(image: Callable[[Place, float, int, bool], Made], views: list[Place], worst: tuple[Place, float],
-                  target: float, samples: Samples, each: Callable[..., Iterable] = map) -> dict[Place, float]:
+def samples_along(
+    image: Callable[[Place, float, int, bool], Made],
+    views: list[Place],
+    worst: tuple[Place, float],
+    target: float,
+    samples: Samples,
+    each: Callable[..., Iterable] = map,
+) -> dict[Place, float]:
     """Samples per pixel that views along a sequence need, and others halfway where they differ much.
 
     Args:
@@ -135,8 +141,11 @@ def samples_along(image: Callable[[Place, float, int, bool], Made], views: list[
 
 def halfway(needed: dict[Place, float]) -> dict[Place, float]:
     """Views between neighbours that are unlike, and about what they may need."""
-    unlike = {(a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
-              for a, b in pairwise(sorted(needed)) if a[0] == b[0] and b[1] - a[1] > 1}
+    unlike = {
+        (a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
+        for a, b in pairwise(sorted(needed))
+        if a[0] == b[0] and b[1] - a[1] > 1
+    }
     chosen = nlargest(round(HALVED * len(needed)), (ends for ends in unlike if unlike[ends] > UNLIKE), key=unlike.get)
     return {(a[0], (a[1] + b[1]) // 2): max(FIRST, 0.5 * (needed[a] + needed[b])) for a, b in chosen}
 

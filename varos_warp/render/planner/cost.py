@@ -36,13 +36,23 @@ def sequence_cost(scene: Scene, frames: Frames, plan) -> dict[str, Any]:
     groups = _groups(asked)
     free = [camera for camera in scene.vehicle.cameras if WATER in asked and not has_twin(camera)]  # P is A
     renderer, measure = frames.renderer, _on_cpu if frames.renderer.device == "cpu" else _on_gpu
-    seconds = {letters: sum(measure(scene, frames, camera, letters, plan) for camera in scene.vehicle.cameras
-                            if letters != TWIN or camera not in free) for letters in groups}
+    seconds = {
+        letters: sum(
+            measure(scene, frames, camera, letters, plan)
+            for camera in scene.vehicle.cameras
+            if letters != TWIN or camera not in free
+        )
+        for letters in groups
+    }
     a_frame = sum(seconds.values())
-    return {"device": f"{renderer.device} ({renderer.device_name})", "frames": len(frames),
-            "cameras": len(scene.vehicle.cameras), "seconds_per_frame": float(f"{a_frame:.3g}"),
-            "seconds_by_output": {letters: float(f"{value:.3g}") for letters, value in seconds.items()},
-            "seconds_in_all": float(f"{a_frame * len(frames):.3g}")}
+    return {
+        "device": f"{renderer.device} ({renderer.device_name})",
+        "frames": len(frames),
+        "cameras": len(scene.vehicle.cameras),
+        "seconds_per_frame": float(f"{a_frame:.3g}"),
+        "seconds_by_output": {letters: float(f"{value:.3g}") for letters, value in seconds.items()},
+        "seconds_in_all": float(f"{a_frame * len(frames):.3g}"),
+    }
 
 
 def _groups(asked: Iterable[str]) -> list[str]:

@@ -15,8 +15,11 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.render import sees_water
 
-INTEGRATORS = {"reference": "reference path tracer", "path": "path tracer",
-               "field": "path tracer with the field of open water"}
+INTEGRATORS = {
+    "reference": "reference path tracer",
+    "path": "path tracer",
+    "field": "path tracer with the field of open water",
+}
 """Integrators in words."""
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """Options of `FrameRenderer.render` that a plan says, and its first fields."""
@@ -29,8 +32,10 @@ def open_questions(scene: Scene) -> tuple[str, ...]:
     render = scene.render
     if not sees_water(render.outputs):
         return ()
-    compared = render.integrator == "auto" and resolve_integrator("auto", render.max_scatterings,
-                                                                  lambda: unavailable(scene)) == "field"
+    compared = (
+        render.integrator == "auto"
+        and resolve_integrator("auto", render.max_scatterings, lambda: unavailable(scene)) == "field"
+    )
     return ("integrator",) * compared + ("samples",) * (render.spp is None)
 
 
@@ -138,32 +143,40 @@ class Plan:
         """Plain types; the same on every machine as long as there is no ``cost``."""
         cost = {} if self.cost is None else {"cost": self.cost}
         return self.options | {
-            "spp_by_frame": self.spp_by_frame, "error": _rounded(self.error), **cost,
-            "decisions": [decision.to_dict() for decision in self.decisions], "reasons": self.reasons,
-            "models": self.models}
+            "spp_by_frame": self.spp_by_frame,
+            "error": _rounded(self.error),
+            **cost,
+            "decisions": [decision.to_dict() for decision in self.decisions],
+            "reasons": self.reasons,
+            "models": self.models,
+        }
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> "Plan":
         """The plan that `to_dict` has made plain, here or in an earlier version, which may have said less."""
         known = {key: content[key] for key in (*PLANNED, "spp_by_frame", "cost") if key in content}
-        decisions = [Decision(one["what"], one["choice"], one["reason"], one.get("error"))
-                     for one in content.get("decisions") or ()]
+        decisions = [
+            Decision(one["what"], one["choice"], one["reason"], one.get("error"))
+            for one in content.get("decisions") or ()
+        ]
         return cls(**known, decisions=decisions, models=content.get("models") or {}, stated_error=content.get("error"))
 
 
-def models_in_words(scene: Scene, plan: Plan, outputs: Iterable[str], denoisers: dict[str, str | None]
-                    ) -> dict[str, str]:
+def models_in_words(
+    scene: Scene, plan: Plan, outputs: Iterable[str], denoisers: dict[str, str | None]
+) -> dict[str, str]:
     """What makes each of the outputs by a plan, in words; ``denoisers`` are of A and B."""
     render, scatterings, bounces = scene.render, plan.max_scatterings, plan.max_bounces
     bounds = ((scatterings, "scattering", "in the water"), (bounces, "reflection", "on surfaces"))
-    limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds
-                     if bound is not None)
+    limits = "".join(f", at most {counted(bound, noun)} {where}" for bound, noun, where in bounds if bound is not None)
     integrator = INTEGRATORS[resolve_integrator(plan.integrator, scatterings, lambda: unavailable(scene))]
     water = f"{integrator}{limits}, {plan.spp_in_words}, denoise {denoisers[WATER]}"
-    ambient = (f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, "
-               f"denoise {denoisers[AMBIENT]}")
-    return {letter: OUTPUTS[letter].method.format(water=water, ambient=ambient)
-            for letter in OUTPUTS if letter in outputs}
+    ambient = (
+        f"no water, uniform ambient light, {counted(render.spp_b, 'sample')} per pixel, denoise {denoisers[AMBIENT]}"
+    )
+    return {
+        letter: OUTPUTS[letter].method.format(water=water, ambient=ambient) for letter in OUTPUTS if letter in outputs
+    }
 
 
 def in_words(seconds: float) -> str:

@@ -33,8 +33,12 @@ BLOCK, BLOCK_QUANTILE, BLOCKS_WITHIN = 8, 0.99, 5.0
 """A tolerance also bounds blocks of 8 x 8 pixels: 99 % of them must be within 5 times the tolerance."""
 
 
-def error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
-          sigmas: float | Sequence[float] = 1.0, spp: Sequence[float] | None = None) -> np.ndarray:
+def error(
+    images: Sequence[np.ndarray],
+    estimates: Sequence[np.ndarray],
+    sigmas: float | Sequence[float] = 1.0,
+    spp: Sequence[float] | None = None,
+) -> np.ndarray:
     """Relative RMSE [3] of images, from estimates that know nothing of them, nor of each other.
 
     With M, M' two independent unbiased images and D any other, the mean of (D - M)(D - M') is that of the square of D's
@@ -83,8 +87,9 @@ def mean_square(images: Sequence[Made], made: Sequence[Made]) -> tuple[np.ndarra
     return tuple(np.mean(found, axis=0))
 
 
-def block_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
-                spp: Sequence[float] | None = None) -> np.ndarray:
+def block_error(
+    images: Sequence[np.ndarray], estimates: Sequence[np.ndarray], spp: Sequence[float] | None = None
+) -> np.ndarray:
     """Error [3] that `BLOCK_QUANTILE` of the blocks of 8 x 8 pixels of images stay within.
 
     Of a block's mean, relative to the block's or to `DARK` of the image's, whichever is brighter. What of it may be the
@@ -104,7 +109,7 @@ def block_means(image: np.ndarray) -> np.ndarray:
     """Means [H/8, W/8, 3] over whole blocks; of a smaller image, over all of it."""
     height, width = (max(side // BLOCK, 1) for side in image.shape[:2])
     tall, wide = (min(BLOCK, side) for side in image.shape[:2])
-    rows = image[:height * tall, :width * wide].reshape(height, tall, width * wide, -1).mean(1, dtype=np.float64)
+    rows = image[: height * tall, : width * wide].reshape(height, tall, width * wide, -1).mean(1, dtype=np.float64)
     return rows.reshape(height, width, wide, -1).mean(2)
 
 
@@ -130,8 +135,9 @@ def off_squared(values: np.ndarray, estimates: np.ndarray, weights: np.ndarray) 
     return (np.tensordot(weights, off, 1) ** 2 - own) / (1.0 - np.sum(weights**2))
 
 
-def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
-                  spp: Sequence[float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+def squared_error(
+    images: Sequence[np.ndarray], estimates: Sequence[np.ndarray], spp: Sequence[float] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean square of what is wrong with images [3], and its standard error [3] by the noise of the estimates.
 
     As if pixels were independent.
@@ -141,8 +147,9 @@ def squared_error(images: Sequence[np.ndarray], estimates: Sequence[np.ndarray],
     return tuple(np.mean([_squared_error(image, estimates, means, weights) for image in images], axis=0))
 
 
-def _squared_error(image: np.ndarray, estimates: Sequence[np.ndarray], means: np.ndarray, weights: np.ndarray
-                   ) -> tuple[np.ndarray, np.ndarray]:
+def _squared_error(
+    image: np.ndarray, estimates: Sequence[np.ndarray], means: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """`squared_error` of one image; ``means`` [count, 3] are those of the estimates."""
     level = mean_of(image)
     (square, deviation), sane_means = _against_sane(image, estimates, weights, level)
@@ -153,8 +160,9 @@ def _squared_error(image: np.ndarray, estimates: Sequence[np.ndarray], means: np
     return square + off - sane_off, unsure
 
 
-def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: np.ndarray, level: np.ndarray
-                  ) -> tuple[np.ndarray, np.ndarray]:
+def _against_sane(
+    image: np.ndarray, estimates: Sequence[np.ndarray], weights: np.ndarray, level: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and deviation [2, 3] of the squares of what is wrong, by estimates without fireflies; and their means.
 
     On the CPU whatever the renderer's device: its kernel lets other threads render meanwhile.
@@ -164,10 +172,20 @@ def _against_sane(image: np.ndarray, estimates: Sequence[np.ndarray], weights: n
     squares = wp.zeros((2, rows), dtype=wp.vec3d, device="cpu")
     sane = wp.zeros((len(estimates), rows), dtype=wp.vec3d, device="cpu")
     images = {"image": image, "around": around, "estimates": np.stack(estimates)}
-    launch_rows(compare_rows, (rows,), {
-        **{name: upload(values, wp.vec3, "cpu") for name, values in images.items()},
-        "weights": upload(weights, wp.float64, "cpu"), "firefly": FIREFLY, "dark": wp.vec3d(*(DARK * level)),
-        "squares": squares, "sane": sane}, "cpu", rows=COMPARED_ROWS)
+    launch_rows(
+        compare_rows,
+        (rows,),
+        {
+            **{name: upload(values, wp.vec3, "cpu") for name, values in images.items()},
+            "weights": upload(weights, wp.float64, "cpu"),
+            "firefly": FIREFLY,
+            "dark": wp.vec3d(*(DARK * level)),
+            "squares": squares,
+            "sane": sane,
+        },
+        "cpu",
+        rows=COMPARED_ROWS,
+    )
     mean, mean_square = squares.numpy().sum(1) / pixels
     return np.array([mean, np.sqrt(np.maximum(mean_square - mean**2, 0.0))]), sane.numpy().sum(1) / pixels
 

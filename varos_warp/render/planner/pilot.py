@@ -47,8 +47,14 @@ class Frames:
     """Motion of the vehicle around a time, as `Simulation.motion`; None: it stands still in each frame."""
 
     @classmethod
-    def of(cls, scene: Scene, renderer, poses: Sequence[np.ndarray], time_ns: Sequence[int] | None = None,
-           motion: Callable[[int], Motion] | None = None) -> "Frames":
+    def of(
+        cls,
+        scene: Scene,
+        renderer,
+        poses: Sequence[np.ndarray],
+        time_ns: Sequence[int] | None = None,
+        motion: Callable[[int], Motion] | None = None,
+    ) -> "Frames":
         """Frames at these poses; without ``time_ns``, at the times of a scene's frames from its start."""
         if time_ns is None:
             time_ns = times_ns(len(poses), scene.render.frame_rate_hz).tolist()
@@ -63,8 +69,9 @@ class Frames:
 
     def render(self, frame: int, camera: Camera, letters: str, /, **how: Any):
         """Images of one of them as a run makes them, blurred and with what moves where it is then."""
-        return self.renderer.render(self.poses[frame], camera, letters, motion=self.motion_at(frame),
-                                    time_ns=int(self.time_ns[frame]), **how)
+        return self.renderer.render(
+            self.poses[frame], camera, letters, motion=self.motion_at(frame), time_ns=int(self.time_ns[frame]), **how
+        )
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ class View:
         """
         one, two = (denoise_image(image, method).astype(np.float64) for image in self.images)
         square = np.sort(0.5 * (one - two).reshape(-1, 3) ** 2, axis=0)
-        return relative(square[:max(1, int((1.0 - rare) * len(square)))].mean(0), np.array([one, two]))
+        return relative(square[: max(1, int((1.0 - rare) * len(square)))].mean(0), np.array([one, two]))
 
 
 def pilot_camera(camera: Camera, pixels: int = SMALL) -> Camera:
@@ -118,10 +125,14 @@ def pilot_views(scene: Scene, frames: Frames, integrator: str) -> Iterator[View]
     for frame in pilot_frames(len(frames)):
         for camera in scene.vehicle.cameras:
             small = pilot_camera(camera)
-            how = of_scene(scene) | {"spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)), "frame": frame,
-                                     "integrator": integrator}
-            images = tuple(frames.render(frame, small, WATER, seed=seed, snow=False, **how).A
-                           for seed in (None, SECOND_SEED))
+            how = of_scene(scene) | {
+                "spp": round(SMALL_SPP * SMALL / np.prod(small.resolution)),
+                "frame": frame,
+                "integrator": integrator,
+            }
+            images = tuple(
+                frames.render(frame, small, WATER, seed=seed, snow=False, **how).A for seed in (None, SECOND_SEED)
+            )
             yield View(frame, camera, images)
 
 

@@ -63,9 +63,16 @@ IMAGES = 4
 the next, and a tolerance is to hold for nearly all."""
 
 
-def plan_render(scene: Scene, renderer, poses: Sequence[np.ndarray], *, time_ns: Sequence[int] | None = None,
-                motion: Callable[[int], Motion] | None = None, measure_cost: bool = False,
-                progress: Callable[[str, float], None] = silently) -> Plan:
+def plan_render(
+    scene: Scene,
+    renderer,
+    poses: Sequence[np.ndarray],
+    *,
+    time_ns: Sequence[int] | None = None,
+    motion: Callable[[int], Motion] | None = None,
+    measure_cost: bool = False,
+    progress: Callable[[str, float], None] = silently,
+) -> Plan:
     """Choose integrator and samples for a sequence; what the scene file fixes stays as it is.
 
     Args:
@@ -115,8 +122,7 @@ class Planner:
             self.decide(WATER, "none", "it is not among the outputs")
             spp = render.spp or self.samples.fewest
         self.weigh_ports()
-        return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame,
-                    self.decisions)
+        return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame, self.decisions)
 
     def decide(self, what: str, choice, reason: str, error=None) -> None:
         """Keep a decision."""
@@ -221,8 +227,10 @@ class Planner:
                 self.progress("integrator", 0.0)
                 gain = self.gain_of_field()
                 if gain < PATHS_PAY:
-                    return self.take_paths("in this scene the field of open water helps little: "
-                                           f"paths alone take {gain:.2g} of the time for the same noise")
+                    return self.take_paths(
+                        "in this scene the field of open water helps little: "
+                        f"paths alone take {gain:.2g} of the time for the same noise"
+                    )
                 why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
         elif failure := self.failure:
             resolve_integrator(asked, None, lambda: failure)  # refuses it
@@ -298,8 +306,10 @@ class Planner:
     def tell_shortfall(self, error: float, needed: float) -> None:
         """Say first that the tolerance is not kept."""
         error, asked = (f"{100 * share:.2g} %" for share in (error, self.render.tolerance))
-        why = (f"{error} expected, {asked} asked; {asked} would take {in_words(self.seconds(needed))} a frame "
-               f"(render.max_seconds_per_frame: {self.most_seconds:g})")
+        why = (
+            f"{error} expected, {asked} asked; {asked} would take {in_words(self.seconds(needed))} a frame "
+            f"(render.max_seconds_per_frame: {self.most_seconds:g})"
+        )
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
 
     def choose_by_frame(self, spp: float, target: float) -> float:
@@ -318,14 +328,18 @@ class Planner:
             return self.made(frame, cameras[name], spp, number, denoised)
 
         views = [(name, frame) for name in cameras for frame in frames]
-        needed = by_frame.samples_along(image, views, ((worst.camera.id, worst.frame), spp), target, self.samples,
-                                        self.at_once)
+        needed = by_frame.samples_along(
+            image, views, ((worst.camera.id, worst.frame), spp), target, self.samples, self.at_once
+        )
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
         mean = np.mean([by_frame.spp_between(given[name], frame) for name in cameras for frame in range(count)])
         least, most = by_frame.extent(given)
-        self.decide("spp by frame", f"{least} to {most}", f"{mean:.3g} on average: frames take what {len(needed)} "
-                    "views need, and those between about as much")
+        self.decide(
+            "spp by frame",
+            f"{least} to {most}",
+            f"{mean:.3g} on average: frames take what {len(needed)} views need, and those between about as much",
+        )
         return most
 
     def error_law(self, target: float) -> ErrorLaw:
@@ -390,6 +404,8 @@ class Planner:
         """The choice in words."""
         channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
         after = f" after {self.denoiser}" if self.denoiser != "none" else ""
-        words = (f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
-                 f"{self.worst.label}), and {left:.2%} of the {self.render.tolerance:.2%} asked for are left for it")
+        words = (
+            f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
+            f"{self.worst.label}), and {left:.2%} of the {self.render.tolerance:.2%} asked for are left for it"
+        )
         return f"{words}; no fewer are taken" if needed <= self.samples.fewest else words

@@ -27,8 +27,11 @@ class _Loader(plain_yaml.PlainLoader):
         """What a node is without its tag."""
         if isinstance(node, yaml.MappingNode):
             return self.construct_mapping(node, deep=True)
-        return self.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else (
-            self.construct_scalar(node))
+        return (
+            self.construct_sequence(node, deep=True)
+            if isinstance(node, yaml.SequenceNode)
+            else (self.construct_scalar(node))
+        )
 
 
 _Loader.add_multi_constructor("tag:yaml.org,2002:opencv-", _Loader.plain)
@@ -50,8 +53,14 @@ class Entry:
     def refuse(self, problem: str, remedy: str | None = None) -> NoReturn:
         """Raise an `InputError` about it."""
         simple = isinstance(self.value, str | int | float) and len(str(self.value)) < 60
-        raise InputError(problem, file=self.file, line=self.line, key=self.key or None,
-                         value=self.value if simple else None, remedy=remedy)
+        raise InputError(
+            problem,
+            file=self.file,
+            line=self.line,
+            key=self.key or None,
+            value=self.value if simple else None,
+            remedy=remedy,
+        )
 
     def __contains__(self, name: str) -> bool:
         return isinstance(self.value, dict) and name in self.value
@@ -112,8 +121,9 @@ class Entry:
         except (ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            self.refuse("should be a finite number" if value is self.value else f"has {value!r}, which is no finite "
-                        "number")
+            self.refuse(
+                "should be a finite number" if value is self.value else f"has {value!r}, which is no finite number"
+            )
         return number
 
 
@@ -136,8 +146,11 @@ def read_document(file: Path) -> Entry:
 def _xml(text: str, file: Path) -> Any:
     """The data that OpenCV stored; a document type and entities are refused, so nothing can grow or be fetched."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InputError("declares a document type or entities, which no calibration needs", file=file,
-                         remedy="Remove the declarations.")
+        raise InputError(
+            "declares a document type or entities, which no calibration needs",
+            file=file,
+            remedy="Remove the declarations.",
+        )
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:

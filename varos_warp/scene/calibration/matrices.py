@@ -14,8 +14,17 @@ from varos_warp.scene.calibration.models import OPENCV, Calibration, distortion
 from varos_warp.scene.optics.distortion import KANNALA_BRANDT, canonical
 
 K_NAMES = ("cameramatrix", "k", "m", "intrinsicmatrix", "cameraintrinsics")
-D_NAMES = ("distcoeffs", "distcoeff", "distcoefs", "distortioncoefficients", "distortioncoeffs", "distortioncoefs",
-           "distortion", "dist", "d")
+D_NAMES = (
+    "distcoeffs",
+    "distcoeff",
+    "distcoefs",
+    "distortioncoefficients",
+    "distortioncoeffs",
+    "distortioncoefs",
+    "distortion",
+    "dist",
+    "d",
+)
 SIZE_NAMES, WIDTH_NAMES, HEIGHT_NAMES = ("imagesize", "resolution"), ("imagewidth", "width"), ("imageheight", "height")
 SIDES = ("", "1", "2", "left", "right")
 """What names of one camera among several end in."""
@@ -61,8 +70,10 @@ def read_camera(names: "Names", side: str) -> Calibration:
     assert K is not None
     _of_whole_image(names)
     if D is None:
-        names.block.refuse(f"has {K.key} but no coefficients of distortion",
-                           "Add them, as distortion_coefficients; without distortion, five zeros.")
+        names.block.refuse(
+            f"has {K.key} but no coefficients of distortion",
+            "Add them, as distortion_coefficients; without distortion, five zeros.",
+        )
     return Calibration(_intrinsics(K), distortion(_model(names, side), D), _resolution(names, side))
 
 
@@ -80,8 +91,10 @@ def _intrinsics(K: Entry) -> tuple[float, float, float, float]:
 
 def _model(names: Names, side: str) -> Entry | None:
     """The entry that names the model; None: nothing does."""
-    stated, flag, camera = (names.one(words, side) or names.one(words) for words in (
-        ("distortionmodel",), ("fisheyemodel", "fisheye"), ("cameramodel", "lensmodel")))
+    stated, flag, camera = (
+        names.one(words, side) or names.one(words)
+        for words in (("distortionmodel",), ("fisheyemodel", "fisheye"), ("cameramodel", "lensmodel"))
+    )
     if camera is not None and canonical(camera.text().lower()) == "none":
         camera = None  # a pinhole, with whatever distortion
     if flag is not None:
@@ -118,5 +131,7 @@ def _of_whole_image(names: Names) -> None:
     region, whole = names.one(("roi",)), _resolution(names, "") or (0, 0)
     for word, uncut in zip(("x_offset", "y_offset", "width", "height"), (0, 0, *whole), strict=True):
         if region is not None and word in region and region[word].whole() not in (0, uncut):
-            region[word].refuse("cuts a region out of the image, for which K is not",
-                                "Write the camera_info of the full resolution, with 0 in all of roi.")
+            region[word].refuse(
+                "cuts a region out of the image, for which K is not",
+                "Write the camera_info of the full resolution, with 0 in all of roi.",
+            )

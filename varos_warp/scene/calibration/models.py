@@ -6,14 +6,18 @@ from varos_warp.errors import warn
 from varos_warp.scene.calibration.documents import Entry
 from varos_warp.scene.optics.distortion import BROWN_CONRADY, KANNALA_BRANDT, RATIONAL, canonical
 
-READ = ("Read are pinholes with radtan (plumb_bob), rational_polynomial or equidistant (fisheye) distortion or none, "
-        "and Kalibr's ds; docs/cameras.md lists them.")
+READ = (
+    "Read are pinholes with radtan (plumb_bob), rational_polynomial or equidistant (fisheye) distortion or none, "
+    "and Kalibr's ds; docs/cameras.md lists them."
+)
 OPENCV = "opencv"
 """A model of OpenCV's calib3d, which the number of coefficients tells."""
 COUNTS = {"none": (), BROWN_CONRADY: (4, 5), RATIONAL: (5, 8, 12, 14), KANNALA_BRANDT: (4,), OPENCV: (4, 5, 8, 12, 14)}
 """Coefficients that a file may give of each model."""
-AMBIGUOUS = ("has four coefficients and names no model: they are read as k1, k2, p1, p2 of radtan (plumb_bob); if they "
-             "are k1 to k4 of a fisheye, add distortion_model: equidistant to the file")
+AMBIGUOUS = (
+    "has four coefficients and names no model: they are read as k1, k2, p1, p2 of radtan (plumb_bob); if they "
+    "are k1 to k4 of a fisheye, add distortion_model: equidistant to the file"
+)
 
 
 class Calibration(NamedTuple):
@@ -53,11 +57,14 @@ def _kannala_brandt(k: tuple[float, ...]) -> dict[str, Any]:
 def _of_opencv(k: tuple[float, ...], coefficients: Entry) -> dict[str, Any] | None:
     """The simplest of OpenCV's models that k1, k2, p1, p2, k3 ... are of, so that every export can say it."""
     if any(k[8:12]):
-        coefficients.refuse("has coefficients s1 to s4 of a thin prism, which no lens has here",
-                            "Calibrate without CALIB_THIN_PRISM_MODEL.")
+        coefficients.refuse(
+            "has coefficients s1 to s4 of a thin prism, which no lens has here",
+            "Calibrate without CALIB_THIN_PRISM_MODEL.",
+        )
     if any(k[12:]):
-        coefficients.refuse("has angles of a tilted sensor, which no camera has here",
-                            "Calibrate without CALIB_TILTED_MODEL.")
+        coefficients.refuse(
+            "has angles of a tilted sensor, which no camera has here", "Calibrate without CALIB_TILTED_MODEL."
+        )
     if any(k[5:8]):
         return {"model": RATIONAL, "k": list(k[:8])}
     return {"model": BROWN_CONRADY, "k": [*k, 0.0][:5]} if any(k) else None

@@ -10,8 +10,10 @@ from varos_warp.scene.calibration import kalibr, matrices
 from varos_warp.scene.calibration.documents import Entry, read_document
 from varos_warp.scene.calibration.models import Calibration
 
-FORMS = ("Kalibr's camchain.yaml, EuRoC's sensor.yaml, OpenCV's FileStorage (camera_matrix, distortion_coefficients) "
-         "and ROS's camera_info; docs/cameras.md says more.")
+FORMS = (
+    "Kalibr's camchain.yaml, EuRoC's sensor.yaml, OpenCV's FileStorage (camera_matrix, distortion_coefficients) "
+    "and ROS's camera_info; docs/cameras.md says more."
+)
 
 
 def file_part(name: str, base: Path) -> tuple[str, str]:
@@ -36,14 +38,20 @@ def read_calibration(name: str, base: Path) -> Calibration:
     if not cameras:
         raise InputError("holds no camera of a form that is read here", file=document.file, remedy=f"Read are {FORMS}")
     if len(cameras) == 1 and (not wanted or wanted == _own_name(document)):
-        wanted, = cameras
+        (wanted,) = cameras
     known = ", ".join(filter(None, cameras)) or "one without a name"
     if not wanted and wanted not in cameras:
-        raise InputError(f"holds several cameras: {known}", file=document.file,
-                         remedy=f"Choose one: {Path(file).name}#{next(iter(cameras))}.")
+        raise InputError(
+            f"holds several cameras: {known}",
+            file=document.file,
+            remedy=f"Choose one: {Path(file).name}#{next(iter(cameras))}.",
+        )
     if wanted not in cameras:
-        raise InputError(f"holds no camera {wanted!r}", file=document.file,
-                         remedy=did_you_mean(wanted, cameras) or f"There is: {known}.")
+        raise InputError(
+            f"holds no camera {wanted!r}",
+            file=document.file,
+            remedy=did_you_mean(wanted, cameras) or f"There is: {known}.",
+        )
     return cameras[wanted]()
 
 
@@ -65,5 +73,7 @@ def _cameras_of(block: Entry, name: str) -> dict[str, Callable[[], Calibration]]
     """How to read the cameras that stand in a block itself, by name."""
     if kalibr.is_camera(block):
         return {name: partial(kalibr.read_camera, block)}
-    return {".".join(filter(None, (name, side))): partial(matrices.read_camera, names, side)
-            for side, names in matrices.cameras_of(block)}
+    return {
+        ".".join(filter(None, (name, side))): partial(matrices.read_camera, names, side)
+        for side, names in matrices.cameras_of(block)
+    }

@@ -32,8 +32,9 @@ def mount(scene: Scene, of: str) -> np.ndarray:
     return pose_matrix(camera) @ transform(R_V_C)
 
 
-def vehicle_poses(position: np.ndarray, turned: Rotation | None, frame: str, body: str, T_v_x: np.ndarray,
-                  origin=(0.0, 0.0, 0.0)) -> tuple[np.ndarray, Rotation | None]:
+def vehicle_poses(
+    position: np.ndarray, turned: Rotation | None, frame: str, body: str, T_v_x: np.ndarray, origin=(0.0, 0.0, 0.0)
+) -> tuple[np.ndarray, Rotation | None]:
     """Poses of a vehicle from those of a file, all in float64.
 
     Args:

@@ -68,8 +68,7 @@ class Cells:
                 return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, len(self.columns)))
             texts = [self._plain(row) for row in rows]
             size = NANOSECONDS[self.unit]
-            times = [nanoseconds(text.split(self.separator, self.time + 1)[self.time].strip(), size)
-                     for text in texts]
+            times = [nanoseconds(text.split(self.separator, self.time + 1)[self.time].strip(), size) for text in texts]
             values = np.loadtxt(texts, delimiter=self.separator, usecols=self.columns, comments=None, ndmin=2)
             if not np.isfinite(values).all():
                 raise ValueError
@@ -98,9 +97,11 @@ class Cells:
             if len(cells) == self.count + 1 and not cells[-1] and self.separator is not None:
                 cells.pop()
             if len(cells) != self.count:
-                return self.problem(row.number, f"has {len(cells)} cells parted by {SEPARATORS[self.separator]}, where "
-                                    f"others have {self.count}",
-                                    "Part all rows alike, and write numbers with a decimal point, not a comma.")
+                return self.problem(
+                    row.number,
+                    f"has {len(cells)} cells parted by {SEPARATORS[self.separator]}, where others have {self.count}",
+                    "Part all rows alike, and write numbers with a decimal point, not a comma.",
+                )
             for column in (self.time, *self.columns):
                 if found := problem_of(cells[column], self.unit if column == self.time else None):
                     cell = f" '{cells[column]:.40}'" if cells[column] else ""
@@ -141,7 +142,7 @@ def nanoseconds(cell: str, size: int) -> int:
     """
     whole, _, part = cell.partition(".")
     if cell.isascii() and whole.isdecimal() and (part.isdecimal() or not part) and len(cell) < 40:
-        exact, rest = divmod(int(whole + part) * size, 10**len(part))
+        exact, rest = divmod(int(whole + part) * size, 10 ** len(part))
         if not rest and exact <= MOST_NS:
             return exact
     try:

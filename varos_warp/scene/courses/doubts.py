@@ -24,17 +24,21 @@ def gaps(seconds: np.ndarray, usual: float, lines: np.ndarray) -> list[str]:
     if not wide.size:
         return []
     worst = int(wide[np.argmax(steps[wide])])
-    return [f"{counted(len(wide), 'gap')} of more than {GAP:g} times the usual {usual:.3g} s, the longest of "
-            f"{steps[worst]:.3g} s after line {lines[worst]}, {seconds[worst]:.6g} s from the first pose; there the "
-            "course is what a spline makes of the poses around it"]
+    return [
+        f"{counted(len(wide), 'gap')} of more than {GAP:g} times the usual {usual:.3g} s, the longest of "
+        f"{steps[worst]:.3g} s after line {lines[worst]}, {seconds[worst]:.6g} s from the first pose; there the "
+        "course is what a spline makes of the poses around it"
+    ]
 
 
 def whole_times(layout: Layout, seconds: np.ndarray, step: float) -> list[str]:
     """Times that may well be in milliseconds."""
     if layout.unit_is_stated or step < 2.0 or (seconds % 1.0).any():
         return []
-    return [f"its times are whole numbers, {step:g} apart, and taken for seconds, for nothing says otherwise; "
-            "trajectory.columns.time_unit states their unit"]
+    return [
+        f"its times are whole numbers, {step:g} apart, and taken for seconds, for nothing says otherwise; "
+        "trajectory.columns.time_unit states their unit"
+    ]
 
 
 def odd_angles(layout: Layout, turned: Rotation | None, values: np.ndarray) -> list[str]:
@@ -54,9 +58,11 @@ def whose_poses(layout: Layout, course: Trajectory) -> list[str]:
     if whose is None or course.of is not None or course.body is not None or course.attitude not in (None, "recorded"):
         return []
     say = "imu" if whose == "IMU" else "ID"
-    return [f"poses of {layout.format} are mostly those of a {whose}, and taken for the vehicle's in axes "
-            f"{'frd' if course.frame == 'ned' else 'flu'}, for nothing says otherwise; trajectory.of: {say} says that "
-            f"they are the {whose}'s, of: vehicle that they are not".replace("a IMU", "an IMU")]
+    return [
+        f"poses of {layout.format} are mostly those of a {whose}, and taken for the vehicle's in axes "
+        f"{'frd' if course.frame == 'ned' else 'flu'}, for nothing says otherwise; trajectory.of: {say} says that "
+        f"they are the {whose}'s, of: vehicle that they are not".replace("a IMU", "an IMU")
+    ]
 
 
 def upside_down(turned: Rotation, about: dict[str, str]) -> list[str]:
@@ -65,8 +71,10 @@ def upside_down(turned: Rotation, about: dict[str, str]) -> list[str]:
     if share <= 0.5 or about["attitude"] != "recorded":
         return []
     axes = f"trajectory.body ({about['body']})" if "body" in about else f"how the {about['of']} is mounted"
-    return [f"the vehicle is upside down at {share:.0%} of the poses; if it was not, look at {axes} and "
-            f"trajectory.frame ({about['frame']})"]
+    return [
+        f"the vehicle is upside down at {share:.0%} of the poses; if it was not, look at {axes} and "
+        f"trajectory.frame ({about['frame']})"
+    ]
 
 
 def compass(layout: Layout, about: dict[str, str]) -> list[str]:
@@ -76,5 +84,7 @@ def compass(layout: Layout, about: dict[str, str]) -> list[str]:
     called = [name for name in names if re.search(r"heading|hdg|azimuth", name, re.IGNORECASE)]
     if about["frame"] != "enu" or about["attitude"] != "recorded" or not called:
         return []
-    return [f"its column '{called[0]}' is read as a yaw, anticlockwise from east, as frame enu has it; a compass's "
-            "headings are clockwise from north, as in frame: ned"]
+    return [
+        f"its column '{called[0]}' is read as a yaw, anticlockwise from east, as frame enu has it; a compass's "
+        "headings are clockwise from north, as in frame: ned"
+    ]

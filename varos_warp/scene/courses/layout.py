@@ -33,21 +33,36 @@ Names = tuple[str, ...]
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 """Names of columns of times, without their unit."""
 POSITIONS: tuple[Names, ...] = (
-    ("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"), ("p_x", "p_y", "p_z"), ("pos_x", "pos_y", "pos_z"),
-    ("position_x", "position_y", "position_z"), ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z"), ("s_x_vw", "s_y_vw", "s_z_vw"),
-    ("p_wv_x", "p_wv_y", "p_wv_z"))
+    ("x", "y", "z"),
+    ("tx", "ty", "tz"),
+    ("px", "py", "pz"),
+    ("p_x", "p_y", "p_z"),
+    ("pos_x", "pos_y", "pos_z"),
+    ("position_x", "position_y", "position_z"),
+    ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z"),
+    ("s_x_vw", "s_y_vw", "s_z_vw"),
+    ("p_wv_x", "p_wv_y", "p_wv_z"),
+)
 """Names of the columns of positions, besides those that say which way they point (meaning.py)."""
 QUATERNIONS: tuple[Names, ...] = (
-    ("qw", "qx", "qy", "qz"), ("q_w", "q_x", "q_y", "q_z"), ("q_rs_w", "q_rs_x", "q_rs_y", "q_rs_z"),
-    ("q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"), ("quat_w", "quat_x", "quat_y", "quat_z"),
-    ("orientation_w", "orientation_x", "orientation_y", "orientation_z"))
+    ("qw", "qx", "qy", "qz"),
+    ("q_w", "q_x", "q_y", "q_z"),
+    ("q_rs_w", "q_rs_x", "q_rs_y", "q_rs_z"),
+    ("q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"),
+    ("quat_w", "quat_x", "quat_y", "quat_z"),
+    ("orientation_w", "orientation_x", "orientation_y", "orientation_z"),
+)
 """Names of the columns of quaternions."""
 EULER: tuple[Names, ...] = (("theta_x_vw", "theta_y_vw", "theta_z_vw"),)
 """Names of the columns of angles [rad] about the fixed axes x, then y, then z."""
 MATRIX: Names = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 """Names of the columns of a rotation matrix."""
-FORMATS = {"s_x_vw": ("poses of a dataset", None), "p_wv_x": ("states of a dataset", None), "p_rs_r_x": ("EuRoC", "ns"),
-           "tx": ("TUM", "s")}
+FORMATS = {
+    "s_x_vw": ("poses of a dataset", None),
+    "p_wv_x": ("states of a dataset", None),
+    "p_rs_r_x": ("EuRoC", "ns"),
+    "tx": ("TUM", "s"),
+}
 """Formats that are known by the first name of their positions, and the unit of times whose name has none."""
 ATTITUDE = "^q|quat|roll|pitch|yaw|heading|orient|euler"
 """What names of columns have that may be an attitude."""
@@ -110,12 +125,21 @@ def layout_of(rows: Sequence[Row], path: Path, course: Trajectory, key: str) -> 
         return finder.named(separator)
     if width == TUM_COLUMNS and separator in (None, "\t"):
         _check_tum(before, path, key)
-        return _Finder(path, key, ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"], None, course,
-                       remarks).layout("TUM", _without_unit(TUM, remarks), separator, width)
-    what = ("are poses of KITTI, which have no times" if width == KITTI_COLUMNS and separator is None else
-            "have no header that names the columns, and are not those of TUM: t x y z qx qy qz qw, with blanks between")
-    raise InputError(f"rows of {width} numbers {what}", file=path, line=first.number, key=key,
-                     remedy="Name the columns, in a first line or by their numbers from 1 in trajectory.columns.")
+        return _Finder(
+            path, key, ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"], None, course, remarks
+        ).layout("TUM", _without_unit(TUM, remarks), separator, width)
+    what = (
+        "are poses of KITTI, which have no times"
+        if width == KITTI_COLUMNS and separator is None
+        else "have no header that names the columns, and are not those of TUM: t x y z qx qy qz qw, with blanks between"
+    )
+    raise InputError(
+        f"rows of {width} numbers {what}",
+        file=path,
+        line=first.number,
+        key=key,
+        remedy="Name the columns, in a first line or by their numbers from 1 in trajectory.columns.",
+    )
 
 
 def _without_unit(columns: Columns, remarks: Remarks) -> Columns:
@@ -123,8 +147,9 @@ def _without_unit(columns: Columns, remarks: Remarks) -> Columns:
     return columns.model_copy(update={"time_unit": None}) if any(unit in TIMES for unit in remarks.units) else columns
 
 
-def _header(before: Sequence[Row], first: Row, separator: str | None, columns: Columns | None
-            ) -> tuple[Row | None, list[str]]:
+def _header(
+    before: Sequence[Row], first: Row, separator: str | None, columns: Columns | None
+) -> tuple[Row | None, list[str]]:
     """The line that names the columns and their names, without #; none where there is no such line.
 
     That is the first row that is no remark, or the last remark above it that has a usual name for the time and for the
@@ -152,18 +177,23 @@ def _names_columns(names: Sequence[str], columns: Columns | None) -> bool:
         return all(name.strip() in names for name in asked)
     lengths = [parse_name(name, LENGTHS).base for name in names]
     return any(parse_name(name, TIMES).base in TIME_NAMES for name in names) and bool(
-        meaning.directions_of(names) or any(all(lengths.count(name) == 1 for name in position)
-                                            for position in POSITIONS))
+        meaning.directions_of(names)
+        or any(all(lengths.count(name) == 1 for name in position) for position in POSITIONS)
+    )
 
 
 def _check_tum(remarks: Sequence[Row], path: Path, key: str) -> None:
     """Refuse remarks that name the parts of quaternions in another order than TUM has them."""
     for row in remarks:
         if (order := meaning.order_of_quaternion(row.text)) not in (None, "xyzw"):
-            raise InputError(f"this remark may say that quaternions are {', '.join(order or '')}, where those of TUM "
-                             "are x, y, z, w", file=path, line=row.number, key=key,
-                             remedy="Say which columns are which by their numbers from 1; trajectory.columns: {time: "
-                                    "1, position: [2, 3, 4], quaternion: [5, 6, 7, 8]} has w first.")
+            raise InputError(
+                f"this remark may say that quaternions are {', '.join(order or '')}, where those of TUM are x, y, z, w",
+                file=path,
+                line=row.number,
+                key=key,
+                remedy="Say which columns are which by their numbers from 1; trajectory.columns: {time: "
+                "1, position: [2, 3, 4], quaternion: [5, 6, 7, 8]} has w first.",
+            )
 
 
 @dataclass(frozen=True)
@@ -191,14 +221,16 @@ class _Finder:
                 raise self._unclear(f"{'several columns' if count else 'no column'} that may be {what}")
         usual = positions[0] if positions else ()
         if twice := [name for name in (*usual, *(turns or [()])[0]) if lengths.count(name) > 1]:
-            raise self._error(f"has {lengths.count(twice[0])} columns named '{twice[0]}'",
-                              "Give each column a name of its own.")
+            raise self._error(
+                f"has {lengths.count(twice[0])} columns named '{twice[0]}'", "Give each column a name of its own."
+            )
         if len(turns) > 1:
             raise self._unclear("several attitudes")
         if not turns and (near := [name for name in self.names if re.search(ATTITUDE, name, re.IGNORECASE)]):
             raise self._unclear(f"what may be an attitude ({', '.join(near[:4])})")
-        position, turn = (tuple(self.names[lengths.index(name)] for name in names)
-                          for names in (usual, (turns or [()])[0]))
+        position, turn = (
+            tuple(self.names[lengths.index(name)] for name in names) for names in (usual, (turns or [()])[0])
+        )
         return self._of_names(times[0], usual[:1], position or directed, turn, separator)
 
     def _of_names(self, time: str, usual: Names, position: Names, turn: Names, separator: str | None) -> Layout:
@@ -208,15 +240,26 @@ class _Finder:
             form, unit = "table", None  # much like it, but what wrote it is another program
         named = self._called(self.names.index(time))
         unit = None if {*parse_name(named, TIMES)[1:]} != {None} else unit
-        columns = Columns(time=time, time_unit=unit, position=position,
-                          quaternion=turn if len(turn) == 4 else None, euler=turn if len(turn) == 3 else None)
+        columns = Columns(
+            time=time,
+            time_unit=unit,
+            position=position,
+            quaternion=turn if len(turn) == 4 else None,
+            euler=turn if len(turn) == 3 else None,
+        )
         return self.layout(form, columns, separator, len(self.names), turn if len(turn) == len(MATRIX) else ())
 
-    def layout(self, form: str, columns: Columns, separator: str | None, width: int, matrix: Sequence[str] = ()
-               ) -> Layout:
+    def layout(
+        self, form: str, columns: Columns, separator: str | None, width: int, matrix: Sequence[str] = ()
+    ) -> Layout:
         """The layout by columns of the scene file, by those of a format, or by those that were found."""
-        kind = "matrix" if matrix else next((key for key in ("quaternion", "euler", "euler_deg")
-                                             if getattr(columns, key) is not None), "none")
+        kind = (
+            "matrix"
+            if matrix
+            else next(
+                (key for key in ("quaternion", "euler", "euler_deg") if getattr(columns, key) is not None), "none"
+            )
+        )
         turn = tuple(matrix) or getattr(columns, kind, None) or ()
         wanted = [columns.time, *columns.position, *turn]
         at = [self._number(column, width) for column in wanted]
@@ -228,9 +271,13 @@ class _Finder:
         names = [called[i] for i in at[1:]]
         factors, frame = self._meaning(kind, names[:3], names[3:], columns)
         by_scene = self.course.columns
-        used = Used(unit, bool(by_scene and by_scene.time_unit) or bool(parse_name(called[at[0]], TIMES).unit),
-                    factors[:3], bool(columns.position_unit) or all(parse_name(name, LENGTHS).unit
-                                                                    for name in names[:3]), kind)
+        used = Used(
+            unit,
+            bool(by_scene and by_scene.time_unit) or bool(parse_name(called[at[0]], TIMES).unit),
+            factors[:3],
+            bool(columns.position_unit) or all(parse_name(name, LENGTHS).unit for name in names[:3]),
+            kind,
+        )
         notes = (*self.remarks.checked(used), *self._doubts(names[:3], frame))
         cells = Cells(self.path, self.key, separator, width, at[0], unit, tuple(at[1:]), factors, called)
         return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame, notes)
@@ -239,20 +286,25 @@ class _Finder:
         """That a coordinate is taken for a depth because the others are north and east, in this order."""
         if self.course.frame is not None or frame != "ned" or meaning.ways_of(position)[2] == "down":
             return []
-        return [f"'{position[2]}' is taken for a depth, for {position[0]} and {position[1]} before it are north and "
-                "east; if it is a height, give trajectory.frame: enu and columns.position in the order east, north, up"]
+        return [
+            f"'{position[2]}' is taken for a depth, for {position[0]} and {position[1]} before it are north and "
+            "east; if it is a height, give trajectory.frame: enu and columns.position in the order east, north, up"
+        ]
 
     def _called(self, i: int) -> str:
         """The name of a column, with its unit where a row of units has one."""
         name = self.names[i] if self.names else f"column {i + 1}"
         unit = self.remarks.units[i] if self.remarks.units else ""
         if (named := with_unit(name, unit)) is None:
-            raise self._error(f"column '{name}' is in '{unit}' by the remark in line {self.remarks.line_of_units}",
-                              "Leave one of the two units out.")
+            raise self._error(
+                f"column '{name}' is in '{unit}' by the remark in line {self.remarks.line_of_units}",
+                "Leave one of the two units out.",
+            )
         return named
 
-    def _meaning(self, kind: str, position: list[str], turn: list[str], columns: Columns
-                 ) -> tuple[tuple[float, ...], str | None]:
+    def _meaning(
+        self, kind: str, position: list[str], turn: list[str], columns: Columns
+    ) -> tuple[tuple[float, ...], str | None]:
         """What numbers are multiplied by, and the frame that names tell."""
         if found := meaning.geographic_position(position):
             raise self._error(*found)
@@ -262,10 +314,16 @@ class _Finder:
             frame = self.course.frame or "enu"
             right = meaning.directions_of(position)
             told = meaning.frames_told(right)[0] if right else "ned"
-            named = f"Say position: [{', '.join(right)}] and trajectory.frame: {told}" if right else (
-                "Name them in that order, or give another trajectory.frame")
-            raise self._error(f"columns of the position are {', '.join(position)}, but of frame {frame} they are "
-                              f"{', '.join(meaning.FRAMES[frame])}", f"{named}.")
+            named = (
+                f"Say position: [{', '.join(right)}] and trajectory.frame: {told}"
+                if right
+                else ("Name them in that order, or give another trajectory.frame")
+            )
+            raise self._error(
+                f"columns of the position are {', '.join(position)}, but of frame {frame} they are "
+                f"{', '.join(meaning.FRAMES[frame])}",
+                f"{named}.",
+            )
         if self.course.frame is None and (half := meaning.frame_is_half_told(position)):
             raise self._error(*half)
         factors = [self._length(name, columns.position_unit) for name in position]
@@ -282,7 +340,7 @@ class _Finder:
         """Axes of the body whose angles a table has, as far as they are known here."""
         if self.course.of not in (None, "vehicle"):
             return None
-        ned = "ned" in (self.course.frame, *frames[:len(frames) == 1])
+        ned = "ned" in (self.course.frame, *frames[: len(frames) == 1])
         return self.course.body or ("frd" if ned else "flu")
 
     def _length(self, name: str, stated: str | None) -> float:
@@ -291,21 +349,28 @@ class _Finder:
         if stated is None:
             hidden = None if own.unknown else hidden_unit(name, LENGTHS)
             if hidden and LENGTHS[hidden] != 1.0:
-                raise self._error(f"column '{name}' may be in '{hidden}' by its name",
-                                  "State the unit in trajectory.columns.position_unit, or end its name with it: [mm].")
+                raise self._error(
+                    f"column '{name}' may be in '{hidden}' by its name",
+                    "State the unit in trajectory.columns.position_unit, or end its name with it: [mm].",
+                )
             return self._factor(name, LENGTHS, "length")
         if own.unit and LENGTHS[own.unit] != LENGTHS[stated]:
-            raise self._error(f"column '{name}' is in {own.unit} by its name, in {stated} by columns.position_unit",
-                              "Leave one of them out.")
+            raise self._error(
+                f"column '{name}' is in {own.unit} by its name, in {stated} by columns.position_unit",
+                "Leave one of them out.",
+            )
         return LENGTHS[stated]
 
     def _factor(self, name: str, units: Mapping[str, float], what: str) -> float:
         """How many metres, or the like, a unit of a column is."""
         found = parse_name(name, units)
         if found.unknown:
-            raise self._error(f"column '{name}' is in '{found.unknown}', which is no unit of {what} that is known",
-                              "Write one of its unit in the header, such as [m], [cm] or [ft], or leave it out if it "
-                              "is the metre." if what == "length" else "Write [rad] or [deg].")
+            raise self._error(
+                f"column '{name}' is in '{found.unknown}', which is no unit of {what} that is known",
+                "Write one of its unit in the header, such as [m], [cm] or [ft], or leave it out if it is the metre."
+                if what == "length"
+                else "Write [rad] or [deg].",
+            )
         return units[found.unit] if found.unit else 1.0
 
     def _factor_of_angle(self, kind: str, name: str) -> float:
@@ -314,12 +379,18 @@ class _Finder:
         unit = parse_name(name, ANGLES).unit
         if (hidden := hidden_unit(name, ANGLES)) and ANGLES[hidden][1] != 1.0:
             raise self._error(f"column '{name}' may be in '{hidden}' by its name", f"End its name with it: [{hidden}].")
-        family = ANGLES[unit][0] if unit else next((word for word, other in (("deg", "deg|°"), ("rad", "rad"))
-                                                    if re.search(other, name.lower())), said)
+        family = (
+            ANGLES[unit][0]
+            if unit
+            else next(
+                (word for word, other in (("deg", "deg|°"), ("rad", "rad")) if re.search(other, name.lower())), said
+            )
+        )
         if family != said:
             units, other = ("radians", "euler_deg") if kind == "euler" else ("degrees", "euler")
-            raise self._error(f"columns.{kind} is in {units}, but its names say otherwise: {name}",
-                              f"Name them in columns.{other}.")
+            raise self._error(
+                f"columns.{kind} is in {units}, but its names say otherwise: {name}", f"Name them in columns.{other}."
+            )
         return self._factor(name, {word: size for word, (_, size) in ANGLES.items()}, "angle")
 
     def _number(self, column: str | int, width: int) -> int:
@@ -334,8 +405,10 @@ class _Finder:
         if places:
             raise self._error(f"has {len(places)} columns named '{column}'", "Give each column a name of its own.")
         if not self.names:
-            raise self._error(f"has no header with the name '{column}'", "Write a first line with the names of the "
-                              "columns, or give their numbers from 1.")
+            raise self._error(
+                f"has no header with the name '{column}'",
+                "Write a first line with the names of the columns, or give their numbers from 1.",
+            )
         near = did_you_mean(column, self.names)
         raise self._error(f"has no column '{column}'", near or f"Its columns are: {', '.join(self.names)}.")
 
@@ -345,15 +418,21 @@ class _Finder:
         self._check_one_time(name)
         found = parse_name(name, TIMES)
         if columns.time_unit is None and found.unknown:
-            raise self._error(f"column '{name}' is in '{found.unknown}', which is no unit of time that is known",
-                              "State the unit in trajectory.columns.time_unit: s, ms, us, ns, min or h.")
+            raise self._error(
+                f"column '{name}' is in '{found.unknown}', which is no unit of time that is known",
+                "State the unit in trajectory.columns.time_unit: s, ms, us, ns, min or h.",
+            )
         if columns.time_unit is None and (hidden := hidden_unit(name, TIMES)) and TIMES[hidden] != "s":
-            raise self._error(f"column '{name}' may be in '{hidden}' by its name",
-                              "State the unit in trajectory.columns.time_unit, or end its name with it: t [ms].")
+            raise self._error(
+                f"column '{name}' may be in '{hidden}' by its name",
+                "State the unit in trajectory.columns.time_unit, or end its name with it: t [ms].",
+            )
         named = TIMES[found.unit] if found.unit else None
         if named and columns.time_unit not in (None, named):
-            raise self._error(f"column '{name}' is in {named} by its name, in {columns.time_unit} by "
-                              "columns.time_unit", "Leave one of them out.")
+            raise self._error(
+                f"column '{name}' is in {named} by its name, in {columns.time_unit} by columns.time_unit",
+                "Leave one of them out.",
+            )
         unit = columns.time_unit or named
         return unit or "s", unit is not None
 
@@ -363,20 +442,26 @@ class _Finder:
             return
         part = re.compile(re.escape(seconds[1]) + r"(n|nano|u|micro)secs?")
         if rest := next((other for other in self.names if part.fullmatch(other.strip().lower())), None):
-            raise self._error(f"column '{name}' has whole seconds, and '{rest}' the rest of the time",
-                              "Write one column of times, such as t_ns = 1000000000 sec + nanosec.")
+            raise self._error(
+                f"column '{name}' has whole seconds, and '{rest}' the rest of the time",
+                "Write one column of times, such as t_ns = 1000000000 sec + nanosec.",
+            )
 
     def _check_order(self, columns: Sequence[str], letters: str, key: str) -> None:
         """Refuse names whose last letters say another order than the key asks for."""
         last = "".join(parse_name(column, LENGTHS).base[-1:] for column in columns)
         if last != letters and sorted(last) == sorted(letters):
-            raise self._error(f"columns.{key} is {', '.join(letters)}, but its names say {', '.join(last)}",
-                              "Name the columns in that order.")
+            raise self._error(
+                f"columns.{key} is {', '.join(letters)}, but its names say {', '.join(last)}",
+                "Name the columns in that order.",
+            )
 
     def _unclear(self, problem: str) -> InputError:
-        return self._error(f"has {problem}; its columns are: {', '.join(self.names)}",
-                           "Say which hold what in trajectory.columns: {time: t_ns, position: [x, y, z], quaternion: "
-                           "[qw, qx, qy, qz]}.")
+        return self._error(
+            f"has {problem}; its columns are: {', '.join(self.names)}",
+            "Say which hold what in trajectory.columns: {time: t_ns, position: [x, y, z], quaternion: "
+            "[qw, qx, qy, qz]}.",
+        )
 
     def _error(self, problem: str, remedy: str) -> InputError:
         line = self._line or self.remarks.line_of_units

@@ -9,7 +9,8 @@ DIRECTIONS = {
     **dict.fromkeys(("e", "east", "easting", "eastings", "utm_e", "utm_east", "utm_easting"), "east"),
     **dict.fromkeys(("n", "north", "northing", "northings", "utm_n", "utm_north", "utm_northing"), "north"),
     **dict.fromkeys(("u", "up", "height", "elev", "elevation"), "up"),
-    **dict.fromkeys(("d", "down", "depth"), "down")}
+    **dict.fromkeys(("d", "down", "depth"), "down"),
+}
 """Which way a coordinate grows, by its name, by which a position is found, too.
 
 Altitude is none: of vehicles in water it is that above the bottom."""
@@ -61,23 +62,31 @@ def frame_is_half_told(names: Sequence[str]) -> Found | None:
     if frames_told(names) != ["ned"] or ways[:2] == ["north", "east"]:
         return None
     down = next((name for name, way in zip(names, ways, strict=True) if way == "down"), names[2])
-    return (f"its positions may be ned by '{down}', but {', '.join(names[:2])} do not both say whether they are north "
-            "or east", "Say trajectory.frame: ned, and columns.position in the order north, east, down.")
+    return (
+        f"its positions may be ned by '{down}', but {', '.join(names[:2])} do not both say whether they are north "
+        "or east",
+        "Say trajectory.frame: ned, and columns.position in the order north, east, down.",
+    )
 
 
 def frames_told(names: Sequence[str]) -> list[str]:
     """Frames whose axes point as the names of the columns of x, y and z say; both where they say nothing."""
     ways = ways_of(names)
-    return [frame for frame, axes in FRAMES.items()
-            if all(way in (None, axis) for way, axis in zip(ways, axes, strict=True))]
+    return [
+        frame
+        for frame, axes in FRAMES.items()
+        if all(way in (None, axis) for way, axis in zip(ways, axes, strict=True))
+    ]
 
 
 def geographic_position(names: Sequence[str]) -> Found | None:
     """That columns hold longitudes or latitudes, if a name or its unit says so."""
     for name in names:
         if is_geographic(name):
-            return (f"column '{name}' holds degrees, which are no lengths",
-                    "Project the course to metres, to a zone of UTM for example, and give trajectory.origin there.")
+            return (
+                f"column '{name}' holds degrees, which are no lengths",
+                "Project the course to metres, to a zone of UTM for example, and give trajectory.origin there.",
+            )
     return None
 
 
@@ -101,8 +110,9 @@ def order_of_angles(names: Sequence[str], order: str, body: str | None) -> Found
     """
     words = [re.split(r"[\W_]+", parse_name(name, ANGLES).base) for name in names]
     last = "".join(word[-1][-1:] for word in words)
-    named = [GREEK.get("_".join(word)) or TURNS.get(next((part for part in word if part in TURNS), ""))
-             for word in words]
+    named = [
+        GREEK.get("_".join(word)) or TURNS.get(next((part for part in word if part in TURNS), "")) for word in words
+    ]
     if body is not None and any(named):
         about: list[str | None] = [ABOUT[body][name] if name else None for name in named]
     elif sorted(last) == ["x", "y", "z"]:
@@ -115,10 +125,15 @@ def order_of_angles(names: Sequence[str], order: str, body: str | None) -> Found
     where = f" of a body {body}" if body and any(named) else ""
     remedy = "Name them in the order in which they turn"
     if sorted(said) == ["x", "y", "z"]:
-        remedy += (f"; if that is theirs, say euler_order: {said.upper()} about the body's own axes, or {said} about "
-                   "fixed ones")
-    return (f"columns.euler_order is {order}, but the angles are about {', '.join(said)}{where} by their names: "
-            f"{', '.join(names)}", f"{remedy}.")
+        remedy += (
+            f"; if that is theirs, say euler_order: {said.upper()} about the body's own axes, or {said} about "
+            "fixed ones"
+        )
+    return (
+        f"columns.euler_order is {order}, but the angles are about {', '.join(said)}{where} by their names: "
+        f"{', '.join(names)}",
+        f"{remedy}.",
+    )
 
 
 def order_of_quaternion(remark: str) -> str | None:

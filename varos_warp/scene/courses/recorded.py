@@ -69,8 +69,10 @@ class RecordedCourse(Sequence):
         if not -len(self) <= k < len(self):
             raise IndexError(k)
         return Pose.model_construct(  # before start_s its time is negative
-            time_s=float(self.time_ns[k]) / 1e9, position=tuple(self.position[k].tolist()),
-            quaternion=tuple(self.attitude[k].as_quat(canonical=True, scalar_first=True).tolist()))
+            time_s=float(self.time_ns[k]) / 1e9,
+            position=tuple(self.position[k].tolist()),
+            quaternion=tuple(self.attitude[k].as_quat(canonical=True, scalar_first=True).tolist()),
+        )
 
 
 def read_course(scene: Scene) -> None:
@@ -96,24 +98,46 @@ def _read(scene: Scene, course: Trajectory, path: Path) -> RecordedCourse:
     layout, lines, time_ns, values = _table(path, course)
     _check_times(layout, lines, time_ns)
     _check_axes(layout, course, path)
-    _refuse(layout, lines, np.abs(values[:, :3]).max(axis=1) > FARTHEST_M, values[:, :3],
-            f"its place is farther than {FARTHEST_M:g} m", "Positions are in metres.")
+    _refuse(
+        layout,
+        lines,
+        np.abs(values[:, :3]).max(axis=1) > FARTHEST_M,
+        values[:, :3],
+        f"its place is farther than {FARTHEST_M:g} m",
+        "Positions are in metres.",
+    )
     start_ns = round(1e9 * (course.start_s or 0.0))
     seconds, step_s = (time_ns - time_ns[0]) / 1e9, float(np.median(np.diff(time_ns))) / 1e9
     if start_ns >= time_ns[-1] - time_ns[0]:
-        raise InputError("is not before the last pose", key="trajectory.start_s", value=course.start_s,
-                         remedy=f"The poses of the file last {seconds[-1]:g} s.")
+        raise InputError(
+            "is not before the last pose",
+            key="trajectory.start_s",
+            value=course.start_s,
+            remedy=f"The poses of the file last {seconds[-1]:g} s.",
+        )
     turned = _attitudes(layout, course, lines, values[:, 3:])
-    told = [*layout.notes, *doubts.gaps(seconds, step_s, lines), *doubts.whole_times(layout, seconds, step_s),
-            *doubts.odd_angles(layout, turned, values[:, 3:]), *doubts.whose_poses(layout, course)]
+    told = [
+        *layout.notes,
+        *doubts.gaps(seconds, step_s, lines),
+        *doubts.whole_times(layout, seconds, step_s),
+        *doubts.odd_angles(layout, turned, values[:, 3:]),
+        *doubts.whose_poses(layout, course),
+    ]
     place, turned, changes = _poses(scene, layout, seconds, values[:, :3], turned)
     stated = _stated(course, layout)
     told += [*doubts.upside_down(turned, stated), *doubts.compass(layout, stated)]
-    about = {"file": path.name, "format": layout.format, **stated, "poses": len(lines),
-             "step_s": step_s, **changes}
+    about = {"file": path.name, "format": layout.format, **stated, "poses": len(lines), "step_s": step_s, **changes}
     time_ns = time_ns - time_ns[0] - start_ns
-    return RecordedCourse(path, about, time_ns, place, turned, lines, _used(time_ns, course.duration_s),
-                          tuple(f"{KEY}: {words}" for words in told))
+    return RecordedCourse(
+        path,
+        about,
+        time_ns,
+        place,
+        turned,
+        lines,
+        _used(time_ns, course.duration_s),
+        tuple(f"{KEY}: {words}" for words in told),
+    )
 
 
 def _used(time_ns: np.ndarray, duration_s: float | None) -> slice:
@@ -149,72 +173,108 @@ def _check_times(layout: Layout, lines: np.ndarray, time_ns: np.ndarray) -> None
     if backward.size:
         i = int(backward[0])
         how = "is that of" if time_ns[i + 1] == time_ns[i] else "is before that of"
-        raise layout.cells.problem(int(lines[i + 1]), f"its time {how} line {lines[i]}, the pose before it",
-                                   "Give the poses in order of time, each its own time.")
+        raise layout.cells.problem(
+            int(lines[i + 1]),
+            f"its time {how} line {lines[i]}, the pose before it",
+            "Give the poses in order of time, each its own time.",
+        )
 
 
 def _check_axes(layout: Layout, course: Trajectory, path: Path) -> None:
     """What the file itself says of its axes, and whose poses it has, is what the scene says."""
     problem = layout.cells.problem
     if layout.frame not in (None, _frame(course, layout)):
-        raise problem(layout.header, f"its positions are {layout.frame} by the names of their columns, not "
-                      f"{_frame(course, layout)}", f"Say trajectory.frame: {layout.frame}, if that is what its "
-                      "attitudes are in, too.")
+        raise problem(
+            layout.header,
+            f"its positions are {layout.frame} by the names of their columns, not {_frame(course, layout)}",
+            f"Say trajectory.frame: {layout.frame}, if that is what its attitudes are in, too.",
+        )
     if not layout.is_ours:
         return
     if course.frame == "ned" or course.body not in (None, "rfu"):
-        raise problem(layout.header, f"{layout.format} are in our axes, frame enu and body rfu",
-                      "Leave trajectory.frame and trajectory.body out.")
+        raise problem(
+            layout.header,
+            f"{layout.format} are in our axes, frame enu and body rfu",
+            "Leave trajectory.frame and trajectory.body out.",
+        )
     if (name := OUR_FILES.match(path.name)) is None:
         return
     whose = name["camera"] or ("imu" if name["sensor"] == "imu0" else name["sensor"]) or "vehicle"
     if name["sensor"] not in (None, "imu0"):
-        raise problem(None, f"by its name has poses of {whose}, from which no vehicle's follow",
-                      "Take the poses of the vehicle, a camera or the IMU.")
+        raise problem(
+            None,
+            f"by its name has poses of {whose}, from which no vehicle's follow",
+            "Take the poses of the vehicle, a camera or the IMU.",
+        )
     if whose != (course.of or WORDS["of"]):
-        raise problem(None, f"by its name has poses of {whose}, not of {course.of or WORDS['of']}",
-                      f"Say trajectory.of: {whose}.")
+        raise problem(
+            None, f"by its name has poses of {whose}, not of {course.of or WORDS['of']}", f"Say trajectory.of: {whose}."
+        )
 
 
 def _attitudes(layout: Layout, course: Trajectory, lines: np.ndarray, values: np.ndarray) -> Rotation | None:
     """Attitudes as the file has them; None: it has none, or they are not asked for."""
     wanted = (course.attitude or WORDS["attitude"]) == "recorded"
     if layout.attitude == "none" and wanted:
-        raise layout.cells.problem(layout.header, "has no attitudes", "Name their columns in trajectory.columns, or "
-                                   "say trajectory.attitude: along_path, or unrotated.")
+        raise layout.cells.problem(
+            layout.header,
+            "has no attitudes",
+            "Name their columns in trajectory.columns, or say trajectory.attitude: along_path, or unrotated.",
+        )
     if not wanted:
         return None
     if layout.attitude == "quaternion":
         off = np.abs(np.linalg.norm(values, axis=1) - 1.0)
-        _refuse(layout, lines, off > QUATERNION_SLACK, values, "the length of its quaternion is not 1",
-                "A quaternion has four parts with a length of 1: check which columns they are.")
+        _refuse(
+            layout,
+            lines,
+            off > QUATERNION_SLACK,
+            values,
+            "the length of its quaternion is not 1",
+            "A quaternion has four parts with a length of 1: check which columns they are.",
+        )
         return Rotation.from_quat(values, scalar_first=True)
     if layout.attitude == "matrix":
         R = values.reshape(-1, 3, 3)
         off = np.abs(np.einsum("nij,nkj->nik", R, R) - np.eye(3)).max(axis=(1, 2))
-        _refuse(layout, lines, (off > QUATERNION_SLACK) | (np.linalg.det(R) < 0.0), values,
-                "its matrix is no rotation", "Its rows must be unit vectors at right angles.")
+        _refuse(
+            layout,
+            lines,
+            (off > QUATERNION_SLACK) | (np.linalg.det(R) < 0.0),
+            values,
+            "its matrix is no rotation",
+            "Its rows must be unit vectors at right angles.",
+        )
         return Rotation.from_matrix(R)
-    _refuse(layout, lines, np.abs(values).max(axis=1) > LARGEST_ANGLE, values, "its angles are too large",
-            "Check which columns they are.")
+    _refuse(
+        layout,
+        lines,
+        np.abs(values).max(axis=1) > LARGEST_ANGLE,
+        values,
+        "its angles are too large",
+        "Check which columns they are.",
+    )
     return Rotation.from_euler(layout.euler_order, values, degrees=layout.attitude == "euler_deg")
 
 
-def _refuse(layout: Layout, lines: np.ndarray, wrong: np.ndarray, values: np.ndarray, problem: str, remedy: str
-            ) -> None:
+def _refuse(
+    layout: Layout, lines: np.ndarray, wrong: np.ndarray, values: np.ndarray, problem: str, remedy: str
+) -> None:
     """Refuse the first of the rows that are ``wrong``, bool [N]."""
     if wrong.any():
         i = int(np.argmax(wrong))
         raise layout.cells.problem(int(lines[i]), f"{problem}: {', '.join(f'{x:.6g}' for x in values[i])}", remedy)
 
 
-def _poses(scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarray, turned: Rotation | None
-           ) -> tuple[np.ndarray, Rotation, dict[str, dict]]:
+def _poses(
+    scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarray, turned: Rotation | None
+) -> tuple[np.ndarray, Rotation, dict[str, dict]]:
     """Poses of the vehicle in our axes, smoothed where that is asked for, and how far that moves them."""
     course, about = scene.trajectory, _stated(scene.trajectory, layout)
     T_v_x = mount(scene, about["of"])
-    place, attitude = vehicle_poses(position, turned, about["frame"], about.get("body", "rfu"), T_v_x,
-                                    course.origin or (0.0, 0.0, 0.0))
+    place, attitude = vehicle_poses(
+        position, turned, about["frame"], about.get("body", "rfu"), T_v_x, course.origin or (0.0, 0.0, 0.0)
+    )
     raw = place, attitude
     if course.smoothing_s:
         place, attitude = _smoothed(layout, seconds, place, attitude, course.smoothing_s)
@@ -227,18 +287,29 @@ def _poses(scene: Scene, layout: Layout, seconds: np.ndarray, position: np.ndarr
     return place, attitude, changes
 
 
-def _smoothed(layout: Layout, seconds: np.ndarray, place: np.ndarray, attitude: Rotation | None, period_s: float
-              ) -> tuple[np.ndarray, Rotation | None]:
+def _smoothed(
+    layout: Layout, seconds: np.ndarray, place: np.ndarray, attitude: Rotation | None, period_s: float
+) -> tuple[np.ndarray, Rotation | None]:
     step = float(np.median(np.diff(seconds)))
     if period_s > MOST_SMOOTHED * step:
-        raise InputError(f"is more than {MOST_SMOOTHED:g} of the {step:.3g} s between poses", key=
-                         "trajectory.smoothing_s", value=period_s, remedy="Take less, or fewer of the poses.")
+        raise InputError(
+            f"is more than {MOST_SMOOTHED:g} of the {step:.3g} s between poses",
+            key="trajectory.smoothing_s",
+            value=period_s,
+            remedy="Take less, or fewer of the poses.",
+        )
     try:
-        return (smoothed(seconds, place, period_s),
-                None if attitude is None else smoothed_attitudes(seconds, attitude, period_s))
+        return (
+            smoothed(seconds, place, period_s),
+            None if attitude is None else smoothed_attitudes(seconds, attitude, period_s),
+        )
     except np.linalg.LinAlgError:
-        raise InputError("cannot be smoothed: poses lie too near to each other in time", file=layout.cells.path,
-                         key=KEY, remedy="Leave out poses, or trajectory.smoothing_s.") from None
+        raise InputError(
+            "cannot be smoothed: poses lie too near to each other in time",
+            file=layout.cells.path,
+            key=KEY,
+            remedy="Leave out poses, or trajectory.smoothing_s.",
+        ) from None
 
 
 def _changes(course: Trajectory, raw: tuple, made: tuple) -> dict[str, dict]:
@@ -248,8 +319,11 @@ def _changes(course: Trajectory, raw: tuple, made: tuple) -> dict[str, dict]:
     sizes = {"moved_m": np.linalg.norm(made[0] - raw[0], axis=1)}
     if raw[1] is not None:
         sizes["turned_deg"] = np.degrees((raw[1].inv() * made[1]).magnitude())
-    return {"smoothing": {key: {"rms": float(np.sqrt(np.mean(size**2))), "peak": float(size.max())}
-                          for key, size in sizes.items()}}
+    return {
+        "smoothing": {
+            key: {"rms": float(np.sqrt(np.mean(size**2))), "peak": float(size.max())} for key, size in sizes.items()
+        }
+    }
 
 
 def _frame(course: Trajectory, layout: Layout) -> str:

@@ -36,8 +36,9 @@ class Remarks:
     key: str
 
     @classmethod
-    def of(cls, before: Sequence[Row], header: Row | None, width: int, separator: str | None, path: Path, key: str
-           ) -> "Remarks":
+    def of(
+        cls, before: Sequence[Row], header: Row | None, width: int, separator: str | None, path: Path, key: str
+    ) -> "Remarks":
         """Remarks of the rows before the first pose, of which the last row of units tells those of the columns."""
         rows = tuple(row for row in before if row.is_comment and row != header)
         for row in reversed(rows):
@@ -58,9 +59,14 @@ class Remarks:
                     continue
                 where = f"'{row.text:.60}' may say that its numbers are in {one.word}, which is not followed"
                 if surely:
-                    raise InputError(where, file=self.path, line=row.number, key=self.key,
-                                     remedy=f"State the unit in trajectory.columns.{key}, or in the header behind the "
-                                            "names of the columns, such as x [mm].")
+                    raise InputError(
+                        where,
+                        file=self.path,
+                        line=row.number,
+                        key=self.key,
+                        remedy=f"State the unit in trajectory.columns.{key}, or in the header behind the "
+                        "names of the columns, such as x [mm].",
+                    )
                 notes.append(f"the remark in line {row.number}, {where}; trajectory.columns.{key} states it")
         return tuple(dict.fromkeys(notes))
 

@@ -20,7 +20,7 @@ def smoothed(seconds: np.ndarray, values: np.ndarray, period_s: float) -> np.nda
         return values
     h = np.diff(seconds)
     weight = 0.5 * (np.r_[h, 0.0] + np.r_[0.0, h])
-    strength = (period_s / (2.0 * np.pi))**4
+    strength = (period_s / (2.0 * np.pi)) ** 4
     start = values - values[0]
     before, after = 1.0 / h[:-1], 1.0 / h[1:]
     second = np.stack([before, -before - after, after])  # Q: row i makes a second difference of i, i + 1, i + 2
@@ -28,14 +28,15 @@ def smoothed(seconds: np.ndarray, values: np.ndarray, period_s: float) -> np.nda
     # R + strength Q^T W^-1 Q, of which the upper half has three bands
     bands = np.zeros((3, len(h) - 1))
     bands[2] = (h[:-1] + h[1:]) / 3.0 + (second**2 * np.stack([inverse[:-2], inverse[1:-1], inverse[2:]])).sum(axis=0)
-    bands[1, 1:] = h[1:-1] / 6.0 + (second[1, :-1] * second[0, 1:] * inverse[1:-2]
-                                    + second[2, :-1] * second[1, 1:] * inverse[2:-1])
+    bands[1, 1:] = h[1:-1] / 6.0 + (
+        second[1, :-1] * second[0, 1:] * inverse[1:-2] + second[2, :-1] * second[1, 1:] * inverse[2:-1]
+    )
     bands[0, 2:] = second[2, :-2] * second[0, 2:] * inverse[2:-2]
     right = second[0, :, None] * start[:-2] + second[1, :, None] * start[1:-1] + second[2, :, None] * start[2:]
     curvature = solveh_banded(bands, right)
     change = np.zeros_like(start)
     for k in range(3):
-        change[k:len(start) - 2 + k] += second[k, :, None] * curvature
+        change[k : len(start) - 2 + k] += second[k, :, None] * curvature
     return values - inverse[:, None] * change
 
 

@@ -82,8 +82,12 @@ class Scene(Block):
     _source: Any = PrivateAttr(default=None)
     """File and line of every key (scene/file/source.py)."""
     _written = written_otherwise(
-        lambda scene: [*(("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer")),
-                       *(() if scene.growth else ("growth",)), *(() if scene.particles else ("particles",))])
+        lambda scene: [
+            *(("vehicle", "trajectory") if scene.vehicles else ("vehicles", "observer")),
+            *(() if scene.growth else ("growth",)),
+            *(() if scene.particles else ("particles",)),
+        ]
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -92,8 +96,9 @@ class Scene(Block):
             return data
         for key in ("vehicle", "trajectory"):
             if key in data:
-                raise ValueError(f"{key}: cannot be given beside vehicles, each of which has its own; leave out one of "
-                                 "them")
+                raise ValueError(
+                    f"{key}: cannot be given beside vehicles, each of which has its own; leave out one of them"
+                )
         return {"trajectory": TO_BE_CHOSEN, **data}
 
     @model_validator(mode="after")
@@ -102,8 +107,10 @@ class Scene(Block):
         folded = [each.lower() for each in ids]
         for i, each in enumerate(folded):
             if (first := folded.index(each)) < i:
-                raise ValueError(f"vehicles.{i}.id: '{ids[i]}' is that of vehicles.{first}, or differs by upper and "
-                                 "lower case only; give each vehicle its own")
+                raise ValueError(
+                    f"vehicles.{i}.id: '{ids[i]}' is that of vehicles.{first}, or differs by upper and "
+                    "lower case only; give each vehicle its own"
+                )
         if self.observer is not None and self.observer not in ids:
             known = f"there are: {', '.join(ids)}" if ids else "`vehicles` is absent"
             raise ValueError(f"observer: no vehicle has the id '{self.observer}' ({known})")
@@ -129,9 +136,12 @@ class Scene(Block):
 
     def _placed_blocks(self):
         """All that may have a material, with its key; the terrain, or None, comes first."""
-        return [("terrain", self.terrain), *((f"objects.{i}", o) for i, o in enumerate(self.objects)),
-                *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter)),
-                *((f"vehicles.{i}.body", v.body) for i, v in enumerate(self.vehicles or ()))]
+        return [
+            ("terrain", self.terrain),
+            *((f"objects.{i}", o) for i, o in enumerate(self.objects)),
+            *((f"scatter.{i}.object", s.object) for i, s in enumerate(self.scatter)),
+            *((f"vehicles.{i}.body", v.body) for i, v in enumerate(self.vehicles or ())),
+        ]
 
     @model_validator(mode="after")
     def _materials_exist(self):
@@ -139,8 +149,10 @@ class Scene(Block):
             if placed is not None and placed.material is not None and placed.material not in self.materials:
                 known = ", ".join(sorted(self.materials)) or "none"
                 near = did_you_mean(placed.material, self.materials)
-                raise ValueError(f"{key}.material: no material named '{placed.material}' (there are: {known})"
-                                 + (f". {near}" if near else ""))
+                raise ValueError(
+                    f"{key}.material: no material named '{placed.material}' (there are: {known})"
+                    + (f". {near}" if near else "")
+                )
         return self
 
     @model_validator(mode="after")
@@ -156,36 +168,49 @@ class Scene(Block):
         for key, placed in self._placed_blocks()[1:]:
             material = placed and self.materials.get(placed.material or "")
             if isinstance(material, Layered) and material.steep is not None:
-                raise ValueError(f"materials.{placed.material}.steep: {material.steep} is the relief of steep places "
-                                 f"of a terrain, and {key} has this material; leave out steep, or give {key} a "
-                                 "material of its own")
+                raise ValueError(
+                    f"materials.{placed.material}.steep: {material.steep} is the relief of steep places "
+                    f"of a terrain, and {key} has this material; leave out steep, or give {key} a "
+                    "material of its own"
+                )
         return self
 
     @model_validator(mode="after")
     def _drifts_have_relief(self):
         ground = self.terrain
-        if ground is not None and ground.around_objects and not isinstance(self.materials.get(ground.material or ""),
-                                                                           Layered):
-            raise ValueError("terrain.around_objects: drifts and moats are form, which the terrain's material "
-                             f"{ground.material or 'of none'} does not have; give it a material of kind layered")
+        if (
+            ground is not None
+            and ground.around_objects
+            and not isinstance(self.materials.get(ground.material or ""), Layered)
+        ):
+            raise ValueError(
+                "terrain.around_objects: drifts and moats are form, which the terrain's material "
+                f"{ground.material or 'of none'} does not have; give it a material of kind layered"
+            )
         return self
 
     @model_validator(mode="after")
     def _twin_differs(self):
         cameras = [camera for vehicle in self._places.values() for camera in vehicle.cameras]
         if TWIN in self.render.outputs and not any(map(has_twin, cameras)):
-            raise ValueError("render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
-                             "has any; leave out P, or give a camera one of them")
+            raise ValueError(
+                "render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
+                "has any; leave out P, or give a camera one of them"
+            )
         return self
 
     @model_validator(mode="after")
     def _bodies_can_be_seen(self):
         if SNOW in self.render.outputs and not self.particles:
-            raise ValueError("render.outputs: N shows bodies in the water, and there are no particles; leave out N, or "
-                             "give a block particles")
+            raise ValueError(
+                "render.outputs: N shows bodies in the water, and there are no particles; leave out N, or "
+                "give a block particles"
+            )
         if SNOW in self.render.outputs and not self.render.shows_bodies:
-            raise ValueError("render.outputs: N is what bodies add to A, which has none of the light scattered once "
-                             "that they are a part of; leave out N, or let A have it (render.layers, max_scatterings)")
+            raise ValueError(
+                "render.outputs: N is what bodies add to A, which has none of the light scattered once "
+                "that they are a part of; leave out N, or let A have it (render.layers, max_scatterings)"
+            )
         return self
 
     @model_validator(mode="after")
@@ -195,25 +220,41 @@ class Scene(Block):
         for place, vehicle in self._places.items():
             for i, light in enumerate(vehicle.lights):
                 if (light.spectrum is not None) != spectral:
-                    raise ValueError(f"{place}.lights.{i}.spectrum: " + (
-                        "water by wavelength needs it of every light; give one, such as led_b4, and power_W or lumen"
-                        if spectral else "means nothing unless the water is by wavelength; give water.spectral, or "
-                        "the light an intensity"))
+                    raise ValueError(
+                        f"{place}.lights.{i}.spectrum: "
+                        + (
+                            "water by wavelength needs it of every light; give one, such as led_b4, and power_W or "
+                            "lumen"
+                            if spectral
+                            else "means nothing unless the water is by wavelength; give water.spectral, or "
+                            "the light an intensity"
+                        )
+                    )
             for i, camera in enumerate(vehicle.cameras):
                 if (camera.response is not None) != spectral:
-                    raise ValueError(f"{place}.cameras.{i}.response: " + (
-                        "water by wavelength needs it of every camera; give one, such as nikon_5100" if spectral else
-                        "means nothing unless the water is by wavelength; give water.spectral, or leave it out"))
+                    raise ValueError(
+                        f"{place}.cameras.{i}.response: "
+                        + (
+                            "water by wavelength needs it of every camera; give one, such as nikon_5100"
+                            if spectral
+                            else "means nothing unless the water is by wavelength; give water.spectral, or leave it out"
+                        )
+                    )
                 if camera.color_matrix is not None and camera.response is None:
-                    raise ValueError(f"{place}.cameras.{i}.color_matrix: means nothing without a response, whose "
-                                     "channels it turns into sRGB; give water.spectral and a response, or leave it out")
+                    raise ValueError(
+                        f"{place}.cameras.{i}.color_matrix: means nothing without a response, whose "
+                        "channels it turns into sRGB; give water.spectral and a response, or leave it out"
+                    )
         if self.particles and spectral:
-            raise ValueError("particles: are not drawn in water by wavelength; leave them out, or give the water "
-                             "three channels")
+            raise ValueError(
+                "particles: are not drawn in water by wavelength; leave them out, or give the water three channels"
+            )
         for key in ("bands", "bands_range_m"):
             if getattr(self.render, key) is not None and not spectral:
-                raise ValueError(f"render.{key}: means nothing unless the water is by wavelength; give water.spectral, "
-                                 "or leave it out")
+                raise ValueError(
+                    f"render.{key}: means nothing unless the water is by wavelength; give water.spectral, "
+                    "or leave it out"
+                )
         return self
 
     @model_validator(mode="after")
@@ -226,12 +267,16 @@ class Scene(Block):
         for camera in (camera for vehicle in self._places.values() for camera in vehicle.cameras):
             open_s = camera.shutter.exposure_s if camera.shutter else 0.0
             if noise.dark_current_electrons_per_s and not open_s:
-                raise ValueError(f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no shutter with "
-                                 "exposure_s, in which it gathers; give it one, or leave the dark current out")
+                raise ValueError(
+                    f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no shutter with "
+                    "exposure_s, in which it gathers; give it one, or leave the dark current out"
+                )
             if noise.electrons_per_dn is not None and open_s and varies:
-                raise ValueError("render.noise.electrons_per_dn: takes the gain of a frame for its time of exposure, "
-                                 f"but camera {camera.id} is exposed for {open_s:g} s in every frame; give "
-                                 "electrons_per_radiance in a block of render.noise, or render.exposure.A: constant")
+                raise ValueError(
+                    "render.noise.electrons_per_dn: takes the gain of a frame for its time of exposure, "
+                    f"but camera {camera.id} is exposed for {open_s:g} s in every frame; give "
+                    "electrons_per_radiance in a block of render.noise, or render.exposure.A: constant"
+                )
         return self
 
     @model_validator(mode="after")
@@ -318,13 +363,24 @@ class Scene(Block):
 
     def key_of_light(self, light: Light) -> str:
         """Key in the scene file of one of `lights`: of this very light, not of an equal one."""
-        return next(f"{place}.lights.{i}" for place, vehicle in self._places.items()
-                    for i, own in enumerate(vehicle.lights) if own is light)
+        return next(
+            f"{place}.lights.{i}"
+            for place, vehicle in self._places.items()
+            for i, own in enumerate(vehicle.lights)
+            if own is light
+        )
 
     def key_of_camera(self, camera: Camera) -> str:
         """Key in the scene file of one of its cameras; of any other camera, the words ``camera ID``."""
-        return next((f"{place}.cameras.{i}" for place, vehicle in self._places.items()
-                     for i, own in enumerate(vehicle.cameras) if own is camera), f"camera {camera.id}")
+        return next(
+            (
+                f"{place}.cameras.{i}"
+                for place, vehicle in self._places.items()
+                for i, own in enumerate(vehicle.cameras)
+                if own is camera
+            ),
+            f"camera {camera.id}",
+        )
 
     def key_in_file(self, words: str) -> str:
         """A key, or a sentence that begins with one: what stands under ``vehicle`` and ``trajectory``, where it is."""

@@ -56,8 +56,10 @@ def spelling_problem(blocks: Iterable[tuple[str, Block | None]]) -> str | None:
             first, given = known[other]
             if other != name and (own or given):
                 place = key if own else first
-                return (f"{place}.class: '{name if own else other}' is '{other if own else name}' of "
-                        f"{first if own else key} in another spelling; spell both alike")
+                return (
+                    f"{place}.class: '{name if own else other}' is '{other if own else name}' of "
+                    f"{first if own else key} in another spelling; spell both alike"
+                )
         if name not in known or own:
             known[name] = key, own
     return None

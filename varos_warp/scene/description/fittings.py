@@ -87,6 +87,8 @@ class ConcreteBlock(Parametric):
         if min(self.size_m) < 0.1:
             raise ValueError("size_m: a block is 0.1 m or more in length, width and height")
         if self.eyes * 0.2 > self.size_m[0]:
-            raise ValueError(f"eyes: {self.eyes} need 0.2 m each, {0.2 * self.eyes:g} m in all; size_m has "
-                             f"{self.size_m[0]:g} m along x")
+            raise ValueError(
+                f"eyes: {self.eyes} need 0.2 m each, {0.2 * self.eyes:g} m in all; size_m has "
+                f"{self.size_m[0]:g} m along x"
+            )
         return self

@@ -8,8 +8,20 @@ from pydantic import Field, model_validator
 from varos_warp.errors import did_you_mean
 from varos_warp.scene.block import Block, NonNegative
 
-GrowthKind = Literal["barnacle", "tube_worm", "hydroid", "anemone", "coralline", "mussel", "starfish", "shell",
-                     "pebble", "kelp", "seagrass", "turf"]
+GrowthKind = Literal[
+    "barnacle",
+    "tube_worm",
+    "hydroid",
+    "anemone",
+    "coralline",
+    "mussel",
+    "starfish",
+    "shell",
+    "pebble",
+    "kelp",
+    "seagrass",
+    "turf",
+]
 SizeM = Annotated[float, Field(ge=1e-4, le=20.0)]
 Cosine = Annotated[float, Field(ge=-1.0, le=1.0)]
 Depth = Annotated[float, Field(ge=-1e4, le=1.2e4)]
@@ -74,6 +86,8 @@ def problem_of(blocks: Iterable[Growth], hosts: dict[str, str | None]) -> str | 
             if reason := hosts[host]:
                 return f"{key}: '{host}' {reason}; name what stands still"
             if (first := taken.setdefault((host, block.kind, block.seed), f"growth.{i}")) != f"growth.{i}":
-                return (f"growth.{i}.seed: {block.seed} is that of {first}, which puts the same kind on {host}: the "
-                        "copies would stand in the same places; give another seed")
+                return (
+                    f"growth.{i}.seed: {block.seed} is that of {first}, which puts the same kind on {host}: the "
+                    "copies would stand in the same places; give another seed"
+                )
     return None

@@ -73,8 +73,12 @@ class BrownConrady(Block):
     """Distortion of a lens as OpenCV's calib3d has it; Kalibr's radtan, ROS's plumb_bob."""
 
     model: Annotated[Literal["brown_conrady", "radtan", "plumb_bob"], AfterValidator(canonical)]
-    k: Annotated[tuple[Coefficient, ...], BeforeValidator(_of_brown_conrady), Field(min_length=4, max_length=5),
-                 AfterValidator(lambda k: (*k, 0.0)[:5])] = Field(examples=[[-0.15, 0.03, 0.001, -0.002, 0.0]])
+    k: Annotated[
+        tuple[Coefficient, ...],
+        BeforeValidator(_of_brown_conrady),
+        Field(min_length=4, max_length=5),
+        AfterValidator(lambda k: (*k, 0.0)[:5]),
+    ] = Field(examples=[[-0.15, 0.03, 0.001, -0.002, 0.0]])
     """Coefficients k1, k2, p1, p2, k3, in OpenCV's order; k3 may be left out, and is then 0."""
 
 
@@ -83,7 +87,8 @@ class Rational(Block):
 
     model: Annotated[Literal["rational", "rational_polynomial"], AfterValidator(canonical)]
     k: Annotated[tuple[Coefficient, ...], BeforeValidator(_of_rational), Field(min_length=8, max_length=8)] = Field(
-        examples=[[4.1, 2.7, 0.0001, -0.0002, 0.1, 4.5, 4.0, 0.9]])
+        examples=[[4.1, 2.7, 0.0001, -0.0002, 0.1, 4.5, 4.0, 0.9]]
+    )
     """Coefficients k1, k2, p1, p2, k3, k4, k5, k6, in OpenCV's order."""
 
 
@@ -110,10 +115,14 @@ class DoubleSphere(Block):
 
 Distortion = Annotated[
     Annotated[NoDistortion | BrownConrady | Rational | KannalaBrandt | DoubleSphere, Field(discriminator="model")],
-    AfterValidator(lambda block: None if isinstance(block, NoDistortion) else block)]
+    AfterValidator(lambda block: None if isinstance(block, NoDistortion) else block),
+]
 """A model of distortion, kept under one name each; a model of none is kept as no block."""
-_PARTS: dict[str, TypeAdapter] = {"intrinsics": TypeAdapter(Intrinsics), "distortion": TypeAdapter(Distortion | None),
-                                  "resolution": TypeAdapter(Resolution)}
+_PARTS: dict[str, TypeAdapter] = {
+    "intrinsics": TypeAdapter(Intrinsics),
+    "distortion": TypeAdapter(Distortion | None),
+    "resolution": TypeAdapter(Resolution),
+}
 
 
 def with_calibration(camera: Any, info: ValidationInfo) -> Any:
@@ -145,8 +154,10 @@ def _checked(name: str, base: Path) -> dict[str, Any]:
         InputError: It cannot be read, or a value is out of bounds.
     """
     found = read_calibration(name, base)
-    values: dict[str, Any] = {"intrinsics": dict(zip(("fx", "fy", "cx", "cy"), found.intrinsics, strict=True)),
-              "distortion": found.distortion}
+    values: dict[str, Any] = {
+        "intrinsics": dict(zip(("fx", "fy", "cx", "cy"), found.intrinsics, strict=True)),
+        "distortion": found.distortion,
+    }
     if found.resolution is not None:
         values["resolution"] = found.resolution
     checked = {}
@@ -156,6 +167,11 @@ def _checked(name: str, base: Path) -> dict[str, Any]:
         except ValidationError as error:
             first = error.errors()[0]
             place = ".".join(str(part) for part in (key, *first["loc"][-1:]))
-            raise InputError(first["msg"].removeprefix("Value error, "), file=name, key=place, value=first["input"],
-                             remedy="Calibrate again, or mend the file.") from None
+            raise InputError(
+                first["msg"].removeprefix("Value error, "),
+                file=name,
+                key=place,
+                value=first["input"],
+                remedy="Calibrate again, or mend the file.",
+            ) from None
     return checked

@@ -77,8 +77,12 @@ class Shining(Block):
 def _unwritten_of_light(*keys: str) -> Any:
     """Serializer of a light that leaves out absent keys, and the intensity where a spectrum stands instead."""
     keys = (*keys, "spectrum", "power_W", "lumen")
-    return written_otherwise(lambda light: [*(key for key in keys if getattr(light, key) is None),
-                                            *(["intensity"] if light.spectrum else [])])
+    return written_otherwise(
+        lambda light: [
+            *(key for key in keys if getattr(light, key) is None),
+            *(["intensity"] if light.spectrum else []),
+        ]
+    )
 
 
 class SpotLight(Shining):
@@ -89,8 +93,11 @@ class SpotLight(Shining):
     """Position in vehicle axes: x right, y forward, z up [m]."""
     direction: Vec3 = (0.0, 1.0, 0.0)
     """Direction of the light's axis, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
-    cone_deg: Annotated[float, Field(ge=1.0, le=360.0), outside(
-        359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one")] = 65.0
+    cone_deg: Annotated[
+        float,
+        Field(ge=1.0, le=360.0),
+        outside(359.9, 360.0, "a cone is at most 359.9 degrees wide, or 360 for a light without one"),
+    ] = 65.0
     """Full angle of the cone [degrees], at most 359.9, or 360 for a light without one; single precision cannot
     represent the cosines of cones below 1 degree."""
     blend: Unit = 0.0
@@ -205,5 +212,6 @@ class SheetLight(Shining):
     _written = _unwritten_of_light("strobe")
 
 
-Light = Annotated[SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"),
-                  kind_by_default("spot")]
+Light = Annotated[
+    SpotLight | PointLight | ProfileLight | SheetLight, Field(discriminator="kind"), kind_by_default("spot")
+]

@@ -9,9 +9,23 @@ from collections.abc import Iterable
 from typing import Any
 
 LOOKS_OF_WATER = (
-    "name", "water", "particles", "vehicle.lights", "vehicles.*.lights", "render.tolerance",
-    "render.max_seconds_per_frame", "render.spp", "render.max_scatterings", "render.max_bounces", "render.layers",
-    "render.integrator", "render.denoise", "render.exposure.A", "render.noise", "render.linear_exr")
+    "name",
+    "water",
+    "particles",
+    "vehicle.lights",
+    "vehicles.*.lights",
+    "render.tolerance",
+    "render.max_seconds_per_frame",
+    "render.spp",
+    "render.max_scatterings",
+    "render.max_bounces",
+    "render.layers",
+    "render.integrator",
+    "render.denoise",
+    "render.exposure.A",
+    "render.noise",
+    "render.linear_exr",
+)
 """Keys from which only light in water follows, and the name, from which nothing does; ``*`` is any item."""
 LOOKS = (*LOOKS_OF_WATER, "render.spp_b", "render.denoise_b", "render.exposure.B", "render.dither")
 """The keys of `LOOKS_OF_WATER`, and those from which only light without water follows."""
@@ -32,5 +46,6 @@ def _without(block: Any, path: list[str]) -> Any:
         return [_without(item, rest) for item in block]
     if not isinstance(block, dict) or first not in block:
         return block
-    return {key: _without(value, rest) if key == first else value for key, value in block.items()
-            if rest or key != first}
+    return {
+        key: _without(value, rest) if key == first else value for key, value in block.items() if rest or key != first
+    }

@@ -120,8 +120,9 @@ def resized(camera: Any, width: int, height: int) -> Any:
     if camera.intrinsics is not None:
         x, y = width / camera.resolution[0], height / camera.resolution[1]
         fx, fy, cx, cy = (number for _, number in camera.intrinsics)
-        changed["intrinsics"] = camera.intrinsics.model_copy(update={
-            "fx": fx * x, "fy": fy * y, "cx": (cx + 0.5) * x - 0.5, "cy": (cy + 0.5) * y - 0.5})
+        changed["intrinsics"] = camera.intrinsics.model_copy(
+            update={"fx": fx * x, "fy": fy * y, "cx": (cx + 0.5) * x - 0.5, "cy": (cy + 0.5) * y - 0.5}
+        )
     return camera.model_copy(update=changed)
 
 
@@ -187,8 +188,10 @@ def _of_intrinsics(camera: Any) -> str | None:
     if camera.f_stop > 0.0 and "focal_mm" not in given:
         return f"f_stop: beside {of}, in pixels, it needs focal_mm, too: the aperture's diameter is focal_mm / f_stop"
     if camera.f_stop == 0.0 and "focal_mm" in given:
-        return (f"focal_mm: stands beside {of}, which say it in pixels; leave out one of them (with an f_stop, "
-                "focal_mm is of the aperture only)")
+        return (
+            f"focal_mm: stands beside {of}, which say it in pixels; leave out one of them (with an f_stop, "
+            "focal_mm is of the aperture only)"
+        )
     return None
 
 
@@ -202,8 +205,10 @@ def _of_lens(camera: Any) -> str | None:
     middle = 0.5 * np.array(camera.resolution) + CROSS
     if np.isfinite(camera_model(camera).directions(middle)).all():
         return None
-    return ("distortion: not even the middle of the image sees anything, for the lens ends before; give smaller "
-            f"{'xi' if model == DOUBLE_SPHERE else 'coefficients'}, or longer focal lengths")
+    return (
+        "distortion: not even the middle of the image sees anything, for the lens ends before; give smaller "
+        f"{'xi' if model == DOUBLE_SPHERE else 'coefficients'}, or longer focal lengths"
+    )
 
 
 def _of_port(camera: Any) -> str | None:
@@ -215,15 +220,19 @@ def _of_port(camera: Any) -> str | None:
         if port.thickness_m >= port.radius_m:
             return "port.thickness_m must be less than port.radius_m, which is that of the outer surface"
         if np.linalg.norm(port.centre) + lens_radius >= port.radius_m - port.thickness_m:
-            return (f"port: the lens (of radius {lens_radius:g} m, at [0, 0, 0]) does not lie within the dome; "
-                    "move port.centre nearer to it or give a larger port.radius_m")
+            return (
+                f"port: the lens (of radius {lens_radius:g} m, at [0, 0, 0]) does not lie within the dome; "
+                "move port.centre nearer to it or give a larger port.radius_m"
+            )
         return None
     cosine = unit(port.normal)[2] if any(port.normal) else 0.0
     if cosine <= 1e-6:
         return "port.normal must point forwards: the glass of a flat port is before the lens, so its z is above 0"
     if lens_radius * np.sqrt(max(0.0, 1.0 - cosine**2)) >= port.distance_m:
-        return (f"port.distance_m: the glass cuts the lens, whose radius (focal_mm / f_stop / 2) is {lens_radius:g} m; "
-                "give a larger distance_m or f_stop")
+        return (
+            f"port.distance_m: the glass cuts the lens, whose radius (focal_mm / f_stop / 2) is {lens_radius:g} m; "
+            "give a larger distance_m or f_stop"
+        )
     return None
 
 
@@ -258,6 +267,8 @@ def _of_vignetting(camera: Any) -> str | None:
     with np.errstate(over="ignore", invalid="ignore"):
         share = fall.polynomial(np.linspace(0.0, _farthest_corner(camera), 257))
     if not ((share >= 0.0) & (share <= BRIGHTEST)).all():
-        return ("vignetting.coefficients: between the centre and the corners, 1 + a1 r^2 + a2 r^4 ... does not stay "
-                f"between 0 and {BRIGHTEST:g}; r is in half diagonals of the image")
+        return (
+            "vignetting.coefficients: between the centre and the corners, 1 + a1 r^2 + a2 r^4 ... does not stay "
+            f"between 0 and {BRIGHTEST:g}; r is in half diagonals of the image"
+        )
     return None

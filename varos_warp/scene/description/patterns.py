@@ -110,8 +110,10 @@ class Orbit(Block):
         centres = np.array(self.centre) + share * [0.0, 0.0, rise_m]
         places = centres + self.radius_m * compass(self.bearing_deg + 360.0 * self.turns * share[:, 0])
         places[:, 2] += self.height_m
-        return [{"position": tuple(place), "look_at": tuple(centre)}
-                for place, centre in zip(places.tolist(), centres.tolist(), strict=True)]
+        return [
+            {"position": tuple(place), "look_at": tuple(centre)}
+            for place, centre in zip(places.tolist(), centres.tolist(), strict=True)
+        ]
 
 
 class Spiral(Orbit):
@@ -149,8 +151,7 @@ class ThereAndBack(Block):
         """Start and end in turn; the vehicle does not brake on the way, so there are none between."""
         start, end = np.array(self.start), np.array(self.end)
         heading = float(np.degrees(np.arctan2(*(end - start)[:2])))
-        return [_stop(place, heading, self.pitch_deg, dwell_s=0.0)
-                for place in [start, *([end, start] * self.times)]]
+        return [_stop(place, heading, self.pitch_deg, dwell_s=0.0) for place in [start, *([end, start] * self.times)]]
 
 
 class HullFollowing(Block):
@@ -160,7 +161,8 @@ class HullFollowing(Block):
     surface: Annotated[str, Field(pattern=r"^(terrain|objects\.\d+)$")] = Field(examples=["objects.0"])
     """``terrain``, or an object by its number in the scene file, ``objects.0``."""
     through: Annotated[list[Position], Field(min_length=2, max_length=1000)] = Field(
-        examples=[[[2.0, -3.0, 0.5], [2.0, 3.0, 0.5]]])
+        examples=[[[2.0, -3.0, 0.5], [2.0, 3.0, 0.5]]]
+    )
     """Points on the surface or on that side of it [m]; the vehicle passes where it is nearest to each."""
     distance_m: Annotated[float, Field(ge=0.01, le=1e3)] = Field(examples=[1.2])
     """Distance of the vehicle's origin from the nearest point of the surface [m]."""
@@ -177,5 +179,6 @@ class HullFollowing(Block):
         return self._found
 
 
-Pattern = Annotated[LawnMower | Orbit | Spiral | ThereAndBack | HullFollowing, Field(discriminator="kind"),
-                    kind_by_default("")]
+Pattern = Annotated[
+    LawnMower | Orbit | Spiral | ThereAndBack | HullFollowing, Field(discriminator="kind"), kind_by_default("")
+]

@@ -62,8 +62,9 @@ class Stop(Block):
 class Movable(Placed):
     """Anything that may move: what is one of ``objects``."""
 
-    path: Annotated[list[Stop], Field(min_length=2)] | None = Field(default=None, examples=[[
-        {"time_s": 0, "position": [2, 5, 1]}, {"time_s": 10, "position": [4, 5, 1]}]])
+    path: Annotated[list[Stop], Field(min_length=2)] | None = Field(
+        default=None, examples=[[{"time_s": 0, "position": [2, 5, 1]}, {"time_s": 10, "position": [4, 5, 1]}]]
+    )
     """Stops of the object at given times; splines pass through them, as through the poses of a vehicle. After the last
     it brakes, and is at rest 2 s later; likewise before the first it comes from rest. Absent: it stands still."""
 
@@ -81,12 +82,16 @@ class Movable(Placed):
     def _path_leads_on(self):
         stops = self.path or []
         if stops and self.position != stops[0].position:
-            raise ValueError(f"path begins at {list(stops[0].position)}, not at the object's position "
-                             f"{list(self.position)}; leave out position")
+            raise ValueError(
+                f"path begins at {list(stops[0].position)}, not at the object's position "
+                f"{list(self.position)}; leave out position"
+            )
         for i, (before, stop) in enumerate(itertools.pairwise(stops), 1):
             if stop.time_s <= before.time_s:
-                raise ValueError(f"path.{i}.time_s: {stop.time_s:g} s is not after the stop before it, at "
-                                 f"{before.time_s:g} s; give the stops in order of time, each its own time")
+                raise ValueError(
+                    f"path.{i}.time_s: {stop.time_s:g} s is not after the stop before it, at "
+                    f"{before.time_s:g} s; give the stops in order of time, each its own time"
+                )
         return self
 
     @property

@@ -11,8 +11,15 @@ from varos_warp.scene.block import Block, unwritten_if_absent
 KEYS = ("columns", "frame", "of", "body", "attitude", "origin", "start_s", "smoothing_s")
 """Keys of a trajectory that tell of its ``file``, and mean nothing without one."""
 
-FOR_WAYPOINTS = ("speed", "max_angular_speed_deg", "max_acceleration", "overlap", "handover_radius_m",
-                 "handover_timeout_s", "dwell_s")
+FOR_WAYPOINTS = (
+    "speed",
+    "max_angular_speed_deg",
+    "max_acceleration",
+    "overlap",
+    "handover_radius_m",
+    "handover_timeout_s",
+    "dwell_s",
+)
 """Keys of a trajectory that mean nothing where poses say when they are passed."""
 
 Column = Annotated[str, Field(min_length=1)] | Annotated[int, Field(ge=1)]
@@ -95,8 +102,11 @@ def check_recorded(trajectory: Any) -> None:
     if given := [key for key in FOR_WAYPOINTS if getattr(trajectory, key) != fields[key].default]:
         raise ValueError(f"{', '.join(given)}: for waypoints; the poses of `file` say when they are passed; leave out")
     if trajectory.body is not None and trajectory.of not in (None, "vehicle"):
-        raise ValueError("body: the axes of a vehicle, but the poses are `of` a camera, in its optical axes, or of the "
-                         "imu, in its own; leave out body")
+        raise ValueError(
+            "body: the axes of a vehicle, but the poses are `of` a camera, in its optical axes, or of the "
+            "imu, in its own; leave out body"
+        )
     if trajectory.body is not None and trajectory.attitude in ("along_path", "unrotated"):
-        raise ValueError(f"body: tells of recorded attitudes, but attitude is {trajectory.attitude}; leave one of them "
-                         "out")
+        raise ValueError(
+            f"body: tells of recorded attitudes, but attitude is {trajectory.attitude}; leave one of them out"
+        )

@@ -81,7 +81,8 @@ class Render(Block):
     """Frames per second [Hz]."""
     outputs: list[ImageLetter] = Field(
         default=[WATER, AMBIENT, NORMALS, DEPTH],
-        description=f"Image types: {', '.join(f'{letter} {line.words}' for letter, line in IMAGE_TYPES.items())}.")
+        description=f"Image types: {', '.join(f'{letter} {line.words}' for letter, line in IMAGE_TYPES.items())}.",
+    )
     tolerance: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
     """Relative RMSE asked of an image A, in its worst channel, where ``spp`` is absent (docs/models.md)."""
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
@@ -110,8 +111,9 @@ class Render(Block):
     dither: Literal["tpdf"] | None = Field(default=None, examples=["tpdf"])
     """Noise of triangular density that is added to A, B and P before they are rounded to 8 bits, so that water has no
     bands (docs/dataset.md). Absent: none."""
-    noise: Annotated[CameraNoise | None, BeforeValidator(_is_read), Field(
-        json_schema_extra=_or_name, examples=["machine_vision"])] = None
+    noise: Annotated[
+        CameraNoise | None, BeforeValidator(_is_read), Field(json_schema_extra=_or_name, examples=["machine_vision"])
+    ] = None
     """The image sensor that sees A: a profile of docs/noise.md by its name or file, or the block ``camera`` of one. A
     has its noise, and A_clean has none. Absent: A has none; ``varos-warp noise`` adds noise later."""
     depth_kind: Literal["z", "range"] = "z"
@@ -136,10 +138,16 @@ class Render(Block):
     level_of_detail: Annotated[Any, Field(exclude=True, deprecated="every triangle of every mesh is rendered")] = None
     """Has no effect any more; older files ask for meshes reduced by need."""
 
-    _written = written_otherwise(lambda render: [
-        *(key for key in ("max_triangles", "dither", "noise", "bands", "bands_range_m")
-          if getattr(render, key) is None),
-        *(["segments"] if render.segments == "host" else [])])
+    _written = written_otherwise(
+        lambda render: [
+            *(
+                key
+                for key in ("max_triangles", "dither", "noise", "bands", "bands_range_m")
+                if getattr(render, key) is None
+            ),
+            *(["segments"] if render.segments == "host" else []),
+        ]
+    )
 
     @property
     def shows_bodies(self) -> bool:

@@ -60,8 +60,10 @@ class HullSection(Parametric):
     @model_validator(mode="after")
     def _bilge_fits(self):
         if self.bilge_radius_m > min(self.height_m, self.breadth_m) - 0.05:
-            raise ValueError(f"bilge_radius_m: {self.bilge_radius_m:g} m does not fit into height_m and breadth_m, of "
-                             f"which the lesser is {min(self.height_m, self.breadth_m):g} m; it may be 0.05 m less")
+            raise ValueError(
+                f"bilge_radius_m: {self.bilge_radius_m:g} m does not fit into height_m and breadth_m, of "
+                f"which the lesser is {min(self.height_m, self.breadth_m):g} m; it may be 0.05 m less"
+            )
         if self.bilge_radius_m < 2.0 * self.plate_m:
             raise ValueError(f"bilge_radius_m: must be twice plate_m ({self.plate_m:g} m) or more")
         return self
@@ -95,14 +97,18 @@ class MooringChain(Parametric):
         if self.end is not None and self.sag_m:
             raise ValueError("give sag_m or end, not both: how far it hangs follows from its end")
         if self.sag_m and self.sag_m > 0.49 * self.length:
-            raise ValueError(f"sag_m: {self.sag_m:g} m is more than 0.49 of the chain's {self.length:g} m; "
-                             "add links, or let it sag less")
+            raise ValueError(
+                f"sag_m: {self.sag_m:g} m is more than 0.49 of the chain's {self.length:g} m; "
+                "add links, or let it sag less"
+            )
         if self.end is not None:
-            away, across = sum(x * x for x in self.end)**0.5, (self.end[0]**2 + self.end[1]**2)**0.5
+            away, across = sum(x * x for x in self.end) ** 0.5, (self.end[0] ** 2 + self.end[1] ** 2) ** 0.5
             if away > 0.9999 * self.length or across < 0.02 * self.length:
-                raise ValueError(f"end: is {away:.4g} m away, {across:.4g} m of it level; this chain of "
-                                 f"{self.length:.4g} m hangs to where it is {0.02 * self.length:.4g} m away or more "
-                                 f"level, and {0.9999 * self.length:.4g} m or less in all; change links or end")
+                raise ValueError(
+                    f"end: is {away:.4g} m away, {across:.4g} m of it level; this chain of "
+                    f"{self.length:.4g} m hangs to where it is {0.02 * self.length:.4g} m away or more "
+                    f"level, and {0.9999 * self.length:.4g} m or less in all; change links or end"
+                )
         return self
 
 
@@ -138,11 +144,13 @@ class QuayWall(Parametric):
     @model_validator(mode="after")
     def _is_a_wall(self):
         if self.coping_m > self.height_m - 0.5:
-            raise ValueError(f"coping_m: {self.coping_m:g} m leaves no 0.5 m of piles under a top at "
-                             f"{self.height_m:g} m")
+            raise ValueError(
+                f"coping_m: {self.coping_m:g} m leaves no 0.5 m of piles under a top at {self.height_m:g} m"
+            )
         if self.fender_length_m > self.height_m - 0.2:
-            raise ValueError(f"fender_length_m: {self.fender_length_m:g} m reaches below the foot; at most "
-                             f"{self.height_m - 0.2:g} m")
+            raise ValueError(
+                f"fender_length_m: {self.fender_length_m:g} m reaches below the foot; at most {self.height_m - 0.2:g} m"
+            )
         if self.length_m < 2.0 * self.pile_width_m:
             raise ValueError(f"length_m: a wall is two piles long or more, {2.0 * self.pile_width_m:g} m")
         if self.ladder_m is not None and abs(self.ladder_m) > 0.5 * self.length_m - 0.3:
@@ -166,8 +174,10 @@ class WellheadPanel(Parametric):
     plate_m: Annotated[float, Field(ge=0.004, le=0.1)] = 0.015
     """Thickness of the plate [m]."""
     fittings: Annotated[list[Annotated[list[Fitting], Field(min_length=1)]], Field(min_length=1)] = [
-        ["bucket", "bucket", "bucket", "bucket"], ["t_bar", "valve_stem", "valve_stem", "t_bar"],
-        ["hot_stab", "hot_stab", "bucket", "hot_stab"]]
+        ["bucket", "bucket", "bucket", "bucket"],
+        ["t_bar", "valve_stem", "valve_stem", "t_bar"],
+        ["hot_stab", "hot_stab", "bucket", "hot_stab"],
+    ]
     """Rows of what is mounted, from above and from the left, each row evenly across the panel: bucket (a receptacle
     for torque tools, class 1 to 4), hot_stab, t_bar, valve_stem, none."""
     marks: bool = True
@@ -182,8 +192,10 @@ class WellheadPanel(Parametric):
             raise ValueError(f"fittings: are more than {FITTINGS_LIMIT}")
         if len(self.fittings) > 26:
             raise ValueError("fittings: are more than 26 rows, A to Z")
-        needed, cells = 0.3, {"height_m": (self.height_m, len(self.fittings)),
-                               "width_m": (self.width_m, max(map(len, self.fittings)))}
+        needed, cells = (
+            0.3,
+            {"height_m": (self.height_m, len(self.fittings)), "width_m": (self.width_m, max(map(len, self.fittings)))},
+        )
         for key, (size, count) in cells.items():
             if size < needed * count:
                 raise ValueError(f"{key}: {count} fittings need {needed:g} m each, {needed * count:g} m in all")

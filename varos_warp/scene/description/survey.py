@@ -22,8 +22,15 @@ BESIDE = (".prj", ".tfw", ".tifw", ".tiffw", ".pgw", ".pngw", ".wld", ".tif.msk"
 
 LengthUnit = Literal["m", "ft", "us_ft"]
 Column = str | Annotated[int, Field(ge=1)]
-FOR = {"pixel_m": (*GEOTIFFS, *ARRAYS), "first_row": (*GEOTIFFS, *ARRAYS), "height_range_m": (*GEOTIFFS, ".png"),
-       "columns": TEXTS, "classes": CLOUDS, "longest_edge_m": (*TEXTS, *CLOUDS), "nodata": (*GRIDS, *TEXTS)}
+FOR = {
+    "pixel_m": (*GEOTIFFS, *ARRAYS),
+    "first_row": (*GEOTIFFS, *ARRAYS),
+    "height_range_m": (*GEOTIFFS, ".png"),
+    "columns": TEXTS,
+    "classes": CLOUDS,
+    "longest_edge_m": (*TEXTS, *CLOUDS),
+    "nodata": (*GRIDS, *TEXTS),
+}
 """Endings of the files that a key is for, where it is not for all."""
 
 
@@ -63,7 +70,8 @@ class Heights(Ground):
     """Columns of a text file that hold x, y and height: names of its header, or numbers from 1. Absent: by the header,
     else the first three."""
     classes: Annotated[list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=1)] | None = Field(
-        default=None, examples=[[2, 40]])
+        default=None, examples=[[2, 40]]
+    )
     """Classes of LAS points to read: 2 is ground, 40 the bottom of water. Absent: all but noise (7 and 18)."""
     pixel_m: Positive | tuple[Positive, Positive] | None = Field(default=None, examples=[0.25])
     """Distance of neighbouring nodes of a grid that does not say where it lies, or both along x and y [m]; its middle
@@ -82,9 +90,23 @@ class Heights(Ground):
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
     _written = unwritten_if_absent(
-        "positive", "unit", "height_unit", "height_scale", "height_range_m", "nodata", "region", "resolution_m",
-        "longest_edge_m", "columns", "classes", "pixel_m", "first_row", "origin", "class_",
-        "around_objects")
+        "positive",
+        "unit",
+        "height_unit",
+        "height_scale",
+        "height_range_m",
+        "nodata",
+        "region",
+        "resolution_m",
+        "longest_edge_m",
+        "columns",
+        "classes",
+        "pixel_m",
+        "first_row",
+        "origin",
+        "class_",
+        "around_objects",
+    )
 
     @property
     def files(self) -> list[str]:
@@ -94,16 +116,19 @@ class Heights(Ground):
     @model_validator(mode="after")
     def _keys_suit_the_files(self):
         for key, endings in FOR.items():
-            if getattr(self, key) is not None and (other := [name for name in self.files if ending(name) not in
-                                                             endings]):
+            if getattr(self, key) is not None and (
+                other := [name for name in self.files if ending(name) not in endings]
+            ):
                 raise ValueError(f"{key}: is for {', '.join(endings)}, not for {other[0]}; leave it out")
         if self.pixel_m is not None and self.unit is not None:
             raise ValueError("unit: has no meaning beside pixel_m, which is in metres; height_unit is that of heights")
         if self.height_range_m is not None:
             for key in ("height_scale", "height_unit", "positive"):
                 if getattr(self, key) is not None:
-                    raise ValueError(f"{key}: has no meaning beside height_range_m, which gives heights in metres; "
-                                     "leave one of them out")
+                    raise ValueError(
+                        f"{key}: has no meaning beside height_range_m, which gives heights in metres; "
+                        "leave one of them out"
+                    )
             if self.height_range_m[0] == self.height_range_m[1]:
                 raise ValueError("height_range_m: is two different heights, of black and of white")
         return self

@@ -46,12 +46,16 @@ LensSize = Annotated[float, Field(ge=1e-3, le=1e6)]
 def _invertible(matrix):
     """A colour matrix loses no channel, and makes neither grey dark nor colours infinite."""
     if not (np.abs(matrix).max() <= MOST_OF_MATRIX and np.sum(matrix, axis=1).min() > 0.0):
-        raise ValueError(f"rows must add up to more than 0, or grey would be black, of numbers up to "
-                         f"{MOST_OF_MATRIX:g}: about 1 each, as white stays white then; give three rows of three "
-                         "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto")
+        raise ValueError(
+            f"rows must add up to more than 0, or grey would be black, of numbers up to "
+            f"{MOST_OF_MATRIX:g}: about 1 each, as white stays white then; give three rows of three "
+            "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto"
+        )
     if not abs(np.linalg.det(matrix)) > LEAST_DETERMINANT:
-        raise ValueError("the rows are not independent, so that colours would be lost; give three rows of three "
-                         "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto")
+        raise ValueError(
+            "the rows are not independent, so that colours would be lost; give three rows of three "
+            "numbers, such as [[1.6, -0.5, -0.1], [-0.2, 1.5, -0.3], [0.0, -0.6, 1.6]], or auto"
+        )
     return matrix
 
 
@@ -92,8 +96,9 @@ class Camera(Block):
     calibration: str | None = Field(default=None, examples=["camchain.yaml#cam0"])
     """Calibration file of Kalibr, OpenCV or ROS that gives ``intrinsics``, ``distortion`` and ``resolution``, as
     ``FILE#camera``; the camera may be left out where the file has one (docs/cameras.md)."""
-    f_stop: Annotated[float, Field(ge=0.0, le=1e6), outside(
-        0.0, 1e-3, "an f_stop is at least 0.001, or 0 for a pinhole")] = 0.0
+    f_stop: Annotated[
+        float, Field(ge=0.0, le=1e6), outside(0.0, 1e-3, "an f_stop is at least 0.001, or 0 for a pinhole")
+    ] = 0.0
     """Focal length over aperture diameter, at least 0.001; 0 is a pinhole, which is sharp everywhere."""
     focus_m: Annotated[float, Field(ge=1e-3, le=1e9)] = 3.0
     """Distance of the plane of focus [m]; in air, behind a port."""

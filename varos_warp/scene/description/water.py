@@ -100,7 +100,9 @@ class WeightedTabulated(Tabulated, Weighted):
 
 Part = Annotated[
     WeightedHenyeyGreenstein | WeightedFournierForand | WeightedPetzold | WeightedRayleigh | WeightedTabulated,
-    Field(discriminator="kind"), kind_by_default("henyey_greenstein")]
+    Field(discriminator="kind"),
+    kind_by_default("henyey_greenstein"),
+]
 
 
 class Mixture(Block):
@@ -117,8 +119,11 @@ class Mixture(Block):
         return self
 
 
-Phase = Annotated[HenyeyGreenstein | FournierForand | Petzold | Rayleigh | Tabulated | Mixture,
-                  Field(discriminator="kind"), kind_by_default("henyey_greenstein")]
+Phase = Annotated[
+    HenyeyGreenstein | FournierForand | Petzold | Rayleigh | Tabulated | Mixture,
+    Field(discriminator="kind"),
+    kind_by_default("henyey_greenstein"),
+]
 
 
 # ------------------------------------------------------------------------------------------------------- coefficients

@@ -52,7 +52,8 @@ class Preprocess(Block):
     smoothing_rounds: Annotated[int, Field(ge=0, le=1000)] = 0
     """Rounds of Taubin's smoothing, for rough surveys; 10 halve what is shorter than about 6 edges."""
     shrinkwrap_resolution: Annotated[int, Field(ge=2, le=10_000)] | Literal["auto"] | None = Field(
-        default=None, examples=[513])
+        default=None, examples=[513]
+    )
     """Vertices along the longer side of a new surface around the model; auto: twice as fine as the model. Absent: the
     model's own surface."""
     close: Literal["skirt", "solid", "none"] = "skirt"
@@ -265,8 +266,10 @@ class CalibrationBoard(Movable):
 
     @model_validator(mode="after")
     def _has_what_its_pattern_needs(self):
-        needs, foreign = {"checkerboard": ("square_m", ("family", "tag_m", "spacing")),
-                          "aprilgrid": ("tag_m", ("square_m",))}[self.pattern]
+        needs, foreign = {
+            "checkerboard": ("square_m", ("family", "tag_m", "spacing")),
+            "aprilgrid": ("tag_m", ("square_m",)),
+        }[self.pattern]
         for key in foreign:
             if getattr(self, key) is not None:
                 raise ValueError(f"{key}: is not a key of a board with pattern {self.pattern}; leave it out")
@@ -303,16 +306,36 @@ class ColorChart(Movable):
         for size, side, count in zip(self.size_m, ("wide", "high"), (6, 4), strict=True):
             needed = count * self.patch_m + (count - 1) * self.gap_m
             if size < needed + 2e-4:
-                raise ValueError(f"size_m: {count} patches of {self.patch_m:g} m with gaps of {self.gap_m:g} m "
-                                 f"are {needed:g} m {side}, and the board is {size:g} m; make it 0.2 mm larger, "
-                                 "or patch_m smaller")
+                raise ValueError(
+                    f"size_m: {count} patches of {self.patch_m:g} m with gaps of {self.gap_m:g} m "
+                    f"are {needed:g} m {side}, and the board is {size:g} m; make it 0.2 mm larger, "
+                    "or patch_m smaller"
+                )
         return self
 
 
-ParametricObject = (Pipe | Elbow | Flange | PipeSupport | Bolt | Nut | Valve | Boulder | HullSection | MooringChain
-                    | QuayWall | WellheadPanel | Rov | Anode | FlangeJoint | HandWheel | ConcreteBlock)
-Object = Annotated[MeshObject | ParametricObject | CalibrationBoard | ColorChart, Field(discriminator="kind"),
-                   kind_by_default("mesh")]
+ParametricObject = (
+    Pipe
+    | Elbow
+    | Flange
+    | PipeSupport
+    | Bolt
+    | Nut
+    | Valve
+    | Boulder
+    | HullSection
+    | MooringChain
+    | QuayWall
+    | WellheadPanel
+    | Rov
+    | Anode
+    | FlangeJoint
+    | HandWheel
+    | ConcreteBlock
+)
+Object = Annotated[
+    MeshObject | ParametricObject | CalibrationBoard | ColorChart, Field(discriminator="kind"), kind_by_default("mesh")
+]
 
 
 class Scatter(Block):
@@ -328,7 +351,8 @@ class Scatter(Block):
     circle: tuple[float, float, Positive] | None = Field(default=None, examples=[[0, 6, 4]])
     """Circle x, y, radius to strew copies on [m]."""
     polygon: Annotated[list[tuple[float, float]], Field(min_length=3)] | None = Field(
-        default=None, examples=[[[0, 0], [5, 0], [0, 5]]])
+        default=None, examples=[[[0, 0], [5, 0], [0, 5]]]
+    )
     """Corners x, y, in order, of a polygon to strew copies on [m]."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """Seed of the places, together with that of the scene; raising ``count`` keeps the places of the first copies."""
@@ -359,8 +383,10 @@ class Scatter(Block):
     @model_validator(mode="after")
     def _only_boulders_differ(self):
         if (self.shapes or 1) > 1 and not isinstance(self.object, Boulder):
-            raise ValueError(f"shapes: the form of a {self.object.kind} does not follow from a seed; leave it out, or "
-                             "scatter a boulder")
+            raise ValueError(
+                f"shapes: the form of a {self.object.kind} does not follow from a seed; leave it out, or "
+                "scatter a boulder"
+            )
         return self
 
     @model_validator(mode="after")
@@ -448,5 +474,6 @@ class Dirt(Block):
     """Reflectance of the silt, linear, for red, green and blue."""
 
 
-Material = Annotated[Diffuse | SlopeBlend | Metal | Rust | Dirt | Layered, Field(discriminator="kind"),
-                     kind_by_default("diffuse")]
+Material = Annotated[
+    Diffuse | SlopeBlend | Metal | Rust | Dirt | Layered, Field(discriminator="kind"), kind_by_default("diffuse")
+]

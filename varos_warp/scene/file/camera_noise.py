@@ -39,8 +39,12 @@ def with_camera_noise(source: Source, base_dir: Path) -> Source:
         return source
     path, known = absolute(base_dir, str(profile_path(name))), ", ".join(named_profiles())
     if not is_file(path):
-        raise InputError(f"there is no such {WHAT} ({path})", **source.where(key), value=name,
-                         remedy=f"Paths are relative to the scene file; profiles of the package are: {known}.")
+        raise InputError(
+            f"there is no such {WHAT} ({path})",
+            **source.where(key),
+            value=name,
+            remedy=f"Paths are relative to the scene file; profiles of the package are: {known}.",
+        )
     noise = _camera_of(path, name, source.where(key))
     render = {**source.data["render"], "noise": noise.model_dump(exclude_unset=True)}
     return replace(source, data={**source.data, "render": render})
@@ -53,9 +57,15 @@ def _camera_of(path: Path, name: str, where: dict) -> CameraNoise:
     except ValidationError as error:
         raise input_error(error, file) from None
     if profile.camera is None:
-        raise InputError(f"this {WHAT} has no camera", **where, value=name,
-                         remedy="Give one with a block camera, such as machine_vision.")
+        raise InputError(
+            f"this {WHAT} has no camera",
+            **where,
+            value=name,
+            remedy="Give one with a block camera, such as machine_vision.",
+        )
     if others := list(profile.of_sensors):
-        warn(f"render.noise: of the profile {name} the scene takes the camera only, not {', '.join(others)}; "
-             "`varos-warp noise` adds the noise of sensors to a dataset without any")
+        warn(
+            f"render.noise: of the profile {name} the scene takes the camera only, not {', '.join(others)}; "
+            "`varos-warp noise` adds the noise of sensors to a dataset without any"
+        )
     return profile.camera

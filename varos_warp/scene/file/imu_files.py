@@ -26,13 +26,28 @@ from varos_warp.scene.file.problems import input_error
 from varos_warp.scene.file.source import Source
 from varos_warp.scene.file.yaml_files import parse_file
 
-DENSITIES = tuple(f"{sensor}_{kind}" for sensor in ("accelerometer", "gyroscope")
-                  for kind in ("noise_density", "random_walk"))
+DENSITIES = tuple(
+    f"{sensor}_{kind}" for sensor in ("accelerometer", "gyroscope") for kind in ("noise_density", "random_walk")
+)
 """Keys of Kalibr and EuRoC that are ours."""
 RATES = ("update_rate", "rate_hz")
 """Keys of Kalibr and of EuRoC for the rate [Hz]."""
-BESIDE = ("rostopic", "time_offset", "model", "T_i_b", "accelerometers", "gyroscopes", "sensor_type", "comment", "T_BS",
-          "Tw", "Ta", "Tg", "R_IMUtoGYRO", "R_IMUtoACC")
+BESIDE = (
+    "rostopic",
+    "time_offset",
+    "model",
+    "T_i_b",
+    "accelerometers",
+    "gyroscopes",
+    "sensor_type",
+    "comment",
+    "T_BS",
+    "Tw",
+    "Ta",
+    "Tg",
+    "R_IMUtoGYRO",
+    "R_IMUtoACC",
+)
 """Keys of Kalibr, OpenVINS and EuRoC that do not tell of noise."""
 MODELS = (None, "calibrated", "kalibr")
 """Models of Kalibr and OpenVINS without scales and misalignments that differ from one."""
@@ -64,8 +79,12 @@ def with_noise_files(source: Source, base_dir: Path) -> Source:
 def _noise_of_scene(source: Source, key: tuple, path: Path, rate_hz: Any) -> ImuNoise:
     file, _ = file_and_imu(path)
     if not is_file(file):
-        raise InputError(f"there is no such {WHAT} ({file})", **source.where(key), value=source.value(key),
-                         remedy="Paths are relative to the scene file.")
+        raise InputError(
+            f"there is no such {WHAT} ({file})",
+            **source.where(key),
+            value=source.value(key),
+            remedy="Paths are relative to the scene file.",
+        )
     known = isinstance(rate_hz, int | float) and isfinite(rate_hz) and rate_hz > 0
     return read_imu_noise(path, rate_hz if known else 200.0)  # another one is refused with the scene
 
@@ -124,8 +143,11 @@ def _which(source: Source, name: str) -> tuple[str, ...]:
     if name in known or (len(known) == 1 and not name):
         return (name or known[0],)
     if name:
-        raise InputError(f"has no '{name}'", file=source.file, remedy=f"It has: {', '.join(known)}." if known else
-                         "It tells of one IMU: leave out what is behind #.")
+        raise InputError(
+            f"has no '{name}'",
+            file=source.file,
+            remedy=f"It has: {', '.join(known)}." if known else "It tells of one IMU: leave out what is behind #.",
+        )
     if known:
         raise InputError(f"tells of {len(known)} IMUs", file=source.file, remedy=f"Name one: FILE#{known[0]}.")
     return ()
@@ -147,8 +169,10 @@ def _of_kalibr(source: Source, key: tuple, block: dict, rate_hz: float | None) -
     for name in RATES:
         rate = _number(source, (*key, name), block[name]) if name in block else None
         if rate_hz is not None and rate not in (None, rate_hz):
-            warn(f"{source.file}: {name} is {rate:g} Hz, but rate_hz of the IMU is {rate_hz:g} Hz; densities hold at "
-                 "any rate, the standard deviation of a reading is theirs times the root of rate_hz")
+            warn(
+                f"{source.file}: {name} is {rate:g} Hz, but rate_hz of the IMU is {rate_hz:g} Hz; densities hold at "
+                "any rate, the standard deviation of a reading is theirs times the root of rate_hz"
+            )
     if (model := block.get("model")) not in MODELS:
         warn(f"{source.file}: the model '{model}' has scales and misalignments, which are not simulated; its noise is")
     return _made(source, key, {name: _number(source, (*key, name), block[name]) for name in DENSITIES})
@@ -159,7 +183,7 @@ def _made(source: Source, key: tuple, values: dict[str, float]) -> ImuNoise:
     try:
         return ImuNoise.model_validate(values)
     except ValidationError as error:
-        lines = {path[len(key):]: line for path, line in source.lines.items() if path[:len(key)] == key}
+        lines = {path[len(key) :]: line for path, line in source.lines.items() if path[: len(key)] == key}
         raise input_error(error, Source(values, ImuNoise, source.file, lines)) from None
 
 
@@ -187,8 +211,10 @@ def _of_imu_utils(source: Source, rate_hz: float | None) -> ImuNoise:
         values |= {f"{sensor}_noise_density": n, f"{sensor}_random_walk": w}
     if not all(_states_densities(source, block) for block in SENSORS):
         told = ", ".join(f"{key} = {values[key]:.3g}" for key in DENSITIES)
-        warn(f"{source.file}: imu_utils writes the standard deviation of a reading and the bias instability; taken for "
-             f"readings at {rate_hz:g} Hz they are {told} (docs/noise.md)")
+        warn(
+            f"{source.file}: imu_utils writes the standard deviation of a reading and the bias instability; taken for "
+            f"readings at {rate_hz:g} Hz they are {told} (docs/noise.md)"
+        )
     return _made(source, (), values)
 
 
@@ -212,19 +238,31 @@ def _states_densities(source: Source, block: str) -> bool:
         return False
     if "_w:" in words and words.endswith(f"{'m/s^3' if block == 'Acc' else 'rad/s^2'}/sqrt(Hz)"):
         return True
-    raise _problem(source, (block, "unit"), "is a unit that imu_utils does not write", f"It writes '{usual}', its fork "
-                   "densities per sqrt(Hz).", unit)
+    raise _problem(
+        source,
+        (block, "unit"),
+        "is a unit that imu_utils does not write",
+        f"It writes '{usual}', its fork densities per sqrt(Hz).",
+        unit,
+    )
 
 
 def _densities(source: Source, block: str, n: float, w: float, rate_hz: float | None) -> tuple[float, float]:
     """Density and random walk of a standard deviation of readings at a rate, and of the least Allan deviation."""
     if rate_hz is None:
-        raise InputError("imu_utils writes the standard deviation of a reading, from which no density follows unless "
-                         "the rate is known", file=source.file, remedy="Say the rate of the readings [Hz].")
+        raise InputError(
+            "imu_utils writes the standard deviation of a reading, from which no density follows unless "
+            "the rate is known",
+            file=source.file,
+            remedy="Say the rate of the readings [Hz].",
+        )
     a = n / sqrt(rate_hz)
     if w > a:
-        raise _problem(source, (block, "avg-axis"), f"its least Allan deviation, {w:.3g}, is more than that at 1 s, "
-                       f"{n:.3g} / sqrt({rate_hz:g} Hz) = {a:.3g}",
-                       "It was analysed at another rate: give the densities themselves.")
+        raise _problem(
+            source,
+            (block, "avg-axis"),
+            f"its least Allan deviation, {w:.3g}, is more than that at 1 s, {n:.3g} / sqrt({rate_hz:g} Hz) = {a:.3g}",
+            "It was analysed at another rate: give the densities themselves.",
+        )
     N = sqrt((a * a + sqrt(max(a**4 - w**4, 0.0))) / 2.0)
     return N, sqrt(3.0) * w * w / (2.0 * N) if N else 0.0

@@ -48,11 +48,15 @@ def load_scene(path: str | Path, overrides: Iterable[str | tuple[str, str] | Cha
         InputError: The file cannot be read, is not YAML, repeats a key, or is not what a scene file may be.
     """
     path = Path(path)
-    source = parse_file(path, "scene file",
-                        "Give the path of a scene file; `varos-warp init` writes one to begin with.", Scene)
+    source = parse_file(
+        path, "scene file", "Give the path of a scene file; `varos-warp init` writes one to begin with.", Scene
+    )
     if "schema_version" in source.data:
-        raise InputError("describes a dataset, it is no scene file", file=path,
-                         remedy="Give the scene file that it was made of, or a file of what its key scene has.")
+        raise InputError(
+            "describes a dataset, it is no scene file",
+            file=path,
+            remedy="Give the scene file that it was made of, or a file of what its key scene has.",
+        )
     for override in overrides:
         if isinstance(override, Change):
             _choose_form(source.data, override.key)
@@ -94,8 +98,9 @@ def _apply_override(source: Source, override: str, where: str) -> None:
     except yaml.YAMLError as error:
         problem = getattr(error, "problem", None) or "cannot be parsed"
         remedy = plain_yaml.escapes(problem) or "Quote it if it is text; lists are written [1, 2, 3]."
-        raise InputError(f"the value is not valid YAML: {problem}", file=where, key=key, value=text,
-                         remedy=remedy) from None
+        raise InputError(
+            f"the value is not valid YAML: {problem}", file=where, key=key, value=text, remedy=remedy
+        ) from None
     _set(source, key, value, where)
 
 
@@ -117,12 +122,12 @@ def _set(source: Source, key: str, value: Any, where: str) -> None:
     path, block = path_of(key), source.data
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
-            source.overridden[path[:depth + 1]] = where
+            source.overridden[path[: depth + 1]] = where
         block = _child(block, part, path[:depth], where)
     _child(block, path[-1], path[:-1], where)
     block[path[-1]] = value
     source.overridden[path] = where
-    for inner in [known for known in source.lines if known[:len(path)] == path]:
+    for inner in [known for known in source.lines if known[: len(path)] == path]:
         del source.lines[inner]  # what stood there is gone
 
 
@@ -131,12 +136,17 @@ def _child(block, part, path, where):
     here = ".".join(map(str, path)) or "the scene"
     if isinstance(block, list):
         if not isinstance(part, int) or part >= len(block):
-            raise InputError(f"is a list of {len(block)}", file=where, key=here,
-                             remedy=f"Name an item by its number, 0 to {len(block) - 1}, not '{part}'.")
+            raise InputError(
+                f"is a list of {len(block)}",
+                file=where,
+                key=here,
+                remedy=f"Name an item by its number, 0 to {len(block) - 1}, not '{part}'.",
+            )
         return block[part]
     if not isinstance(block, dict):
-        raise InputError("is no block that holds keys", file=where, key=here, value=block,
-                         remedy="Set the whole value instead.")
+        raise InputError(
+            "is no block that holds keys", file=where, key=here, value=block, remedy="Set the whole value instead."
+        )
     if block.get(part) is None:
         block[part] = {}
     return block[part]

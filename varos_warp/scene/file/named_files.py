@@ -25,8 +25,12 @@ def require_files(scene: Scene) -> None:
     also = f" Missing, too: {', '.join(others[:5])}{', ...' * (len(others) > 5)}." if others else ""
     known = f"Give {' or '.join(GROUND_TEXTURES)}, or the path" if what == "image" else "Paths are"
     folder = ": this is a folder" if os.path.isdir(path) else ""
-    raise InputError(f"there is no such {what} file{folder}", file=path, key=key,
-                     remedy=f"{like_it(path) or f'{known} relative to the scene file.'}{also}")
+    raise InputError(
+        f"there is no such {what} file{folder}",
+        file=path,
+        key=key,
+        remedy=f"{like_it(path) or f'{known} relative to the scene file.'}{also}",
+    )
 
 
 def _named(scene: Scene) -> Iterator[tuple[str, Path, str]]:

@@ -44,7 +44,11 @@ def merge_profiles(profiles: list[NoiseProfile]) -> NoiseProfile:
         for sensor in (*(sensor.key for sensor in SENSORS), "camera"):
             block = getattr(profile, sensor)
             if block is not None and sensor in merged:
-                raise InputError(f"two profiles tell of the {sensor}", key="--profile", value=profile.name,
-                                 remedy="Leave one out, or write the one you mean into a file.")
+                raise InputError(
+                    f"two profiles tell of the {sensor}",
+                    key="--profile",
+                    value=profile.name,
+                    remedy="Leave one out, or write the one you mean into a file.",
+                )
             merged |= {sensor: block} if block is not None else {}
     return NoiseProfile(**merged)

@@ -47,31 +47,92 @@ ELSEWHERE = {
     "frame_rate_hz": ("fps", "frame_rate", "rate_hz"),
 }
 """Names that other tools have for our keys."""
-HEIGHTS = ("heightmap", "heightfield", "height_map", "height_field", "heights", "depths", "dem", "dtm", "bathymetry",
-           "grid", "geotiff", "raster")
+HEIGHTS = (
+    "heightmap",
+    "heightfield",
+    "height_map",
+    "height_field",
+    "heights",
+    "depths",
+    "dem",
+    "dtm",
+    "bathymetry",
+    "grid",
+    "geotiff",
+    "raster",
+)
 """Names of heights on a grid; ours is a kind."""
 AS_FILE = "Heights on a grid are given as kind: heights and file; docs/terrain.md tells of their keys."
-INTRINSICS = ("k", "fx", "fy", "cx", "cy", "camera_matrix", "principal_point", "camera_info", "fov", "fov_deg", "hfov",
-              "horizontal_fov")
+INTRINSICS = (
+    "k",
+    "fx",
+    "fy",
+    "cx",
+    "cy",
+    "camera_matrix",
+    "principal_point",
+    "camera_info",
+    "fov",
+    "fov_deg",
+    "hfov",
+    "horizontal_fov",
+)
 """What other tools say of a camera."""
-MEASURED = ("Measured ones are intrinsics: {fx, fy, cx, cy} in pixels, or calibration: a file of Kalibr, OpenCV or "
-            "ROS; else give sensor_mm and focal_mm, by which fx = focal_mm / sensor_mm[0] x width.")
-UNITS = {"mm": 0.001, "millimetre": 0.001, "millimeter": 0.001, "cm": 0.01, "centimetre": 0.01, "centimeter": 0.01,
-         "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1000.0, "kilometre": 1000.0, "kilometer": 1000.0, "in": 0.0254,
-         "inch": 0.0254, "inches": 0.0254, "ft": 0.3048, "foot": 0.3048, "feet": 0.3048}
+MEASURED = (
+    "Measured ones are intrinsics: {fx, fy, cx, cy} in pixels, or calibration: a file of Kalibr, OpenCV or "
+    "ROS; else give sensor_mm and focal_mm, by which fx = focal_mm / sensor_mm[0] x width."
+)
+UNITS = {
+    "mm": 0.001,
+    "millimetre": 0.001,
+    "millimeter": 0.001,
+    "cm": 0.01,
+    "centimetre": 0.01,
+    "centimeter": 0.01,
+    "m": 1.0,
+    "metre": 1.0,
+    "meter": 1.0,
+    "km": 1000.0,
+    "kilometre": 1000.0,
+    "kilometer": 1000.0,
+    "in": 0.0254,
+    "inch": 0.0254,
+    "inches": 0.0254,
+    "ft": 0.3048,
+    "foot": 0.3048,
+    "feet": 0.3048,
+}
 """Metres in the units that people write."""
 MEANT = {
-    **{(key, f"-{axis}"): f"Give {axis} and turn it upside down: rotation_euler_deg: [180, 0, 0]."
-       for key in ("up", "up_axis") for axis in "xyz"},
+    **{
+        (key, f"-{axis}"): f"Give {axis} and turn it upside down: rotation_euler_deg: [180, 0, 0]."
+        for key in ("up", "up_axis")
+        for axis in "xyz"
+    },
     **{(key, "percentile"): "Give {meter: percentile}." for key in (WATER, AMBIENT)},
     ("frame", "nwu"): "Give enu, which leaves the axes as they are: x of the scene is then north, and y west.",
 }
 """What to give for values of a key that are none of its choices, but have a meaning."""
 SHORT = 3
 """Words of so many letters at most are like too many others for a guess at what was meant."""
-TYPES = frozenset(("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float", "bool_type",
-                   "bool_parsing", "string_type", "string_pattern_mismatch", "tuple_type", "list_type", "dict_type",
-                   "model_type", "model_attributes_type"))
+TYPES = frozenset(
+    (
+        "float_type",
+        "float_parsing",
+        "int_type",
+        "int_parsing",
+        "int_from_float",
+        "bool_type",
+        "bool_parsing",
+        "string_type",
+        "string_pattern_mismatch",
+        "tuple_type",
+        "list_type",
+        "dict_type",
+        "model_type",
+        "model_attributes_type",
+    )
+)
 """Errors of validation that mean: something else belongs there."""
 
 
@@ -92,7 +153,7 @@ def input_error(error: ValidationError, source: Source) -> InputError:
     if (isinstance(value, dict | list) and len(str(value)) > 60) or isinstance(value, BaseModel) or not path:
         value = None
     where = source.where(path)
-    changes = dict.fromkeys(text for inner, text in source.overridden.items() if inner[:len(path)] == path != inner)
+    changes = dict.fromkeys(text for inner, text in source.overridden.items() if inner[: len(path)] == path != inner)
     if "line" in where and path and changes:  # which may have made the block wrong
         problem += f" (with {' and '.join(changes)})"
         remedy = remedy or f"To replace the whole block, set it: --set '{'.'.join(map(str, path))}={{...}}'."
@@ -136,9 +197,10 @@ def _key_path(loc: tuple, data: Any, missing: bool) -> tuple:
     """
     path: list = []
     for i, part in enumerate(loc):
-        exists = (isinstance(data, dict) and part in data) or (isinstance(data, list) and isinstance(part, int)
-                                                               and part < len(data))
-        if exists and not _is_tag(part, loc[i + 1:], data):
+        exists = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int) and part < len(data)
+        )
+        if exists and not _is_tag(part, loc[i + 1 :], data):
             path.append(part)
             data = data[part]
         elif isinstance(part, int) or (missing and i == len(loc) - 1):
@@ -162,7 +224,7 @@ def _most_specific(problems):
     paths = [path for path, _ in problems]
     kept: dict[tuple, Any] = {}
     for path, e in problems:
-        deeper = any(len(other) > len(path) and other[:len(path)] == path for other in paths)
+        deeper = any(len(other) > len(path) and other[: len(path)] == path for other in paths)
         if not deeper or e["type"] == "extra_forbidden":
             if _is_number(e["input"]) and kept.get(path, e)["type"] == "literal_error":
                 kept[path] = e  # a number is out of the bounds of numbers, not a word that is mistyped
@@ -192,8 +254,12 @@ def _explain(path: tuple, e: dict, source: Source) -> tuple[str, str]:
         return _should_be(path, e, known, _as_block(path, e["input"], source))
     message = e["msg"].removeprefix("Value error, ").removeprefix("Input ")
     message = re.sub(r"valid dictionary.*", "block of keys", message)
-    bounds = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
-              "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}
+    bounds = {
+        "greater_than": ("gt", "above"),
+        "greater_than_equal": ("ge", "at least"),
+        "less_than": ("lt", "below"),
+        "less_than_equal": ("le", "at most"),
+    }
     if kind in bounds:
         name, word = bounds[kind]
         return message, f"Give a number that is {word} {context[name]:g}."
@@ -224,8 +290,11 @@ def _should_be(path: tuple, e: dict, known: list[Entry], as_block: str | None) -
         remedy = "Put quotes around it if it is text."
     elif words.startswith(("number", "whole")):
         alone = isinstance(value, str) and re.match(r"\s*[-+.]?\d", value)
-        remedy = f"Give the number alone{f'; the unit is {unit}' * bool(unit)}." if alone else (
-            "Give a whole number." if words.startswith("whole") else "Give a number.")
+        remedy = (
+            f"Give the number alone{f'; the unit is {unit}' * bool(unit)}."
+            if alone
+            else ("Give a whole number." if words.startswith("whole") else "Give a number.")
+        )
     else:
         such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "see its keys") else ""
         remedy = f"{such}{_first_sentence(known[0])}"
@@ -304,8 +373,11 @@ def _scale(unit: Any) -> str:
     """What to give for a unit, or metres in it, where a mesh has a ``scale``."""
     word = str(unit).strip().lower()
     metres = UNITS.get(word, UNITS.get(word.removesuffix("s")))
-    return "Give scale, metres in one unit of the file, such as 0.001 for mm." if metres is None else (
-        f"Give scale: {metres:g}, the metres in one unit of the file.")
+    return (
+        "Give scale, metres in one unit of the file, such as 0.001 for mm."
+        if metres is None
+        else (f"Give scale: {metres:g}, the metres in one unit of the file.")
+    )
 
 
 def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:
@@ -313,8 +385,11 @@ def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:
     places, root = list(homes(word, model)), json_schema(model)
     if not isinstance(value, dict) or len(places) < 2:
         return places
-    return [place for place in places if any(
-        True for entry in find_key(f"{place}.{word}".lstrip("."), model) for _ in blocks_in(entry.schema, root))]
+    return [
+        place
+        for place in places
+        if any(True for entry in find_key(f"{place}.{word}".lstrip("."), model) for _ in blocks_in(entry.schema, root))
+    ]
 
 
 def _other_kind(tag: str, known: list[str]) -> str:

@@ -13,19 +13,57 @@ from pydantic.json_schema import GenerateJsonSchema
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description import Scene
 
-UNITS = frozenset((
-    "m", "mm", "s", "Hz", "kg", "kg m^2", "N", "N m", "N m s", "N s/m", "N s^2/m^2", "N m s^2", "T", "W/sr", "1/m",
-    "m/s", "m/s^2", "rad/s", "m/s^2/sqrt(Hz)", "m/s^3/sqrt(Hz)", "rad/s/sqrt(Hz)", "rad/s^2/sqrt(Hz)", "degrees",
-    "degrees/s", "degrees Celsius", "per mille", "pixels", "e-", "e-/s", "e-/DN", "e- per W/sr/m^2", "W", "lm",
-    "mg/m^3", "g/m^3"))
+UNITS = frozenset(
+    (
+        "m",
+        "mm",
+        "s",
+        "Hz",
+        "kg",
+        "kg m^2",
+        "N",
+        "N m",
+        "N m s",
+        "N s/m",
+        "N s^2/m^2",
+        "N m s^2",
+        "T",
+        "W/sr",
+        "1/m",
+        "m/s",
+        "m/s^2",
+        "rad/s",
+        "m/s^2/sqrt(Hz)",
+        "m/s^3/sqrt(Hz)",
+        "rad/s/sqrt(Hz)",
+        "rad/s^2/sqrt(Hz)",
+        "degrees",
+        "degrees/s",
+        "degrees Celsius",
+        "per mille",
+        "pixels",
+        "e-",
+        "e-/s",
+        "e-/DN",
+        "e- per W/sr/m^2",
+        "W",
+        "lm",
+        "mg/m^3",
+        "g/m^3",
+    )
+)
 """What may stand in brackets in the description of a key: its unit."""
 KIND_KEYS = ("kind", "model")
 """Keys that tell which of several blocks one is."""
-FORMS = {r"^[0-9a-zA-Z]$": "a letter or digit", r"^[0-9a-zA-Z]{2}$": "two letters or digits",
-         r"^(vehicle|imu|[0-9a-zA-Z]{2})$": "vehicle, imu or the id of a camera",
-         r"^([xyz]{3}|[XYZ]{3})$": "three of x, y, z or of X, Y, Z",
-         r"^\S(.*\S)?$": "a text without blanks at its ends",
-         r"^M\d+(\.\d+)?$": "M and a number, such as M24", r"^(terrain|objects\.\d+)$": "terrain or objects.NUMBER"}
+FORMS = {
+    r"^[0-9a-zA-Z]$": "a letter or digit",
+    r"^[0-9a-zA-Z]{2}$": "two letters or digits",
+    r"^(vehicle|imu|[0-9a-zA-Z]{2})$": "vehicle, imu or the id of a camera",
+    r"^([xyz]{3}|[XYZ]{3})$": "three of x, y, z or of X, Y, Z",
+    r"^\S(.*\S)?$": "a text without blanks at its ends",
+    r"^M\d+(\.\d+)?$": "M and a number, such as M24",
+    r"^(terrain|objects\.\d+)$": "terrain or objects.NUMBER",
+}
 """What a text of each form is, in words."""
 
 
@@ -93,8 +131,10 @@ def find_key(key: str, model: type[BaseModel] = Scene) -> list[Entry]:
             blocks = [block for entry in found for block in blocks_in(entry.schema, root)]
         elif of_kind:
             blocks = of_kind
-            found = [Entry(part, (), {"$ref": f"#/$defs/{block['title']}", "description": block["description"]}, False)
-                     for block in of_kind]
+            found = [
+                Entry(part, (), {"$ref": f"#/$defs/{block['title']}", "description": block["description"]}, False)
+                for block in of_kind
+            ]
         elif not named:
             raise _unknown(key, part, blocks)
         named = bool(holders) and any("additionalProperties" in entry.schema for entry in found)
@@ -105,8 +145,11 @@ def keys_like(typed: str) -> list[str]:
     """Keys that go on from what was typed so far: ``vehicle.cam`` may become ``vehicle.cameras``."""
     above, dot, _ = typed.rpartition(".")
     try:
-        blocks = [block for entry in find_key(above) for block in blocks_in(entry.schema, json_schema())] if dot else [
-            json_schema()]
+        blocks = (
+            [block for entry in find_key(above) for block in blocks_in(entry.schema, json_schema())]
+            if dot
+            else [json_schema()]
+        )
     except InputError:
         return []
     names = dict.fromkeys(name for block in blocks for name in names_in(block))
@@ -139,8 +182,15 @@ def entries(key: str, holders: list[dict]) -> list[Entry]:
         required = key in block.get("required", ())
         alike.setdefault(json.dumps([block["properties"][key], required], sort_keys=True), []).append(block)
     several = len(alike) > 1
-    return [Entry(key, tuple(filter(None, map(kind_of, blocks))) if several else (), blocks[0]["properties"][key],
-                  key in blocks[0].get("required", ())) for blocks in alike.values()]
+    return [
+        Entry(
+            key,
+            tuple(filter(None, map(kind_of, blocks))) if several else (),
+            blocks[0]["properties"][key],
+            key in blocks[0].get("required", ()),
+        )
+        for blocks in alike.values()
+    ]
 
 
 def names_in(block: dict) -> list[str]:
@@ -170,8 +220,12 @@ def blocks_in(schema: dict, root: dict) -> Iterator[dict]:
     """The blocks that may stand where a schema says, also as items of a list or under any name."""
     if "$ref" in schema:
         yield root["$defs"][schema["$ref"].rpartition("/")[2]]
-    inner = [*schema.get("anyOf", ()), *schema.get("oneOf", ()), schema.get("items"),
-             schema.get("additionalProperties")]
+    inner = [
+        *schema.get("anyOf", ()),
+        *schema.get("oneOf", ()),
+        schema.get("items"),
+        schema.get("additionalProperties"),
+    ]
     for part in inner:
         if isinstance(part, dict):
             yield from blocks_in(part, root)
@@ -207,15 +261,19 @@ def _explained(path, entry, root) -> Iterator[str]:
         names = [name for name in names_in(block) if name not in KIND_KEYS or not kind]
         rows = [(name, _default(inner), inner) for name in names for inner in entries(name, [block])]
         wide, deep = (max((len(row[column]) for row in rows), default=0) for column in (0, 1))
-        yield from (f"    {name:{wide}} {default:{deep}} {plain(inner.schema['description'])}"
-                    for name, default, inner in rows)
+        yield from (
+            f"    {name:{wide}} {default:{deep}} {plain(inner.schema['description'])}" for name, default, inner in rows
+        )
 
 
 def facts(entry: Entry) -> dict[str, str]:
     """What a key may be, its unit, default and example, in words; empty where there is none."""
-    return {"value": in_words(entry.schema), "unit": entry.schema.get("x-unit", ""),
-            "default": _default(entry) if entry.required or "default" in entry.schema else "",
-            "example": ", ".join(map(_value, entry.schema.get("examples", ())))}
+    return {
+        "value": in_words(entry.schema),
+        "unit": entry.schema.get("x-unit", ""),
+        "default": _default(entry) if entry.required or "default" in entry.schema else "",
+        "example": ", ".join(map(_value, entry.schema.get("examples", ()))),
+    }
 
 
 def plain(text: str) -> str:
@@ -246,14 +304,23 @@ def in_words(schema: dict, several: bool = False) -> str:
     if "prefixItems" in schema:
         items = schema["prefixItems"]
         alike = len(set(map(in_words, items))) == 1
-        return (f"{lists} of {len(items)} {in_words(items[0], several=True)}" if alike else
-                f"{lists} of {len(items)}: {', '.join(map(in_words, items))}")
+        return (
+            f"{lists} of {len(items)} {in_words(items[0], several=True)}"
+            if alike
+            else f"{lists} of {len(items)}: {', '.join(map(in_words, items))}"
+        )
     if schema.get("type") == "array":
         return f"{lists} of {in_words(schema['items'], several=True)}"
     if "pattern" in schema:
         return FORMS[schema["pattern"]]
-    words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "",
-             "object": "blocks by name"}.get(schema.get("type", ""), "block")
+    words = {
+        "number": "number",
+        "integer": "whole number",
+        "string": "text",
+        "boolean": "true or false",
+        "null": "",
+        "object": "blocks by name",
+    }.get(schema.get("type", ""), "block")
     return words + "s" * (several and words in ("number", "whole number", "text", "block")) + _bounds(schema)
 
 

@@ -1,6 +1,5 @@
 """Scene files that come with the package, to begin with."""
 
-
 from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.file.load import DATA
 
@@ -34,7 +33,11 @@ def template_text(name: str = "starter") -> str:
     """
     known = name.replace("-", "_")
     if known not in TEMPLATES:
-        raise InputError("there is no such template", key="--template", value=name,
-                         remedy=did_you_mean(known, TEMPLATES) or f"Use one of {', '.join(TEMPLATES)}.")
+        raise InputError(
+            "there is no such template",
+            key="--template",
+            value=name,
+            remedy=did_you_mean(known, TEMPLATES) or f"Use one of {', '.join(TEMPLATES)}.",
+        )
     path = DATA / ("starter.yaml" if known == "starter" else f"templates/{known}.yaml")
     return f"# yaml-language-server: $schema={SCHEMA_FILE}\n{path.read_text(encoding='utf-8')}"

@@ -30,6 +30,7 @@ def parse_file(path: Path, what: str, remedy: str, model: type[BaseModel]) -> So
     if data is None:
         raise InputError(f"the {what} is empty", file=path, remedy=remedy)
     if not isinstance(data, dict):
-        raise InputError(f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path,
-                         remedy=remedy)
+        raise InputError(
+            f"a {what} is a mapping of keys to values, this is a {type(data).__name__}", file=path, remedy=remedy
+        )
     return Source(data, model, path, lines)

@@ -20,8 +20,11 @@ def build_parts(scene: Scene) -> list[Part | Instances]:
     whichever vehicle sees them.
     """
     single = build_single_parts(scene)
-    parts = [*single, *(moving_part(scene, key) for key in scene.moving if key in scene.companions),
-             *build_instances(scene, single)]
+    parts = [
+        *single,
+        *(moving_part(scene, key) for key in scene.moving if key in scene.companions),
+        *build_instances(scene, single),
+    ]
     parts = with_relief(scene, parts)
     return [*parts, *grow(scene, parts)]
 
@@ -37,8 +40,11 @@ def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
     if not scene.scatter:
         return []
     ground = Ground(parts[0], parts[1:])  # nothing is scattered without a terrain, and it comes first
-    return [group for i, block in enumerate(scene.scatter)
-            for group in scatter(block, f"scatter.{i}", _shapes(scene, block, i), ground, scene.seed)]
+    return [
+        group
+        for i, block in enumerate(scene.scatter)
+        for group in scatter(block, f"scatter.{i}", _shapes(scene, block, i), ground, scene.seed)
+    ]
 
 
 def _has_relief(scene: Scene, block: Boulder) -> bool:

@@ -44,13 +44,18 @@ def find_course(scene: Scene, parts: list[Part | Instances] | None = None) -> No
     shell = Shell(part, pattern.distance_m)
     ends = shell.settle(np.array(pattern.through, float))
     if (lost := np.flatnonzero(~shell.keeps(ends))).size:
-        raise InputError(f"there is no place {pattern.distance_m:g} m from {pattern.surface} near it", key=
-                         f"{KEY}.through.{lost[0]}", value=pattern.through[lost[0]],
-                         remedy="It may lie in a hollow: move it, or lower distance_m")
+        raise InputError(
+            f"there is no place {pattern.distance_m:g} m from {pattern.surface} near it",
+            key=f"{KEY}.through.{lost[0]}",
+            value=pattern.through[lost[0]],
+            remedy="It may lie in a hollow: move it, or lower distance_m",
+        )
     places = _along(shell, ends, pattern)
     facing = _facing(shell.nearest(places) - places)
-    pattern._found = [{"position": tuple(place), "rotation_euler_deg": tuple(angles)} for place, angles in
-                      zip(places.tolist(), facing.as_euler("xyz", degrees=True).tolist(), strict=True)]
+    pattern._found = [
+        {"position": tuple(place), "rotation_euler_deg": tuple(angles)}
+        for place, angles in zip(places.tolist(), facing.as_euler("xyz", degrees=True).tolist(), strict=True)
+    ]
 
 
 def standpoints(scene: Scene, parts: list[Part | Instances]) -> np.ndarray:
@@ -97,8 +102,12 @@ def _part(scene: Scene, name: str) -> Part:
         return terrain_part(scene)
     number = int(name.partition(".")[2] or -1)
     if not 0 <= number < len(scene.objects):
-        raise InputError("there is no such surface in the scene", key=f"{KEY}.surface", value=name,
-                         remedy=f"Name terrain or one of the {len(scene.objects)} objects, counted from objects.0")
+        raise InputError(
+            "there is no such surface in the scene",
+            key=f"{KEY}.surface",
+            value=name,
+            remedy=f"Name terrain or one of the {len(scene.objects)} objects, counted from objects.0",
+        )
     return object_part(scene, scene.objects[number], name)
 
 
@@ -132,14 +141,18 @@ class Shell:
 
     def _outwards(self, points: np.ndarray) -> np.ndarray:
         """Normals [N, 3] at points of the part."""
-        normal = trimesh.triangles.normals(self._surface.vertices[self._surface.faces[
-            self._surface.nearest(points)[1]]])[0]
+        normal = trimesh.triangles.normals(
+            self._surface.vertices[self._surface.faces[self._surface.nearest(points)[1]]]
+        )[0]
         side = 1e-3 * self._distance * normal
         return np.where(self._inside(points + side)[:, None], -normal, normal)
 
     def _inside(self, points: np.ndarray) -> np.ndarray:
-        return is_inside(self._surface.vertices, self._surface.faces, points) if self._closed else np.zeros(
-            len(points), bool)
+        return (
+            is_inside(self._surface.vertices, self._surface.faces, points)
+            if self._closed
+            else np.zeros(len(points), bool)
+        )
 
 
 def _along(shell: Shell, places: np.ndarray, pattern: HullFollowing) -> np.ndarray:
@@ -153,16 +166,25 @@ def _along(shell: Shell, places: np.ndarray, pattern: HullFollowing) -> np.ndarr
             break
         between = shell.settle(0.5 * (places[wide] + places[wide + 1]))
         kept = shell.keeps(between)
-        stuck = ~kept | (np.linalg.norm(np.stack([between - places[wide], between - places[wide + 1]]), axis=2).max(0)
-                         > 0.999 * gaps[wide])
+        stuck = ~kept | (
+            np.linalg.norm(np.stack([between - places[wide], between - places[wide + 1]]), axis=2).max(0)
+            > 0.999 * gaps[wide]
+        )
         if stuck.any():
             where = ", ".join(f"{x:.2f}" for x in places[wide[stuck.argmax()]])
-            raise InputError(f"the way at {pattern.distance_m:g} m from {pattern.surface} ends near ({where})",
-                             key=f"{KEY}.through", remedy="A hollow may be narrower than that, or the next point on "
-                             "the other side: lower distance_m, or give points between")
+            raise InputError(
+                f"the way at {pattern.distance_m:g} m from {pattern.surface} ends near ({where})",
+                key=f"{KEY}.through",
+                remedy="A hollow may be narrower than that, or the next point on "
+                "the other side: lower distance_m, or give points between",
+            )
         places = np.insert(places, wide + 1, between, axis=0)
-    raise InputError(f"the course takes more than {MOST_WAYPOINTS} waypoints", key=f"{KEY}.spacing_m",
-                     value=pattern.spacing_m, remedy="Raise it")
+    raise InputError(
+        f"the course takes more than {MOST_WAYPOINTS} waypoints",
+        key=f"{KEY}.spacing_m",
+        value=pattern.spacing_m,
+        remedy="Raise it",
+    )
 
 
 def _facing(forward: np.ndarray) -> Rotation:

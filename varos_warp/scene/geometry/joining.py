@@ -30,8 +30,9 @@ def crop(vertices, faces, region, key="preprocess"):
         inside[part] = (high >= (xmin, ymin)).all(axis=1) & (low <= (xmax, ymax)).all(axis=1)
     if not inside.any():
         bounds = np.concatenate([vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)]).round(3).tolist()
-        raise InputError("lies beside the terrain", key=f"{key}.region", value=list(region),
-                         remedy=f"The terrain covers {bounds}.")
+        raise InputError(
+            "lies beside the terrain", key=f"{key}.region", value=list(region), remedy=f"The terrain covers {bounds}."
+        )
     return compact(vertices, faces[inside])
 
 
@@ -54,8 +55,12 @@ def merge_near(vertices, faces, tolerance: float | None, key="preprocess"):
     if tolerance is None:
         tolerance = min(0.001, median / 4.0)
     if tolerance > 0.5 * median and tolerance > 0.0 and median > 0.0:
-        raise InputError(f"is more than half the mesh's median edge of {median:.3g} m", value=tolerance,
-                         key=f"{key}.merge_tolerance_m", remedy="Lower it, else the surface collapses.")
+        raise InputError(
+            f"is more than half the mesh's median edge of {median:.3g} m",
+            value=tolerance,
+            key=f"{key}.merge_tolerance_m",
+            remedy="Lower it, else the surface collapses.",
+        )
     vertices, faces = merge_equal(vertices, faces)
     tree = cKDTree(vertices, balanced_tree=False, compact_nodes=False)  # as quick to search, quicker to build
     pairs = tree.query_pairs(tolerance, output_type="ndarray")

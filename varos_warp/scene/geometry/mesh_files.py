@@ -24,14 +24,22 @@ from varos_warp.scene.geometry.parts import MeshFacts, Skin
 from varos_warp.scene.geometry.topology import FARTHEST
 
 READERS: dict[str, Callable[[Path, bool], MeshFile]] = {
-    ".dae": read_dae, ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".glb": read_gltf, ".gltf": read_gltf,
+    ".dae": read_dae,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
     ".off": read_off,
 }
 FORMATS = tuple(READERS)
 OTHERS = (
     (b"version https://git-lfs", "is a pointer of Git LFS, not the file itself", "Run `git lfs pull`."),
-    ((b"<!doctype html", b"<html"), "is a web page, not a mesh",
-     "Download the file itself: open the page in a browser, and follow its link."),
+    (
+        (b"<!doctype html", b"<html"),
+        "is a web page, not a mesh",
+        "Download the file itself: open the page in a browser, and follow its link.",
+    ),
 )
 """Beginnings of what is no mesh under a mesh's name, and what to do."""
 LEAST_LOSS = 1e-6
@@ -83,12 +91,23 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *
     vertices, faces = _in_metres(file, pieces, up_axis, key)
     _tell(file, key, up_axis)
     mesh, kept, area, built = _built(vertices, faces, path, key)
-    facts = MeshFacts(path, up_axis or file.up_axis or "z", file.up_axis is None and up_axis is None, file.unit_m,
-                      file.triangles, int(np.count_nonzero(~kept)), area, 1.0 - built / area,
-                      {texture.name: share for texture, share in shares_outside(pieces)}, skins.constant)
+    facts = MeshFacts(
+        path,
+        up_axis or file.up_axis or "z",
+        file.up_axis is None and up_axis is None,
+        file.unit_m,
+        file.triangles,
+        int(np.count_nonzero(~kept)),
+        area,
+        1.0 - built / area,
+        {texture.name: share for texture, share in shares_outside(pieces)},
+        skins.constant,
+    )
     if facts.area_lost > LEAST_LOSS:
-        warn(f"{key}: {path.name}: {facts.area_lost:.2%} of its area is lost, for vertices nearer to each other than "
-             "1e-8 m are merged: scale it up in the file, and give `scale`")
+        warn(
+            f"{key}: {path.name}: {facts.area_lost:.2%} of its area is lost, for vertices nearer to each other than "
+            "1e-8 m are merged: scale it up in the file, and give `scale`"
+        )
     skin = skin if skin is None or kept.all() else skin.of_faces(kept)
     return LoadedMesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int32), skin, facts)
 
@@ -97,9 +116,13 @@ def _built(vertices, faces, path, key):
     """The mesh with equal vertices merged, which of its faces have an area, and the area before and after [m2]."""
     bad = ~(np.abs(vertices) < FARTHEST).all(axis=1)
     if bad.any():
-        raise InputError(f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
-                         f"number {np.argmax(bad)})", file=path, key=key,
-                         remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.")
+        raise InputError(
+            f"{bad.sum()} of {len(vertices)} vertices are NaN or infinite, or too far away (the first is "
+            f"number {np.argmax(bad)})",
+            file=path,
+            key=key,
+            remedy="Remove them in a mesh editor, or with `varos-warp preprocess`.",
+        )
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     area = float(mesh.area_faces.sum())
     mesh.merge_vertices()
@@ -135,11 +158,18 @@ def _guarded(read, path, key):
         return read()
     except InputError as error:
         inner = error.key if error.key is None or error.key.startswith(key) else f"{key}: {error.key}"
-        raise InputError(error.problem, file=error.file or path, key=inner or key, value=error.value,
-                         remedy=error.remedy, line=error.line) from error
+        raise InputError(
+            error.problem,
+            file=error.file or path,
+            key=inner or key,
+            value=error.value,
+            remedy=error.remedy,
+            line=error.line,
+        ) from error
     except RecursionError as error:
-        raise InputError("is nested too deeply", file=path, key=key,
-                         remedy="Export it anew, with fewer nodes.") from error
+        raise InputError(
+            "is nested too deeply", file=path, key=key, remedy="Export it anew, with fewer nodes."
+        ) from error
     except Exception as error:  # a damaged file can be wrong in any way
         problem = f"cannot be read as a mesh: {str(error).strip() or type(error).__name__}"
         raise InputError(problem, file=path, key=key, remedy="Export it anew from the program that made it.") from error
@@ -173,8 +203,10 @@ def _joined(pieces):
             places.append(piece.vertices)
             count += len(piece.vertices)
     faces = [piece.faces + np.int64(shared[id(piece.vertices)]) for piece in pieces]
-    return (np.concatenate([np.zeros((0, 3)), *places]),
-            np.concatenate([np.zeros((0, 3), np.int64), *faces]).astype(np.int32))
+    return (
+        np.concatenate([np.zeros((0, 3)), *places]),
+        np.concatenate([np.zeros((0, 3), np.int64), *faces]).astype(np.int32),
+    )
 
 
 def _tell(file, key, up_axis):
@@ -188,9 +220,11 @@ def _tell(file, key, up_axis):
 def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None:
     """Write a binary PLY in double precision, aside first and then renamed (trimesh writes single precision)."""
     path = Path(path)
-    header = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-              "property double x\nproperty double y\nproperty double z\n"
-              f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
     rows = np.empty(len(faces), [("count", "u1"), ("index", "<i4", 3)])
     rows["count"], rows["index"] = 3, faces
     aside = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -199,19 +233,27 @@ def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None
         aside.replace(path)
     except OSError as error:
         aside.unlink(missing_ok=True)
-        raise InputError(f"cannot be written: {error.strerror}", file=path,
-                         remedy="Choose a folder that exists, is writable and has space.") from error
+        raise InputError(
+            f"cannot be written: {error.strerror}",
+            file=path,
+            remedy="Choose a folder that exists, is writable and has space.",
+        ) from error
 
 
 def _check_file(path, key):
     """The file exists, has a known format and is not empty."""
     require_file(path, "mesh file", "Paths are relative to the scene file; correct the path.", key)
     if path.suffix.lower() not in FORMATS:
-        raise InputError(f"unknown mesh format '{path.suffix}'", file=path, key=key,
-                         remedy=remedy_for(path.suffix, FORMATS))
+        raise InputError(
+            f"unknown mesh format '{path.suffix}'", file=path, key=key, remedy=remedy_for(path.suffix, FORMATS)
+        )
     if path.stat().st_size == 0:
-        raise InputError("the mesh file is empty (0 bytes)", file=path, key=key,
-                         remedy="Copy or export it again; the transfer may have broken off.")
+        raise InputError(
+            "the mesh file is empty (0 bytes)",
+            file=path,
+            key=key,
+            remedy="Copy or export it again; the transfer may have broken off.",
+        )
     with path.open("rb") as file:
         beginning = file.read(256).removeprefix(b"\xef\xbb\xbf").lstrip().lower()
     for words, problem, remedy in OTHERS:

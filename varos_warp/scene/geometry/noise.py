@@ -30,8 +30,15 @@ class Cells(NamedTuple):
         return self.second - self.near
 
 
-def fbm(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 4, seed: int = 0, gain: float = 0.5,
-        edge: np.ndarray | float = 0.0, device: str = "cpu") -> np.ndarray:
+def fbm(
+    p: np.ndarray,
+    cycles_per_m: Cycles,
+    octaves: int = 4,
+    seed: int = 0,
+    gain: float = 0.5,
+    edge: np.ndarray | float = 0.0,
+    device: str = "cpu",
+) -> np.ndarray:
     """Fractal sum of gradient noise: mean 0, standard deviation 0.18 to 0.2 of several octaves, seldom beyond 0.6.
 
     Args:
@@ -50,20 +57,40 @@ def fbm(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 4, seed: int = 0, ga
     return _sum(kernels.FBM, p, cycles_per_m, octaves, seed, gain, edge, device)
 
 
-def ridged(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 5, seed: int = 0, gain: float = 0.55,
-           edge: np.ndarray | float = 0.0, device: str = "cpu") -> np.ndarray:
+def ridged(
+    p: np.ndarray,
+    cycles_per_m: Cycles,
+    octaves: int = 5,
+    seed: int = 0,
+    gain: float = 0.55,
+    edge: np.ndarray | float = 0.0,
+    device: str = "cpu",
+) -> np.ndarray:
     """Ridged multifractal (Musgrave): sharp crests, rough where they are high; about 0 to 1, mean 0.5; see `fbm`."""
     return _sum(kernels.RIDGED, p, cycles_per_m, octaves, seed, gain, edge, device)
 
 
-def billow(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 4, seed: int = 0, gain: float = 0.5,
-           edge: np.ndarray | float = 0.0, device: str = "cpu") -> np.ndarray:
+def billow(
+    p: np.ndarray,
+    cycles_per_m: Cycles,
+    octaves: int = 4,
+    seed: int = 0,
+    gain: float = 0.5,
+    edge: np.ndarray | float = 0.0,
+    device: str = "cpu",
+) -> np.ndarray:
     """Round humps with sharp clefts between them; see `fbm`. About -1 to 1, of mean -0.38."""
     return _sum(kernels.BILLOW, p, cycles_per_m, octaves, seed, gain, edge, device)
 
 
-def fbm_vector(p: np.ndarray, cycles_per_m: Cycles, octaves: int = 3, seed: int = 0,
-               edge: np.ndarray | float = 0.0, device: str = "cpu") -> np.ndarray:
+def fbm_vector(
+    p: np.ndarray,
+    cycles_per_m: Cycles,
+    octaves: int = 3,
+    seed: int = 0,
+    edge: np.ndarray | float = 0.0,
+    device: str = "cpu",
+) -> np.ndarray:
     """Three independent sums, float64 [N, 3]: what to move places by before they are looked up elsewhere."""
     return np.stack([fbm(p, cycles_per_m, octaves, seed + axis, 0.5, edge, device) for axis in range(3)], axis=1)
 
@@ -79,8 +106,13 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
         device: Where to compute.
     """
     cell = wp.empty(len(p), dtype=wp.vec3, device=device)
-    arguments = {"seed": _bits(seed), "cycles": _vector(cycles_per_m), "is_flat": int(flat),
-                 "points": upload(np.asarray(p, np.float64), wp.vec3d, device), "cell": cell}
+    arguments = {
+        "seed": _bits(seed),
+        "cycles": _vector(cycles_per_m),
+        "is_flat": int(flat),
+        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
+        "cell": cell,
+    }
     launch(kernels.find_cells, len(p), arguments, device)
     return Cells(*cell.numpy().astype(np.float64).T)
 
@@ -111,8 +143,9 @@ class Patterns:
 
     def moved(self, amplitude_m: float, cycles: Cycles, salt: int, octaves: int = 2) -> "Patterns":
         """The same noises at places that noise has moved by up to ``amplitude_m``."""
-        return self.at(self.p + amplitude_m * fbm_vector(self.p, cycles, octaves, self._salted(salt), self.edge,
-                                                         self.device))
+        return self.at(
+            self.p + amplitude_m * fbm_vector(self.p, cycles, octaves, self._salted(salt), self.edge, self.device)
+        )
 
     def fbm(self, cycles: Cycles, octaves: int, salt: int, gain: float = 0.5) -> np.ndarray:
         """`fbm`, [N]."""
@@ -141,9 +174,16 @@ class Patterns:
 def _sum(kind, p, cycles, octaves, seed, gain, edge, device):
     value = wp.empty(len(p), dtype=wp.float32, device=device)
     edges = np.broadcast_to(np.asarray(edge, np.float32), len(p))
-    arguments = {"kind": int(kind), "seed": _bits(seed), "cycles": _vector(cycles), "octaves": octaves, "gain": gain,
-                 "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
-                 "edge": upload(edges, wp.float32, device), "value": value}
+    arguments = {
+        "kind": int(kind),
+        "seed": _bits(seed),
+        "cycles": _vector(cycles),
+        "octaves": octaves,
+        "gain": gain,
+        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
+        "edge": upload(edges, wp.float32, device),
+        "value": value,
+    }
     launch(kernels.sum_octaves, len(p), arguments, device)
     return value.numpy().astype(np.float64)
 

@@ -51,6 +51,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.
 
 def kept_corner_normals(vertices: np.ndarray, faces: np.ndarray, angle: float) -> np.ndarray:
     """`corner_normals`; of large meshes from the user's cache, where they were computed before."""
+
     def compute():
         return {"normals": corner_normals(vertices, faces, angle)}
 

@@ -35,8 +35,9 @@ class Page:
         """Which of the texels the mask leaves, bool [H, W]; None without a mask."""
         if self.alpha is None:
             return None
-        rows, cols = ((np.arange(new) + 0.5) * old / new for new, old in zip(
-            self.texels.shape[:2], self.alpha.shape, strict=True))
+        rows, cols = (
+            (np.arange(new) + 0.5) * old / new for new, old in zip(self.texels.shape[:2], self.alpha.shape, strict=True)
+        )
         return self.alpha[np.ix_(rows.astype(int), cols.astype(int))] >= 255.0 * self.cutoff
 
 
@@ -79,16 +80,29 @@ class Skin:
 
     def repeated(self, count: int) -> "Skin":
         """The skin of so many copies, one after another."""
-        page, tints, cut = (None if values is None else np.concatenate([values] * count)
-                            for values in (self.page, self.tints, self.cut))
-        return Skin(np.concatenate([self.corners] * count), self.pages, page, tints, cut, self.spectra and replace(
-            self.spectra, of_face=np.concatenate([self.spectra.of_face] * count)))
+        page, tints, cut = (
+            None if values is None else np.concatenate([values] * count) for values in (self.page, self.tints, self.cut)
+        )
+        return Skin(
+            np.concatenate([self.corners] * count),
+            self.pages,
+            page,
+            tints,
+            cut,
+            self.spectra and replace(self.spectra, of_face=np.concatenate([self.spectra.of_face] * count)),
+        )
 
     def of_faces(self, chosen: np.ndarray) -> "Skin":
         """The skin of some of the faces, by their numbers or bool [F]."""
         page, tints, cut = (None if values is None else values[chosen] for values in (self.page, self.tints, self.cut))
-        return Skin(self.corners[chosen], self.pages, page, tints, cut, self.spectra and replace(
-            self.spectra, of_face=self.spectra.of_face[chosen]))
+        return Skin(
+            self.corners[chosen],
+            self.pages,
+            page,
+            tints,
+            cut,
+            self.spectra and replace(self.spectra, of_face=self.spectra.of_face[chosen]),
+        )
 
 
 @dataclass(frozen=True)
@@ -165,8 +179,11 @@ class Shape:
 
     def divided(self, normals: np.ndarray) -> list[Self]:
         """What is whole of a shape and what masks may cut, two shapes; given its normals [F, 3, 3]."""
-        return [replace(self, faces=self.faces[some], skin=self.skin.of_faces(some), normals=normals[some])
-                for some in (~self.skin.cut, self.skin.cut) if some.any()]
+        return [
+            replace(self, faces=self.faces[some], skin=self.skin.of_faces(some), normals=normals[some])
+            for some in (~self.skin.cut, self.skin.cut)
+            if some.any()
+        ]
 
 
 @dataclass(frozen=True)
@@ -238,17 +255,33 @@ class Instances(Shape):
 
     def parts(self) -> list[Part]:
         """Every copy as a part, with its position as the seed of its material."""
-        return [Part(name, self.vertices @ T[:3, :3].T + T[:3, 3], self.faces, self.material,
-                     tuple(T[:3, 3].tolist()), smooth_angle=self.smooth_angle, smooth_shading=self.smooth_shading,
-                     skin=self.skin) for name, T in zip(self.names, self.T_w_o, strict=True)]
+        return [
+            Part(
+                name,
+                self.vertices @ T[:3, :3].T + T[:3, 3],
+                self.faces,
+                self.material,
+                tuple(T[:3, 3].tolist()),
+                smooth_angle=self.smooth_angle,
+                smooth_shading=self.smooth_shading,
+                skin=self.skin,
+            )
+            for name, T in zip(self.names, self.T_w_o, strict=True)
+        ]
 
     def joined(self) -> Part:
         """All copies as one part, the faces of one after those of another."""
         skin = None if self.skin is None else self.skin.repeated(len(self))
         starts = np.int32(len(self.vertices)) * np.arange(len(self), dtype=np.int32)
-        return Part(self.name, self._placed(self.vertices).reshape(-1, 3),
-                    (self.faces[None] + starts[:, None, None]).reshape(-1, 3), self.material,
-                    smooth_angle=self.smooth_angle, smooth_shading=self.smooth_shading, skin=skin)
+        return Part(
+            self.name,
+            self._placed(self.vertices).reshape(-1, 3),
+            (self.faces[None] + starts[:, None, None]).reshape(-1, 3),
+            self.material,
+            smooth_angle=self.smooth_angle,
+            smooth_shading=self.smooth_shading,
+            skin=skin,
+        )
 
     def boxes(self) -> list[Part]:
         """Every copy as the corners of its bounding box, turned with it, without faces."""

@@ -42,8 +42,11 @@ def terrain_part(scene: Scene) -> Part:
 def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> bool:
     """Whether a block takes the colours of its mesh file or board, if that has any."""
     if isinstance(block, Terrain):
-        return block.material is None and block.preprocess is None and (isinstance(block.file, str)
-                                                                        or len(block.file) == 1)
+        return (
+            block.material is None
+            and block.preprocess is None
+            and (isinstance(block.file, str) or len(block.file) == 1)
+        )
     brings_along = isinstance(block, MeshObject | CalibrationBoard | ColorChart) or assets.has_colours(block)
     return block.material is None and brings_along
 
@@ -95,8 +98,14 @@ def _terrain_mesh(scene):
     """Return vertices, faces and Skin or None of the terrain in its own axes, and its `Survey` or None."""
     block = scene.terrain
     if isinstance(block, ProceduralTerrain):
-        return *procedural.generate_terrain(block.size_m, block.resolution, block.relief_m, block.feature_m,
-                                            block.rockiness, block.seed), None, (), None
+        return (
+            *procedural.generate_terrain(
+                block.size_m, block.resolution, block.relief_m, block.feature_m, block.rockiness, block.seed
+            ),
+            None,
+            (),
+            None,
+        )
     skin, files, survey = None, (), None
     if isinstance(block, Heights):
         survey = read_survey(block, scene.resolve)
@@ -128,8 +137,12 @@ def _preprocessed(vertices, faces, options):
         return {"vertices": mesh[0], "faces": mesh[1], "warnings": np.array(log.warnings, dtype=str)}
 
     code = code_hash(terrain.__name__, ("varos_warp.kernels", "varos_warp.scene.geometry"))
-    kept = cached("terrain", {"mesh": digest(vertices, faces), "options": options, "code": code}, preprocess,
-                  what="the sea floor by terrain.preprocess")
+    kept = cached(
+        "terrain",
+        {"mesh": digest(vertices, faces), "options": options, "code": code},
+        preprocess,
+        what="the sea floor by terrain.preprocess",
+    )
     for text in kept["warnings"]:
         warn(f"{key}: {text}")
     return kept["vertices"], kept["faces"]
@@ -139,17 +152,31 @@ def _part(scene, block, key, vertices, faces, skin=None, files=(), survey=None):
     """A mesh where its block places it: scaled, turned, moved."""
     doubts = [] if survey is None else survey.warnings
     if step := single_precision_step(vertices):
-        doubts = [*doubts, f"its places were rounded to {step:.2g} m, as single precision has them so far from the "
-                           "origin: export it in double precision, or about an origin that is nearer"]
+        doubts = [
+            *doubts,
+            f"its places were rounded to {step:.2g} m, as single precision has them so far from the "
+            "origin: export it in double precision, or about an origin that is nearer",
+        ]
     with np.errstate(over="ignore", invalid="ignore"):
         turned = (vertices * block.scale) @ attitude(next(iter(getattr(block, "stops", ())), block)).T
     reach, size = float(np.abs(turned).max()), float(np.ptp(turned, axis=0).max())
     if not (reach <= LARGEST_M and size >= SMALLEST_M):
         what = f"is {size:.3g} m across" if reach <= LARGEST_M else f"reaches {reach:.3g} m from its origin"
-        raise InputError(f"{what}; parts are {SMALLEST_M:g} to {LARGEST_M:g} m large", key=key,
-                         remedy=f"Check the units of its file or its measures, and its scale ({block.scale}).")
-    return Part(name=key, vertices=turned + np.asarray(block.position), faces=np.asarray(faces, np.int32),
-                material=scene.materials[block.material] if block.material is not None else Diffuse(),
-                origin=block.position, smooth_angle=float(np.radians(block.smooth_angle_deg)),
-                smooth_shading=block.shading == "smooth", skin=skin, files=files,
-                survey=survey and survey.facts, doubts=tuple(doubts))
+        raise InputError(
+            f"{what}; parts are {SMALLEST_M:g} to {LARGEST_M:g} m large",
+            key=key,
+            remedy=f"Check the units of its file or its measures, and its scale ({block.scale}).",
+        )
+    return Part(
+        name=key,
+        vertices=turned + np.asarray(block.position),
+        faces=np.asarray(faces, np.int32),
+        material=scene.materials[block.material] if block.material is not None else Diffuse(),
+        origin=block.position,
+        smooth_angle=float(np.radians(block.smooth_angle_deg)),
+        smooth_shading=block.shading == "smooth",
+        skin=skin,
+        files=files,
+        survey=survey and survey.facts,
+        doubts=tuple(doubts),
+    )

@@ -61,8 +61,14 @@ def sea_floor(size_m: float, resolution: int, feature_m: float, rockiness: float
     return height / max(height.max(), 1e-300)
 
 
-def generate_terrain(size_m: float = 60.0, resolution: int = 257, relief_m: float = 2.0, feature_m: float = 25.0,
-                     rockiness: float = 0.4, seed: int = 1):
+def generate_terrain(
+    size_m: float = 60.0,
+    resolution: int = 257,
+    relief_m: float = 2.0,
+    feature_m: float = 25.0,
+    rockiness: float = 0.4,
+    seed: int = 1,
+):
     """A square sea floor around the origin, its median height 0; same seed, same terrain.
 
     The arguments are those of ``scene.description.world.ProceduralTerrain``.

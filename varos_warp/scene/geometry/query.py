@@ -97,8 +97,13 @@ def _covers(triangles, x, y):
     return inside
 
 
-def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.ndarray, reach: float,
-           T_w_o: dict[str, np.ndarray] | None = None) -> np.ndarray:
+def ranges(
+    parts: list[Part | Instances],
+    points: np.ndarray,
+    directions: np.ndarray,
+    reach: float,
+    T_w_o: dict[str, np.ndarray] | None = None,
+) -> np.ndarray:
     """Distance [N] along rays to the first surface, float64 [m]; infinite where there is none within ``reach`` [m].
 
     Args:
@@ -123,8 +128,9 @@ class Solids:
         self.parts = [part for part in parts if grown or not isinstance(part, Grown)]
         self._surfaces: dict[tuple, Surface] = {}
 
-    def first_met(self, points: np.ndarray, directions: np.ndarray, reach: float, T_w_o: dict[str, np.ndarray]
-                  ) -> tuple[np.ndarray, np.ndarray]:
+    def first_met(
+        self, points: np.ndarray, directions: np.ndarray, reach: float, T_w_o: dict[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """What `ranges` gives, and which of ``T_w_o`` each ray meets, int [N]: its place there.
 
         -1 is what stands still, or nothing.
@@ -153,8 +159,10 @@ class Solids:
         single = [part for part in self.parts if isinstance(part, Part) and part.name not in moving]
         if not single:
             return np.full(len(points), np.inf)
-        surface = self._surface(("standing", *(part.name for part in single)),
-                                lambda: join([(part.vertices, part.faces) for part in single]))
+        surface = self._surface(
+            ("standing", *(part.name for part in single)),
+            lambda: join([(part.vertices, part.faces) for part in single]),
+        )
         return surface.distances(points, directions)
 
     def _to_moving(self, part: Moving, points: np.ndarray, directions: np.ndarray, T_w_o: np.ndarray) -> np.ndarray:
@@ -164,8 +172,7 @@ class Solids:
         surface = self._surface(("moving", part.name), lambda: ((part.vertices - part.origin) @ part.R_w_o, part.faces))
         return surface.distances(start, d)
 
-    def _to_copies(self, group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray
-                   ) -> np.ndarray:
+    def _to_copies(self, group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
         """Distance [N] along rays to the first of the copies; only those near to a ray's way [N] are looked at."""
         t, (ray, copy) = np.full(len(points), np.inf), _near(group, points, directions, reach)
         if len(ray):
@@ -177,8 +184,9 @@ class Solids:
         return t
 
 
-def _near(group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray
-          ) -> tuple[np.ndarray, np.ndarray]:
+def _near(
+    group: Instances, points: np.ndarray, directions: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of a ray's and a copy's number where the ray's way passes the sphere about the copy."""
     if not len(group) or not len(points):
         return np.zeros(0, int), np.zeros(0, int)

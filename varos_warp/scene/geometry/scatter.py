@@ -71,8 +71,13 @@ def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, se
     shapes = [own.vertices - [0.0, 0.0, low] for own, low in zip(prototypes, lowest, strict=True)]
     vertices = np.concatenate(shapes) if len(shapes) > 1 else shapes[0]
     reach = np.linalg.norm(vertices if block.max_tilt_deg else vertices[:, :2], axis=1).max()
-    depends_on = {"block": block.model_dump(mode="json", exclude={"object"}), "seed": seed, "ground": ground.digest(),
-                  "copy": digest(vertices), "code": code_hash(__name__, (__name__.rpartition(".")[0],))}
+    depends_on = {
+        "block": block.model_dump(mode="json", exclude={"object"}),
+        "seed": seed,
+        "ground": ground.digest(),
+        "copy": digest(vertices),
+        "code": code_hash(__name__, (__name__.rpartition(".")[0],)),
+    }
     places = cached("scatter", depends_on, lambda: {"places": _places(block, key, vertices, reach, ground, seed)})
     places = places["places"]
     ground.take(places, reach)
@@ -84,12 +89,22 @@ def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, se
     T[:, 2, 3] -= deep
     groups, first = [], 0
     for k, (own, prototype) in enumerate(zip(shapes, prototypes, strict=True)):
-        of_shape = T[k::len(shapes)]
+        of_shape = T[k :: len(shapes)]
         if len(of_shape):
-            groups.append(Instances(
-                key, own, prototype.faces, prototype.material, of_shape, first + np.arange(len(of_shape)),
-                smooth_angle=prototype.smooth_angle,
-                smooth_shading=prototype.smooth_shading, skin=prototype.skin, files=prototype.files))
+            groups.append(
+                Instances(
+                    key,
+                    own,
+                    prototype.faces,
+                    prototype.material,
+                    of_shape,
+                    first + np.arange(len(of_shape)),
+                    smooth_angle=prototype.smooth_angle,
+                    smooth_shading=prototype.smooth_shading,
+                    skin=prototype.skin,
+                    files=prototype.files,
+                )
+            )
         first += len(of_shape)
     return groups
 
@@ -125,8 +140,12 @@ def _places(block, key, vertices, reach, ground, seed):
                 return np.array(kept)
         barren = barren + 1 if len(kept) == before else 0
     why = ", ".join(f"{number} were {reason}" for reason, number in dropped.items() if number)
-    raise InputError(f"there is room for {len(kept)} only; of the other places that were tried {why}",
-                     key=f"{key}.count", value=block.count, remedy="Lower count or clearance_m, or widen the area.")
+    raise InputError(
+        f"there is room for {len(kept)} only; of the other places that were tried {why}",
+        key=f"{key}.count",
+        value=block.count,
+        remedy="Lower count or clearance_m, or widen the area.",
+    )
 
 
 def _draw(block, low, high, rng):
@@ -142,9 +161,9 @@ def _scales(block, u):
     if block.size_exponent is None:
         return low + u * np.ptp(block.scale_range)
     if block.size_exponent == 0.0:
-        return low * (high / low)**u
+        return low * (high / low) ** u
     most, least = low**-block.size_exponent, high**-block.size_exponent
-    return (most + u * (least - most))**(-1.0 / block.size_exponent)
+    return (most + u * (least - most)) ** (-1.0 / block.size_exponent)
 
 
 def _standing(block, drawn, vertices, reach, ground, dropped):
@@ -153,8 +172,9 @@ def _standing(block, drawn, vertices, reach, ground, dropped):
     lost = np.isnan(rows).any(axis=1)
     steep = ~lost & (np.arctan(np.hypot(rows[:, 5], rows[:, 6])) > np.radians(block.max_slope_deg))
     near = np.zeros(len(rows), bool)
-    near[~lost & ~steep] = _near_objects(rows[~lost & ~steep], vertices, block.max_tilt_deg > 0.0, block.clearance_m,
-                                         ground.objects)
+    near[~lost & ~steep] = _near_objects(
+        rows[~lost & ~steep], vertices, block.max_tilt_deg > 0.0, block.clearance_m, ground.objects
+    )
     for reason, which in (("beside the terrain", lost), ("too steep", steep), ("too near to an object", near)):
         dropped[reason] += np.count_nonzero(which)
     return rows[~(lost | steep | near)]

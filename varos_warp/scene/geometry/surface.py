@@ -27,9 +27,13 @@ class Surface:
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, device: str = "cpu", winding: bool = False):
         self.vertices, self.faces, self.device = vertices, faces, device
         self.origin = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        self.mesh = wp.Mesh(points=upload(self.local(vertices), wp.vec3, device),
-                            indices=upload(faces.astype(np.int32, copy=False).ravel(), wp.int32, device),
-                            support_winding_number=winding, bvh_constructor="sah", bvh_leaf_size=8)
+        self.mesh = wp.Mesh(
+            points=upload(self.local(vertices), wp.vec3, device),
+            indices=upload(faces.astype(np.int32, copy=False).ravel(), wp.int32, device),
+            support_winding_number=winding,
+            bvh_constructor="sah",
+            bvh_leaf_size=8,
+        )
 
     def local(self, points: np.ndarray) -> np.ndarray:
         """Points [N, 3] about the origin of the device, float32."""
@@ -42,9 +46,18 @@ class Surface:
         """
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         place = wp.zeros(len(points), dtype=wp.vec3, device=self.device)
-        launch(project.find_nearest, len(points), {
-            "mesh": self.mesh.id, "points": upload(points, wp.vec3, self.device), "reach": reach, "face": face,
-            "place": place}, self.device)
+        launch(
+            project.find_nearest,
+            len(points),
+            {
+                "mesh": self.mesh.id,
+                "points": upload(points, wp.vec3, self.device),
+                "reach": reach,
+                "face": face,
+                "place": place,
+            },
+            self.device,
+        )
         return place.numpy(), face.numpy()
 
     def nearest(self, points: np.ndarray, reach: float = FAR) -> tuple[np.ndarray, np.ndarray]:
@@ -69,9 +82,18 @@ class Surface:
         directions = np.broadcast_to(np.asarray(directions, np.float32), points.shape)
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         side = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        launch(project.find_first_hits, len(points), {
-            "mesh": self.mesh.id, "points": upload(self.local(points), wp.vec3, self.device),
-            "directions": upload(directions, wp.vec3, self.device), "face": face, "side": side}, self.device)
+        launch(
+            project.find_first_hits,
+            len(points),
+            {
+                "mesh": self.mesh.id,
+                "points": upload(self.local(points), wp.vec3, self.device),
+                "directions": upload(directions, wp.vec3, self.device),
+                "face": face,
+                "side": side,
+            },
+            self.device,
+        )
         return face.numpy(), side.numpy()
 
     def distances(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -95,7 +117,16 @@ class Surface:
         ``known``, int8 [N], is -1 or 1 where the sign is known already, else 0.
         """
         value = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        launch(project.sample_signed_distance, len(points), {
-            "mesh": self.mesh.id, "points": upload(points, wp.vec3, self.device),
-            "known": upload(known, wp.int8, self.device), "threshold": float(threshold), "value": value}, self.device)
+        launch(
+            project.sample_signed_distance,
+            len(points),
+            {
+                "mesh": self.mesh.id,
+                "points": upload(points, wp.vec3, self.device),
+                "known": upload(known, wp.int8, self.device),
+                "threshold": float(threshold),
+                "value": value,
+            },
+            self.device,
+        )
         return value.numpy()

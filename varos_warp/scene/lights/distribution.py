@@ -106,8 +106,9 @@ class Distribution:
         x, turn = np.broadcast_arrays(NODES * np.clip(x, 0.0, 1.0), self.planes * np.asarray(azimuth) / (2.0 * np.pi))
         k, plane = np.minimum(x.astype(int), NODES - 1), np.floor(turn).astype(int)
         u, v, table = x - k, turn - plane, self.table
-        one, next_one = (table[row % self.planes, k] * (1.0 - u) + table[row % self.planes, k + 1] * u
-                         for row in (plane, plane + 1))
+        one, next_one = (
+            table[row % self.planes, k] * (1.0 - u) + table[row % self.planes, k + 1] * u for row in (plane, plane + 1)
+        )
         return one * (1.0 - v) + next_one * v
 
 
@@ -184,8 +185,10 @@ def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[fl
         values = np.array([np.interp(edge.angles, angle, row) for row in intensity])
         if values.max() >= RESOLVED * peak:
             return edge.half_angle, values / peak
-    raise InputError(f"its brightest beam is so narrow that it falls between the {NODES} steps of a table",
-                     remedy="Leave that beam out of the file, and give it as a spot beside the profile.")
+    raise InputError(
+        f"its brightest beam is so narrow that it falls between the {NODES} steps of a table",
+        remedy="Leave that beam out of the file, and give it as a spot beside the profile.",
+    )
 
 
 @lru_cache(maxsize=8)  # a table of two angles takes 3 MB, and its original is kept too

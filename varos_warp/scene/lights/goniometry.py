@@ -70,9 +70,14 @@ class Profile:
 
     def describe(self) -> dict:
         """The facts of the profile in plain JSON types."""
-        return {"source": self.source, "round": self.is_round, "uneven": float(f"{self.uneven:.3g}"),
-                "ends_at_deg": float(f"{np.degrees(self.polar[-1]):.6g}"),
-                "opening_m": self.opening_m and list(self.opening_m), "notes": list(self.notes)}
+        return {
+            "source": self.source,
+            "round": self.is_round,
+            "uneven": float(f"{self.uneven:.3g}"),
+            "ends_at_deg": float(f"{np.degrees(self.polar[-1]):.6g}"),
+            "opening_m": self.opening_m and list(self.opening_m),
+            "notes": list(self.notes),
+        }
 
 
 class NotMeasured(ValueError):
@@ -119,8 +124,9 @@ def even_planes(profile: Profile) -> np.ndarray:
     if planes > MOST_PLANES or not exact:
         planes = MOST_PLANES
     even = 2.0 * np.pi * np.arange(planes) / planes
-    return np.column_stack([np.interp(even, profile.azimuth, column, period=2.0 * np.pi)
-                            for column in profile.intensity.T])
+    return np.column_stack(
+        [np.interp(even, profile.azimuth, column, period=2.0 * np.pi) for column in profile.intensity.T]
+    )
 
 
 # -------------------------------------------------------------------------------------------------------------- type C
@@ -135,8 +141,10 @@ def _of_type_c(file: IesFile) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     vertical, candela = _increasing(file.vertical, "vertical"), file.candela
     first, last = vertical[[0, -1]]
     if not (_is(first, 0.0) or _is(first, 90.0)) or last > 180.0 + SAME_DEG:
-        raise NotMeasured(f"its vertical angles go from {first:g} to {last:g}; those of type C begin at 0, straight "
-                          "along the lamp's axis, or at 90, and end at 180 at most")
+        raise NotMeasured(
+            f"its vertical angles go from {first:g} to {last:g}; those of type C begin at 0, straight "
+            "along the lamp's axis, or at 90, and end at 180 at most"
+        )
     if _is(first, 90.0):  # dark up to there
         vertical = np.concatenate([[0.0, 90.0 - ROUNDING], np.maximum(vertical, 90.0)])
         candela = np.pad(candela, ((0, 0), (2, 0)))
@@ -155,8 +163,10 @@ def _all_around(horizontal: np.ndarray, candela: np.ndarray) -> tuple[np.ndarray
             for plane in planes:
                 horizontal, candela = _with_mirror_image(horizontal, candela, plane)
             return horizontal, candela
-    raise NotMeasured(f"its horizontal angles go from {first:g} to {last:g}; those of type C are one, or go from 0 to "
-                      "90, 180 or 360, or from 90 to 270")
+    raise NotMeasured(
+        f"its horizontal angles go from {first:g} to {last:g}; those of type C are one, or go from 0 to "
+        "90, 180 or 360, or from 90 to 270"
+    )
 
 
 def _with_mirror_image(horizontal: np.ndarray, candela: np.ndarray, plane: float) -> tuple[np.ndarray, np.ndarray]:
@@ -208,8 +218,9 @@ def _both_sides(angles: np.ndarray, candela: np.ndarray, name: str, most: float)
     """Angles on both sides of 0 and intensities [angle, ...]; where those below are left out, they are mirrored."""
     first, last = _increasing(angles, name)[[0, -1]]
     if len(angles) < 2 or last > most + SAME_DEG or not (_is(first, 0.0) or -most - SAME_DEG <= first < 0.0 < last):
-        raise NotMeasured(f"its {name} angles go from {first:g} to {last:g}; those of types A and B go from -90 or 0 "
-                          "to 90")
+        raise NotMeasured(
+            f"its {name} angles go from {first:g} to {last:g}; those of types A and B go from -90 or 0 to 90"
+        )
     if not _is(first, 0.0):
         return angles, candela
     return np.concatenate([-angles[:0:-1], [0.0], angles[1:]]), np.concatenate([candela[:0:-1], candela])

@@ -88,8 +88,12 @@ class _Reader:
         self.words: list[tuple[int, str]] = []
         """The numbers that are left, the next one last, each with its line."""
 
-    def wrong(self, problem: str, remedy: str = "Export it anew as IES LM-63, or as CSV (docs/lamps.md).",
-              line: int | None = None) -> InputError:
+    def wrong(
+        self,
+        problem: str,
+        remedy: str = "Export it anew as IES LM-63, or as CSV (docs/lamps.md).",
+        line: int | None = None,
+    ) -> InputError:
         """The error that says what is the matter with the file."""
         return InputError(problem, file=self.path, key=self.key, line=line, remedy=remedy)
 
@@ -99,7 +103,7 @@ class _Reader:
         if tilt is None:
             raise self.wrong("is no IES LM-63: it has no line TILT=NONE or TILT=INCLUDE")
         first = text.count("\n", 0, tilt.start()) + 1
-        after = [tilt[2], *text[tilt.end() + 1:].split("\n")]
+        after = [tilt[2], *text[tilt.end() + 1 :].split("\n")]
         self.words = [(first + i, word) for i, line in enumerate(after) for word in re.split(r"[\s,]+", line) if word]
         self.words.reverse()
         tilted = self.skip_tilt(tilt[1].upper(), f"{tilt[1]}{tilt[2]}".strip(), first)
@@ -113,8 +117,10 @@ class _Reader:
         angles = self.take(vertical, "the vertical angles"), self.take(horizontal, "the horizontal angles")
         candela = self.take(vertical * horizontal, "the intensities").reshape(horizontal, vertical)
         if self.words:
-            raise self.wrong(f"has {len(self.words)} more numbers than {horizontal} times {vertical} intensities",
-                             line=self.words[-1][0])
+            raise self.wrong(
+                f"has {len(self.words)} more numbers than {horizontal} times {vertical} intensities",
+                line=self.words[-1][0],
+            )
         if candela.min() < 0.0 or not candela.any():
             raise self.wrong("its intensities are not 0 or more, with one above")
         return IesFile(_edition(text), kind, *angles, candela, unit and tuple((unit * opening).tolist()), tilted)
@@ -125,8 +131,11 @@ class _Reader:
             self.take(1, "the lamp's place in the luminaire")
             self.take(2 * self.count("angles of tilt", 0), "the angles and factors of tilt")
         elif how != "NONE":
-            raise self.wrong(f"its factors of tilt are in another file: TILT={named}", line=line, remedy=(
-                "They do not change where the lamp shines: write TILT=NONE there."))
+            raise self.wrong(
+                f"its factors of tilt are in another file: TILT={named}",
+                line=line,
+                remedy=("They do not change where the lamp shines: write TILT=NONE there."),
+            )
         return how == "INCLUDE"
 
     def take(self, count: int, what: str) -> np.ndarray:

@@ -14,8 +14,13 @@ from varos_warp.scene.lights.ies import read_ies
 TABLE = AngleTable("profile of a lamp", "intensity", "An intensity is 0 or more.", "A lamp must shine somewhere.")
 FULL_TURN = 6.3
 """Azimuths that end below are rather in radians: twice pi, rounded up."""
-FOREIGN = {".ldt": "EULUMDAT", ".xml": "XML (TM-33 and its like)", ".uld": "DIALux's", ".rolf": "Relux's",
-           ".cib": "TM14"}
+FOREIGN = {
+    ".ldt": "EULUMDAT",
+    ".xml": "XML (TM-33 and its like)",
+    ".uld": "DIALux's",
+    ".rolf": "Relux's",
+    ".cib": "TM14",
+}
 """Formats of lamps that are not read, by the ends of their names."""
 AROUND = ("polar_deg", "azimuth_deg", "intensity")
 """Columns of a lamp that is not the same all around its axis."""
@@ -37,15 +42,30 @@ def read_profile(path: Path, key: str) -> Profile:
         try:
             return profile_of(file)
         except NotMeasured as problem:
-            raise InputError(str(problem), file=path, key=key, remedy=(
-                "Export it anew, or write it as CSV with the columns polar_deg,azimuth_deg,intensity.")) from None
+            raise InputError(
+                str(problem),
+                file=path,
+                key=key,
+                remedy=("Export it anew, or write it as CSV with the columns polar_deg,azimuth_deg,intensity."),
+            ) from None
     if format_ := FOREIGN.get(path.suffix.lower()):
-        raise InputError(f"is a lamp in a format that is not read, {format_}", file=path, key=key, remedy=(
-            "Convert it to IES LM-63 (.ies), as DIALux, Relux and free converters of EULUMDAT do, or write it as CSV "
-            "with the columns angle_deg,intensity or polar_deg,azimuth_deg,intensity."))
+        raise InputError(
+            f"is a lamp in a format that is not read, {format_}",
+            file=path,
+            key=key,
+            remedy=(
+                "Convert it to IES LM-63 (.ies), as DIALux, Relux and free converters of EULUMDAT do, or write it "
+                "as CSV with the columns angle_deg,intensity or polar_deg,azimuth_deg,intensity."
+            ),
+        )
     if not path.suffix:  # no file, rather a lamp of ours
-        require_file(path, TABLE.what, did_you_mean(path.name, LAMPS) or (
-            f"Give the path of a file, or a lamp that comes with the package: {', '.join(LAMPS)}."), key)
+        require_file(
+            path,
+            TABLE.what,
+            did_you_mean(path.name, LAMPS)
+            or (f"Give the path of a file, or a lamp that comes with the package: {', '.join(LAMPS)}."),
+            key,
+        )
     table = read_csv(path, key, TABLE.what)
     if "azimuth_deg" in table.names:
         return _read_around(table)
@@ -61,10 +81,15 @@ def _read_around(table: CsvFile) -> Profile:
         return InputError(problem, file=path, line=lines[at], key=key, value=float(rows[at, column]), remedy=remedy)
 
     for bad, column, problem, remedy in (
-            ((rows[:, 0] < 0.0) | (rows[:, 0] > 180.0), 0, "polar_deg is not between 0 and 180",
-             "Give the angle to the axis in degrees; 0 is straight on."),
-            (np.abs(rows[:, 1]) > 360.0, 1, "azimuth_deg is not between -360 and 360", "Give degrees."),
-            (rows[:, 2] < 0.0, 2, "intensity is negative", TABLE.not_negative)):
+        (
+            (rows[:, 0] < 0.0) | (rows[:, 0] > 180.0),
+            0,
+            "polar_deg is not between 0 and 180",
+            "Give the angle to the axis in degrees; 0 is straight on.",
+        ),
+        (np.abs(rows[:, 1]) > 360.0, 1, "azimuth_deg is not between -360 and 360", "Give degrees."),
+        (rows[:, 2] < 0.0, 2, "intensity is negative", TABLE.not_negative),
+    ):
         if bad.any():
             raise wrong(problem, int(np.argmax(bad)), column, remedy)
     if not rows[:, 2].any():
@@ -85,12 +110,19 @@ def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.nda
     missing = np.argwhere(np.isnan(intensity))
     if len(missing):
         azimuth, polar = azimuth_deg[missing[0, 0]], polar_deg[missing[0, 1]]
-        raise InputError(f"has no intensity at polar_deg {polar:g}, azimuth_deg {azimuth:g}", file=path, key=key,
-                         remedy="Give every azimuth the same polar angles.")
+        raise InputError(
+            f"has no intensity at polar_deg {polar:g}, azimuth_deg {azimuth:g}",
+            file=path,
+            key=key,
+            remedy="Give every azimuth the same polar angles.",
+        )
     gap = np.diff(azimuth_deg, append=azimuth_deg[0] + 360.0).max()
     if len(polar_deg) < 2 or (gap > WIDEST_GAP_DEG and len(azimuth_deg) > 1):
         radians = " These look like radians: give degrees." if azimuth_deg[-1] < FULL_TURN else ""
-        raise InputError("has one angle to the axis" if len(polar_deg) < 2 else
-                         f"has no azimuth in a gap of {gap:g} degrees", file=path, key=key,
-                         remedy="Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
-                                f"{WIDEST_GAP_DEG:g} apart.{radians}")
+        raise InputError(
+            "has one angle to the axis" if len(polar_deg) < 2 else f"has no azimuth in a gap of {gap:g} degrees",
+            file=path,
+            key=key,
+            remedy="Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
+            f"{WIDEST_GAP_DEG:g} apart.{radians}",
+        )

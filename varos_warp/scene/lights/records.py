@@ -14,8 +14,13 @@ from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.optics.shutter import Instants, on_share
 
 
-def light_record(shape: Distribution, intensity: ArrayLike, position=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0),
-                 profile: wp.array | None = None) -> LightData:
+def light_record(
+    shape: Distribution,
+    intensity: ArrayLike,
+    position=(0.0, 0.0, 0.0),
+    axis=(0.0, 0.0, 1.0),
+    profile: wp.array | None = None,
+) -> LightData:
     """A light as kernels know it; ``profile`` holds the values of the distribution on the device."""
     record = LightData()
     record.position = wp.vec3(*position)
@@ -34,12 +39,17 @@ class Lights:
 
     def __init__(self, scene: Scene, device: str):
         self.lights, self.device = scene.lights, device
-        self.carriers = {len(scene.vehicle.lights) + i: key for i, key in enumerate(
-            key for key, vehicle in scene.companions.items() for _ in vehicle.lights)}
+        self.carriers = {
+            len(scene.vehicle.lights) + i: key
+            for i, key in enumerate(key for key, vehicle in scene.companions.items() for _ in vehicle.lights)
+        }
         """Keys of the companions that carry lights, by the number of the light; all others are on the vehicle."""
         self.distributions = [distribution(light, scene) for light in self.lights]
-        self._profiles = {shape: wp.array(shape.profile, dtype=float, device=device)
-                          for shape in self.distributions if shape.has_profile}
+        self._profiles = {
+            shape: wp.array(shape.profile, dtype=float, device=device)
+            for shape in self.distributions
+            if shape.has_profile
+        }
         records = [self._record(light, shape) for light, shape in zip(self.lights, self.distributions, strict=True)]
         self._records = wp.array(records, dtype=LightData, device=device).numpy()
 

@@ -29,8 +29,9 @@ def lobe_albedo_table() -> np.ndarray:
 
 
 def _table():
-    r, angle = np.meshgrid(np.sqrt((np.arange(SAMPLES) + 0.5) / SAMPLES),
-                           2 * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES, indexing="ij")
+    r, angle = np.meshgrid(
+        np.sqrt((np.arange(SAMPLES) + 0.5) / SAMPLES), 2 * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES, indexing="ij"
+    )
     disk = r * np.cos(angle), r * np.sin(angle)
     steps = np.linspace(0.0, 1.0, SIZE)
     rows = [[_albedo(max(roughness**2, 0.01), max(root**2, 1e-3), *disk) for root in steps] for roughness in steps]

@@ -130,8 +130,11 @@ def tints_of(parts: list[Part | Instances]) -> tuple[np.ndarray, np.ndarray]:
     tints, places, count = [np.zeros((0, 4), np.float32)], [np.zeros(0, np.int32)], 0
     for part in parts:
         own = None if part.skin is None else part.skin.tints
-        places.append(np.full(len(part.faces), -1, np.int32) if own is None else
-                      np.arange(count, count + len(own), dtype=np.int32))
+        places.append(
+            np.full(len(part.faces), -1, np.int32)
+            if own is None
+            else np.arange(count, count + len(own), dtype=np.int32)
+        )
         if own is not None:
             tints.append(own.reshape(-1, 4))
             count += len(own)
@@ -142,8 +145,12 @@ def face_pages(parts: list[Part | Instances]) -> np.ndarray:
     """Page of each face of all parts, -1 for colours, int32 [F]; empty if there is no choice."""
     if not any(part.skin is not None and part.skin.page is not None for part in parts):
         return np.zeros(0, np.int32)
-    return np.concatenate([np.zeros(len(part.faces), np.int32) if part.skin is None or part.skin.page is None
-                           else part.skin.page for part in parts])
+    return np.concatenate(
+        [
+            np.zeros(len(part.faces), np.int32) if part.skin is None or part.skin.page is None else part.skin.page
+            for part in parts
+        ]
+    )
 
 
 def _part_values(part):
@@ -151,7 +158,7 @@ def _part_values(part):
     if part.skin is None:
         return values
     corners = part.skin.corners
-    values[..., :corners.shape[-1]] = corners
+    values[..., : corners.shape[-1]] = corners
     if part.skin.pages:
         a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
         on_surface = np.linalg.norm(np.cross(b - a, c - a), axis=1)

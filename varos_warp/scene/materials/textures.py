@@ -114,7 +114,7 @@ def map_pyramid(texels: np.ndarray, shown: np.ndarray | None = None) -> Pyramid:
         texels: uint8 [H, W, 3], the map in sRGB.
         shown: bool [H, W], which texels a mask leaves: coarse levels are means of these. None: all.
     """
-    levels = (_levels_all(texels) if shown is None else _levels_shown(texels, shown))
+    levels = _levels_all(texels) if shown is None else _levels_shown(texels, shown)
     finest = functools.reduce(np.bitwise_or, (_CODES[k][texels[..., k]] for k in range(3)))
     return _pyramid([finest, *map(_packed, levels)])
 
@@ -123,8 +123,9 @@ def _pyramid(levels, **of_tile) -> Pyramid:
     """A pyramid of packed levels [h, w]."""
     starts = np.cumsum([0, *(level.size for level in levels[:-1])])
     height, width = levels[0].shape
-    return Pyramid(np.concatenate([level.ravel() for level in levels]), starts.astype(np.int32), width, height,
-                   **of_tile)
+    return Pyramid(
+        np.concatenate([level.ravel() for level in levels]), starts.astype(np.int32), width, height, **of_tile
+    )
 
 
 def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
@@ -153,8 +154,12 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
 def _kept_tile(what: dict, reflectance: Callable[[], np.ndarray]) -> Pyramid:
     """A tile's pyramid from the cache, or made of its reflectances."""
     depends_on = what | {"code": code_hash(__name__, CODE)}
-    kept = cached("tile", depends_on, lambda: vars(tile_pyramid(reflectance())),
-                  what=f"the texture {what.get('tile', 'of an image file')}")
+    kept = cached(
+        "tile",
+        depends_on,
+        lambda: vars(tile_pyramid(reflectance())),
+        what=f"the texture {what.get('tile', 'of an image file')}",
+    )
     sizes = {name: int(kept[name]) for name in ("width", "height")}
     return Pyramid(**(kept | sizes))
 
@@ -192,8 +197,10 @@ def _gaussianise(values, spread):
 def _colours(quantiles, lost):
     """Colours [VALUES, 3] that mean quantiles stand for on a level that has ``lost`` so much of their variance [3]."""
     g = (np.arange(VALUES) + 0.5) / VALUES * 2 * REACH - REACH
-    return np.stack([q(ndtr(g[:, None] + s * _QUADRATURE)).mean(axis=1)
-                     for q, s in zip(quantiles, np.sqrt(lost), strict=True)], axis=1)
+    return np.stack(
+        [q(ndtr(g[:, None] + s * _QUADRATURE)).mean(axis=1) for q, s in zip(quantiles, np.sqrt(lost), strict=True)],
+        axis=1,
+    )
 
 
 def _levels(image):
@@ -234,8 +241,10 @@ def _levels_shown(texels, shown):
     share = shown.astype(np.float32)
     weights = _levels(_halved(share))
     totals = _levels(np.stack([_halved(linear(texels[..., k]) * share) for k in range(3)], axis=-1))
-    return [np.where(w[..., None] > 0.0, total / np.maximum(w[..., None], 1e-9), plain)
-            for w, total, plain in zip(weights, totals, _levels_all(texels), strict=True)]
+    return [
+        np.where(w[..., None] > 0.0, total / np.maximum(w[..., None], 1e-9), plain)
+        for w, total, plain in zip(weights, totals, _levels_all(texels), strict=True)
+    ]
 
 
 _BITS = ((2047, 0), (2047, 11), (1023, 22))

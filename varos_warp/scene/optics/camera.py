@@ -129,8 +129,10 @@ class CameraModel:
     def lens_ends_within(self, width: int, height: int) -> bool:
         """Whether its lens ends within an image, of which a part then sees nothing: if so, at its border."""
         across, down = (np.linspace(0.0, side, BORDER) for side in (width, height))
-        sides = [np.stack(np.broadcast_arrays(x, y), -1) for x, y in (
-            (across, 0.0), (across, float(height)), (0.0, down), (float(width), down))]
+        sides = [
+            np.stack(np.broadcast_arrays(x, y), -1)
+            for x, y in ((across, 0.0), (across, float(height)), (0.0, down), (float(width), down))
+        ]
         return self.lens.model != "none" and not np.isfinite(self.directions(np.concatenate(sides))).all()
 
     def lens_settles(self, width: int, height: int, halvings: int, steps: int) -> bool:
@@ -238,10 +240,14 @@ def camera_model(camera: Any) -> CameraModel:
 def described_camera(about: dict[str, Any]) -> CameraModel:
     """The model of a camera of dataset.json."""
     lens, port, fall = about.get("distortion", "none"), about.get("port"), about.get("vignetting")
-    return CameraModel(np.array(about["K_center_half"], float), PINHOLE if isinstance(lens, str) else lens_of(**lens),
-                       port_model(**port) if port else None, tuple(about.get("n_water") or (SEA, SEA, SEA)),
-                       Vignetting(fall["kind"], tuple(fall.get("coefficients") or ())) if fall else None,
-                       (about["width"], about["height"]))
+    return CameraModel(
+        np.array(about["K_center_half"], float),
+        PINHOLE if isinstance(lens, str) else lens_of(**lens),
+        port_model(**port) if port else None,
+        tuple(about.get("n_water") or (SEA, SEA, SEA)),
+        Vignetting(fall["kind"], tuple(fall.get("coefficients") or ())) if fall else None,
+        (about["width"], about["height"]),
+    )
 
 
 def port_model(kind: str, **values: Any) -> Port:

@@ -109,8 +109,10 @@ class Lens:
     def edge(self, azimuth: np.ndarray) -> np.ndarray:
         """Points [..., 2] of the image plane at which it ends, by azimuths [...] [rad]; NaN or infinite if nowhere."""
         angle = (1.0 - 1e-9) * self.half_angle
-        d = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth),
-                      np.full(azimuth.shape, np.cos(angle))], -1)
+        d = np.stack(
+            [np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.full(azimuth.shape, np.cos(angle))],
+            -1,
+        )
         return self.image_plane(d)
 
     def image_plane(self, d: np.ndarray) -> np.ndarray:

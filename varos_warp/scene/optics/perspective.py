@@ -61,8 +61,17 @@ class Perspective(ABC):
         tilt = float(np.hypot(p1, p2)) * r * bottom * bottom
         between = positive_roots((slope - ratio) * (9.0 * ratio - slope) - 64.0 * tilt * tilt)
         between = between[slope(between) + 3.0 * ratio(between) < 16.0 * tilt(between)]
-        return float(min([MOST_TAN, *between, *positive_roots(slope - 6.0 * tilt), *positive_roots(ratio - 2.0 * tilt),
-                          *(BEFORE_A_POLE * positive_roots(bottom))]))
+        return float(
+            min(
+                [
+                    MOST_TAN,
+                    *between,
+                    *positive_roots(slope - 6.0 * tilt),
+                    *positive_roots(ratio - 2.0 * tilt),
+                    *(BEFORE_A_POLE * positive_roots(bottom)),
+                ]
+            )
+        )
 
     @property
     def half_angle(self) -> float:
@@ -104,11 +113,18 @@ class Perspective(ABC):
         x, y = xy[..., 0], xy[..., 1]
         q = x * x + y * y
         scale, slope = self._scale(q)
-        there = np.stack([x * scale + 2.0 * p1 * x * y + p2 * (q + 2.0 * x * x),
-                          y * scale + p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y], -1)
+        there = np.stack(
+            [
+                x * scale + 2.0 * p1 * x * y + p2 * (q + 2.0 * x * x),
+                y * scale + p1 * (q + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ],
+            -1,
+        )
         across = 2.0 * x * y * slope + 2.0 * (p1 * x + p2 * y)
-        rows = [np.stack([scale + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x, across], -1),
-                np.stack([across, scale + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x], -1)]
+        rows = [
+            np.stack([scale + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x, across], -1),
+            np.stack([across, scale + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x], -1),
+        ]
         return there, np.stack(rows, -2)
 
     @cached_property
@@ -143,8 +159,16 @@ class Perspective(ABC):
         there, J = self._distorted(xy)
         off = there - target
         determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] ** 2
-        step = np.stack([J[..., 1, 1] * off[..., 0] - J[..., 0, 1] * off[..., 1],
-                         J[..., 0, 0] * off[..., 1] - J[..., 0, 1] * off[..., 0]], -1) / determinant[..., None]
+        step = (
+            np.stack(
+                [
+                    J[..., 1, 1] * off[..., 0] - J[..., 0, 1] * off[..., 1],
+                    J[..., 0, 0] * off[..., 1] - J[..., 0, 1] * off[..., 0],
+                ],
+                -1,
+            )
+            / determinant[..., None]
+        )
         return step, off, determinant
 
     def _is_seen_at(self, xy: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -42,8 +42,10 @@ class PortWorth(NamedTuple):
         if self.pinhole:
             keys = str(self.pinhole).replace("'", "")
             return f"within {ALIKE_PX:g} px a pinhole without port shows the same {where}, with the keys {keys[1:-1]}"
-        words = (f"a pinhole with the best distortion is off by {self.rms_px:.2g} px rms, {self.max_px:.2g} px at most "
-                 f"{where}")
+        words = (
+            f"a pinhole with the best distortion is off by {self.rms_px:.2g} px rms, {self.max_px:.2g} px at most "
+            f"{where}"
+        )
         words += f"; red and blue part by up to {self.colours_px:.2g} px" if self.colours_px else ""
         return "; ".join([words, *self.besides])
 
@@ -91,8 +93,9 @@ def _besides(camera: Any, model: CameraModel, seen: np.ndarray) -> Iterator[str]
         yield "its vignetting would be another"
 
 
-def fit_pinhole(camera: CameraModel, image: np.ndarray, points: np.ndarray, lens: str, *, centre: bool = True
-                ) -> CameraModel:
+def fit_pinhole(
+    camera: CameraModel, image: np.ndarray, points: np.ndarray, lens: str, *, centre: bool = True
+) -> CameraModel:
     """The pinhole at the lens that sees points [..., 3] [m] nearest to where a camera does, by least squares.
 
     Its focal length and coefficients, and where ``centre`` is set its centre too, are linear in the image.
@@ -146,8 +149,9 @@ def _keys(camera: Any, model: CameraModel, fit: CameraModel) -> dict[str, Any]:
     if camera.intrinsics is not None:
         numbers = (*fit.K[[0, 1], [0, 1]], *(fit.K[:2, 2] - 0.5))
         names = ("fx", "fy", "cx", "cy")
-        keys = {"intrinsics": {name: float(f"{number:.{DIGITS}g}")
-                               for name, number in zip(names, numbers, strict=True)}}
+        keys = {
+            "intrinsics": {name: float(f"{number:.{DIGITS}g}") for name, number in zip(names, numbers, strict=True)}
+        }
     if fit.lens.model != "none":
         # what is left of zeros by rounding is not written down
         k = [float(f"{round(k, 9) + 0.0:.{DIGITS}g}") for k in fit.lens.k]

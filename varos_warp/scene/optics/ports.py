@@ -63,8 +63,11 @@ def transmitted(angle: ArrayLike, indices: Sequence[float]) -> np.ndarray:
 
 
 def _rays(origin, direction, transmittance, there) -> WaterRays:
-    return WaterRays(np.where(there, origin, np.nan), np.where(there, direction, np.nan),
-                     np.where(there, transmittance, 0.0).mean(-1))
+    return WaterRays(
+        np.where(there, origin, np.nan),
+        np.where(there, direction, np.nan),
+        np.where(there, transmittance, 0.0).mean(-1),
+    )
 
 
 @dataclass(frozen=True)
@@ -107,13 +110,18 @@ class FlatPort:
         depth = _dot(points, n)
         beside = points - depth * n
         r = np.linalg.norm(beside, axis=-1)
-        layers = ((self.distance_m, 1.0), (self.thickness_m, self.n_glass),
-                  (depth[..., 0] - self.distance_m - self.thickness_m, n_water))
+        layers = (
+            (self.distance_m, 1.0),
+            (self.thickness_m, self.n_glass),
+            (depth[..., 0] - self.distance_m - self.thickness_m, n_water),
+        )
 
         def off_axis(x):
             roots = [np.sqrt(index**2 + (index**2 - 1.0) * x * x) for _, index in layers]
-            return (sum(t * x / root for (t, _), root in zip(layers, roots, strict=True)),
-                    sum(t * index**2 / root**3 for (t, index), root in zip(layers, roots, strict=True)))
+            return (
+                sum(t * x / root for (t, _), root in zip(layers, roots, strict=True)),
+                sum(t * index**2 / root**3 for (t, index), root in zip(layers, roots, strict=True)),
+            )
 
         x = solve_increasing(off_axis, r, 0.0, r / self.distance_m)
         cosine = 1.0 / np.sqrt(1.0 + x * x)
@@ -171,15 +179,26 @@ class DomePort:
         axis = start / off if off > 0.0 else np.array([0.0, 0.0, 1.0])
         beside = there - _dot(there, axis) * axis
         r = np.linalg.norm(beside, axis=-1)
-        shells = ((-1.0, 1.0, self._inner), (1.0, self.n_glass, self._inner), (-1.0, self.n_glass, self.radius_m),
-                  (1.0, n_water, self.radius_m), (-1.0, n_water, s))
+        shells = (
+            (-1.0, 1.0, self._inner),
+            (1.0, self.n_glass, self._inner),
+            (-1.0, self.n_glass, self.radius_m),
+            (1.0, n_water, self.radius_m),
+            (-1.0, n_water, s),
+        )
 
         def turned(a):
             b, slope = off * np.sin(a), off * np.cos(a)
             sines = [b / (n * radius) for _, n, radius in shells]
-            return (a + sum(sign * np.arcsin(sine) for (sign, _, _), sine in zip(shells, sines, strict=True)),
-                    1.0 + slope * sum(sign / (n * radius * np.sqrt(1.0 - sine * sine))
-                                      for (sign, n, radius), sine in zip(shells, sines, strict=True)))
+            return (
+                a + sum(sign * np.arcsin(sine) for (sign, _, _), sine in zip(shells, sines, strict=True)),
+                1.0
+                + slope
+                * sum(
+                    sign / (n * radius * np.sqrt(1.0 - sine * sine))
+                    for (sign, n, radius), sine in zip(shells, sines, strict=True)
+                ),
+            )
 
         outside = s > self.radius_m
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -8,8 +8,12 @@ STEPS = 100
 """Most steps; Newton's take 5 to 10, and halving alone gives all digits in 60."""
 
 
-def solve_increasing(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], target: np.ndarray,
-                     low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def solve_increasing(
+    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    target: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
     """Arguments [N] in [low, high] at which an increasing function is ``target``, to the rounding of float64.
 
     Newton's steps; where one leaves the interval that is known to hold the root, the interval is halved.
@@ -35,8 +39,13 @@ def solve_increasing(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarr
     return x
 
 
-def solve_shortly(function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], target: np.ndarray, high: float,
-                  halvings: int, steps: int) -> np.ndarray:
+def solve_shortly(
+    function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    target: np.ndarray,
+    high: float,
+    halvings: int,
+    steps: int,
+) -> np.ndarray:
     """The root in [0, high] that a fixed number of halvings, then of Newton's steps, finds, in float32 [N].
 
     Args:

@@ -64,8 +64,13 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
     if readout == 0.0:
         begin, end = _lit(-0.5 * exposure, 0.5 * exposure, lights)
         length = (end - begin) / MOST_INSTANTS
-        return Instants(begin + (np.arange(MOST_INSTANTS) + 0.5) * length, length, 0.0, float(MOST_INSTANTS),
-                        (end - begin) / exposure)
+        return Instants(
+            begin + (np.arange(MOST_INSTANTS) + 0.5) * length,
+            length,
+            0.0,
+            float(MOST_INSTANTS),
+            (end - begin) / exposure,
+        )
     length = max(exposure / MOST_INSTANTS, (exposure + readout) / MOST_IN_ALL)
     if exposure <= length:
         return Instants(row_offsets_s(camera), exposure, 1.0, 0.0)  # one to a row

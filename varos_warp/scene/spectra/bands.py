@@ -80,8 +80,9 @@ class Bands:
 class _Problem:
     """Light by candidate wavelength in every case (lamp, surface, distance), relative to what each channel sees."""
 
-    def __init__(self, water: WaterSpectra, lamps: np.ndarray, response: np.ndarray, surfaces: np.ndarray,
-                 distances: np.ndarray):
+    def __init__(
+        self, water: WaterSpectra, lamps: np.ndarray, response: np.ndarray, surfaces: np.ndarray, distances: np.ndarray
+    ):
         beam = np.exp(-np.outer(distances, water.c))
         self.light = np.einsum("lw,sw,dw->lsdw", lamps, surfaces, beam).reshape(-1, len(GRID))
         self.exact = (self.light * STEPS) @ response.T
@@ -99,7 +100,7 @@ class _Problem:
         """Root mean square and maximum of the relative errors of each channel, float64 [3]."""
         found = self.light[:, chosen] @ weights.T
         relative = np.divide(found, self.exact, out=np.ones_like(found), where=self.counts) - 1.0
-        return np.sqrt((relative ** 2).sum(axis=0) / self.counts.sum(axis=0)), np.abs(relative).max(axis=0)
+        return np.sqrt((relative**2).sum(axis=0) / self.counts.sum(axis=0)), np.abs(relative).max(axis=0)
 
     def _fitted(self, channel: int, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
         """Nonnegative weights [N] of least relative errors, and the norm of these."""
@@ -108,8 +109,14 @@ class _Problem:
         return nnls(relative, np.ones(len(relative)), maxiter=MOST_STEPS * len(chosen))
 
 
-def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.ndarray,
-                 distances: tuple[float, float], bands: int | str = "auto", tolerance: float = 0.02) -> Bands:
+def choose_bands(
+    water: WaterSpectra,
+    lamps: Sequence[Spectrum],
+    response: np.ndarray,
+    distances: tuple[float, float],
+    bands: int | str = "auto",
+    tolerance: float = 0.02,
+) -> Bands:
     """The bands for a water, its lamps and a camera.
 
     Args:
@@ -122,8 +129,11 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
         tolerance: Relative error that ``auto`` allows; what is reached stands in the result.
     """
     power = np.array([per_watt(lamp) for lamp in lamps])
-    fitted = [*(chart_reflectances()[name].at() for name in FITTED), *reflectance_of_rgb(PAINTS),
-              water.b / max(water.b.max(), 1e-300)]
+    fitted = [
+        *(chart_reflectances()[name].at() for name in FITTED),
+        *reflectance_of_rgb(PAINTS),
+        water.b / max(water.b.max(), 1e-300),
+    ]
     problem = _Problem(water, power, response, np.array(fitted), np.linspace(*distances, FITTED_DISTANCES))
     judge = _judge(water, power, response, distances)
     chosen: list[int] = []
@@ -135,8 +145,18 @@ def choose_bands(water: WaterSpectra, lamps: Sequence[Spectrum], response: np.nd
         rms, worst = judge.errors(chosen, weights)
         if auto and rms.max() <= tolerance:
             break
-    return Bands(GRID[chosen], weights, water.a[chosen], water.b_water[chosen], water.b_particles[chosen],
-                 power[:, chosen], (response * STEPS) @ power[0], rms, worst, distances)
+    return Bands(
+        GRID[chosen],
+        weights,
+        water.a[chosen],
+        water.b_water[chosen],
+        water.b_particles[chosen],
+        power[:, chosen],
+        (response * STEPS) @ power[0],
+        rms,
+        worst,
+        distances,
+    )
 
 
 def _judge(water: WaterSpectra, power: np.ndarray, response: np.ndarray, distances: tuple[float, float]) -> _Problem:
@@ -185,8 +205,9 @@ def given_spectra(scene: Scene, camera: Camera) -> Given:
     Raises:
         InputError: A file of the water, a light or the camera cannot be used.
     """
-    lamps = [lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
-             for light in scene.lights]
+    lamps = [
+        lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum") for light in scene.lights
+    ]
     response = camera_response(camera.response, scene.resolve, scene.key_of_camera(camera) + ".response")
     return Given(water_spectra(scene), lamps or [black_body(HALOGEN_K)], response)
 
@@ -227,7 +248,7 @@ def _moved(problem: _Problem, chosen: list[int]) -> list[int]:
         before = best
         for at in range(len(chosen)):
             for moved in (chosen[at] - step, chosen[at] + step):
-                trial = sorted({*chosen[:at], *chosen[at + 1:], moved})
+                trial = sorted({*chosen[:at], *chosen[at + 1 :], moved})
                 if 0 <= moved < len(GRID) and len(trial) == len(chosen) and (new := problem.residual(trial)) < best:
                     chosen, best = trial, new
         if best > 0.99 * before:

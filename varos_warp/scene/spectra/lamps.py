@@ -37,7 +37,7 @@ def black_body(temperature_k: float) -> Spectrum:
     nm = np.arange(380.0, 781.0)
 
     def planck(w):
-        return w ** -5.0 / np.expm1(SECOND_RADIATION_CONSTANT / (w * temperature_k))
+        return w**-5.0 / np.expm1(SECOND_RADIATION_CONSTANT / (w * temperature_k))
 
     return Spectrum(nm, planck(nm) / planck(560.0))
 

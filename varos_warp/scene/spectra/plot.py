@@ -10,8 +10,12 @@ from varos_warp.scene.spectra.spectrum import GRID
 from varos_warp.scene.spectra.water import water_spectra
 
 FORMATS = (".png", ".svg", ".pdf")
-LINES = {"a": ("absorption a", "#1b6ca8"), "b": ("scattering b", "#d1495b"), "c": ("extinction c", "black"),
-         "b_b": ("backscattering b_b", "#66a182")}
+LINES = {
+    "a": ("absorption a", "#1b6ca8"),
+    "b": ("scattering b", "#d1495b"),
+    "c": ("extinction c", "black"),
+    "b_b": ("backscattering b_b", "#66a182"),
+}
 """What is drawn [1/m]: name and colour."""
 
 
@@ -26,8 +30,9 @@ def draw_water(scene: Scene, path: Path) -> None:
     if not scene.is_spectral:
         raise InputError("has no spectra to draw", key="water", remedy="Give water.spectral, or leave out --plot.")
     if path.suffix.lower() not in FORMATS:
-        raise InputError("is no format of figures", key="--plot", value=str(path),
-                         remedy=f"End its name with {', '.join(FORMATS)}.")
+        raise InputError(
+            "is no format of figures", key="--plot", value=str(path), remedy=f"End its name with {', '.join(FORMATS)}."
+        )
     water = water_spectra(scene)
     figure = Figure(figsize=(6.0, 6.0), layout="constrained", dpi=150)
     above, below = figure.subplots(2, sharex=True, height_ratios=(2, 1))
@@ -41,5 +46,6 @@ def draw_water(scene: Scene, path: Path) -> None:
     try:
         figure.savefig(path)
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", file=path, key="--plot",
-                         remedy="Choose another file.") from None
+        raise InputError(
+            f"cannot be written: {error.strerror}", file=path, key="--plot", remedy="Choose another file."
+        ) from None

@@ -57,8 +57,14 @@ def read_spectra(path: Path, key: str, what: str, columns: tuple[str, ...]) -> d
     for i, column in enumerate(columns, start=1):
         if (rows[:, i] < 0.0).any():
             at = int(np.argmax(rows[:, i] < 0.0))
-            raise InputError(f"{column} is negative", file=path, line=lines[at], key=key, value=float(rows[at, i]),
-                             remedy="Light has no negative amounts: 0 where noise takes it below.")
+            raise InputError(
+                f"{column} is negative",
+                file=path,
+                line=lines[at],
+                key=key,
+                value=float(rows[at, i]),
+                remedy="Light has no negative amounts: 0 where noise takes it below.",
+            )
         if not rows[:, i].any():
             raise InputError(f"{column} is 0 everywhere", file=path, key=key, remedy=f"Give a {what}.")
     return {column: Spectrum(rows[:, 0], rows[:, i]) for i, column in enumerate(columns, start=1)}
@@ -69,16 +75,30 @@ def _check_wavelengths(file: CsvFile, wavelength_nm: np.ndarray, lines: list[int
     first, last = float(wavelength_nm.min()), float(wavelength_nm.max())
     for unit, factor in (("micrometres", 1e3), ("metres", 1e9), ("Angstrom", 0.1)):
         if 200.0 <= first * factor <= 3000.0 and not 200.0 <= first <= 3000.0:
-            raise InputError(f"wavelength_nm goes from {first:g} to {last:g}, which look like {unit}", file=file.path,
-                             key=file.key, remedy=f"Give nanometres: multiply by {factor:g}.")
+            raise InputError(
+                f"wavelength_nm goes from {first:g} to {last:g}, which look like {unit}",
+                file=file.path,
+                key=file.key,
+                remedy=f"Give nanometres: multiply by {factor:g}.",
+            )
     falls = np.concatenate([[False], np.diff(wavelength_nm) <= 0.0])
     if falls.any():
         at = int(np.argmax(falls))
-        raise InputError("wavelength_nm does not increase", file=file.path, line=lines[at], key=file.key,
-                         value=float(wavelength_nm[at]), remedy="Sort the rows by wavelength, each wavelength once.")
+        raise InputError(
+            "wavelength_nm does not increase",
+            file=file.path,
+            line=lines[at],
+            key=file.key,
+            value=float(wavelength_nm[at]),
+            remedy="Sort the rows by wavelength, each wavelength once.",
+        )
     if first > VISIBLE[0] or last < VISIBLE[1]:
-        raise InputError(f"goes from {first:g} to {last:g} nm", file=file.path, key=file.key,
-                         remedy="A spectrum must cover 400 to 700 nm; give 0 where there is no light.")
+        raise InputError(
+            f"goes from {first:g} to {last:g} nm",
+            file=file.path,
+            key=file.key,
+            remedy="A spectrum must cover 400 to 700 nm; give 0 where there is no light.",
+        )
 
 
 @cache
@@ -107,6 +127,11 @@ def named_or_file(name: str, kind: str, what: str, resolve: Callable[[str], Path
     if name in own:
         return own[name]
     path = resolve(name)
-    require_file(path, what, did_you_mean(name, [*own, *ALSO.get(kind, ())]) or "Give the path of a file, or one that "
-                 f"comes with the package: {', '.join([*own, *ALSO.get(kind, ())])}.", key)
+    require_file(
+        path,
+        what,
+        did_you_mean(name, [*own, *ALSO.get(kind, ())])
+        or f"Give the path of a file, or one that comes with the package: {', '.join([*own, *ALSO.get(kind, ())])}.",
+        key,
+    )
     return path

@@ -8,8 +8,11 @@ from numpy.typing import ArrayLike
 
 from varos_warp.scene.spectra.spectrum import DATA, GRID, Spectrum, bundled
 
-PATCHES = tuple(next(line for line in (DATA / "surfaces" / "colour_chart.csv").read_text().splitlines()
-                     if not line.startswith("#")).split(",")[1:])
+PATCHES = tuple(
+    next(
+        line for line in (DATA / "surfaces" / "colour_chart.csv").read_text().splitlines() if not line.startswith("#")
+    ).split(",")[1:]
+)
 """Names of the 24 patches of the colour chart, row by row from the top left."""
 SRGB_OF_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 """Linear sRGB of tristimulus values (IEC 61966-2-1)."""

@@ -110,9 +110,14 @@ def _constituents(iop: Constituents, fraction: float) -> WaterSpectra:
     cdom = iop.cdom_440_per_m * np.exp(-CDOM_SLOPE * (GRID - 440.0))
     minerals = iop.minerals_g_m3 * MINERAL_ABSORPTION * np.exp(-MINERAL_SLOPE * (GRID - 443.0))
     slope = min(0.5 * (np.log10(max(chl, 0.02)) - 0.3), 0.0)
-    b_particles = 0.416 * chl ** 0.766 * (GRID / 550.0) ** slope + iop.minerals_g_m3 * MINERAL_SCATTERING
-    return WaterSpectra(pure_absorption() + phytoplankton + cdom + minerals,
-                        pure_scattering(GRID, iop.temperature_C, iop.salinity), b_particles, fraction, "constituents")
+    b_particles = 0.416 * chl**0.766 * (GRID / 550.0) ** slope + iop.minerals_g_m3 * MINERAL_SCATTERING
+    return WaterSpectra(
+        pure_absorption() + phytoplankton + cdom + minerals,
+        pure_scattering(GRID, iop.temperature_C, iop.salinity),
+        b_particles,
+        fraction,
+        "constituents",
+    )
 
 
 def _from_file(path: Path, fraction: float) -> WaterSpectra:
@@ -125,6 +130,10 @@ def _from_file(path: Path, fraction: float) -> WaterSpectra:
         at = GRID[red][np.argmin(share)]
         value = float(a.at(at))
         units = " This looks like 1/cm: multiply a and b by 100." if share.max() < 0.05 else ""
-        raise InputError(f"a is {value:.4g} at {at:g} nm, where pure water alone absorbs {pure_absorption(at):.3g} 1/m",
-                         file=path, key=key, remedy=f"Give a and b of all that is in the water, in 1/m.{units}")
+        raise InputError(
+            f"a is {value:.4g} at {at:g} nm, where pure water alone absorbs {pure_absorption(at):.3g} 1/m",
+            file=path,
+            key=key,
+            remedy=f"Give a and b of all that is in the water, in 1/m.{units}",
+        )
     return _split(_above_pure(a), b.at(), fraction, f"file {path.name}")

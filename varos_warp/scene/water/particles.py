@@ -118,10 +118,15 @@ class ParticleLaw:
     def describe(self) -> dict:
         """Its facts in plain JSON types; numbers of bodies are per litre, by diameter."""
         low, high = self.block.radius_m
-        return {"share": self.block.share, "largest_share": rounded_down(self.largest_share), "slope": self.block.slope,
-                "radius_m": [low, high], "opacity": self.block.opacity,
-                "per_litre": self.number(low, high) * LITRE,
-                "per_litre_over_0.5_mm": self.number(0.25e-3, high) * LITRE if high > 0.25e-3 else 0.0}
+        return {
+            "share": self.block.share,
+            "largest_share": rounded_down(self.largest_share),
+            "slope": self.block.slope,
+            "radius_m": [low, high],
+            "opacity": self.block.opacity,
+            "per_litre": self.number(low, high) * LITRE,
+            "per_litre_over_0.5_mm": self.number(0.25e-3, high) * LITRE if high > 0.25e-3 else 0.0,
+        }
 
 
 def particle_laws(scene: Scene) -> list[ParticleLaw]:
@@ -134,8 +139,11 @@ def particle_laws(scene: Scene) -> list[ParticleLaw]:
         return []
     water = optical_properties(scene)
     if not water.sigma_s.any():
-        raise InputError("the water does not scatter, and particles are a share of what it scatters", key="particles",
-                         remedy="Give a water that scatters, or leave particles out.")
+        raise InputError(
+            "the water does not scatter, and particles are a share of what it scatters",
+            key="particles",
+            remedy="Give a water that scatters, or leave particles out.",
+        )
     laws = [ParticleLaw(block, water) for block in scene.particles]
     used = np.zeros(3)
     for i, law in enumerate(laws):
@@ -148,6 +156,8 @@ def particle_laws(scene: Scene) -> list[ParticleLaw]:
             raise InputError(
                 f"is more light than the water scatters backwards: in this water bodies of opacity "
                 f"{law.block.opacity:g}{coloured} can be at most {rounded_down(rest):g} of the scattering{others}",
-                key=f"particles.{i}.share", value=law.block.share,
-                remedy="Give at most that. Of a smaller opacity, or a darker reflectance, the water allows more.")
+                key=f"particles.{i}.share",
+                value=law.block.share,
+                remedy="Give at most that. Of a smaller opacity, or a darker reflectance, the water allows more.",
+            )
     return laws

@@ -24,8 +24,14 @@ def levels(model: CameraNoise) -> int:
     return 2**model.bits - 1 - model.black_level
 
 
-def expose(model: CameraNoise, radiance: np.ndarray, gain: float, rng: np.random.Generator,
-           share: np.ndarray | float = 1.0, exposure_s: float = 0.0) -> np.ndarray:
+def expose(
+    model: CameraNoise,
+    radiance: np.ndarray,
+    gain: float,
+    rng: np.random.Generator,
+    share: np.ndarray | float = 1.0,
+    exposure_s: float = 0.0,
+) -> np.ndarray:
     """Digital numbers, int32 [H, W, channels].
 
     Args:

@@ -15,8 +15,9 @@ from varos_warp.sim.sensors.surroundings import Around
 def measured(sensor: SensorProduct, motion: Trajectory, block: Any, around: Around, first: int = 0) -> Any:
     """Readings without noise along a motion, from the sample with the number ``first`` up to its end."""
     rate_hz = block.rate_hz
-    return sensor.measure(motion.at(times_ns(samples_until(int(motion.time_ns[-1]), rate_hz), rate_hz, first)), block,
-                          around)
+    return sensor.measure(
+        motion.at(times_ns(samples_until(int(motion.time_ns[-1]), rate_hz), rate_hz, first)), block, around
+    )
 
 
 def doubts(scene: Scene, read: Readings) -> list[str]:
@@ -35,12 +36,15 @@ class Sensors:
         others: Poses of other vehicles, whose bodies are among the parts.
     """
 
-    def __init__(self, scene: Scene, end_ns: int, parts: list | None = None,
-                 others: Mapping[str, Callable] | None = None):
+    def __init__(
+        self, scene: Scene, end_ns: int, parts: list | None = None, others: Mapping[str, Callable] | None = None
+    ):
         self.around = Around.of(scene, parts, others)
         self._mounted = {sensor.key: (sensor, block) for sensor, block in mounted(scene.vehicle)}
-        self._errors = {name: sensor.errors(block, samples_until(end_ns, block.rate_hz), scene.seed)
-                        for name, (sensor, block) in self._mounted.items()}
+        self._errors = {
+            name: sensor.errors(block, samples_until(end_ns, block.rate_hz), scene.seed)
+            for name, (sensor, block) in self._mounted.items()
+        }
         self._taken = dict.fromkeys(self._mounted, 0)
         self._nothing: dict[str, Any] = {}
 
@@ -62,6 +66,7 @@ class Sensors:
             read = erring(read)
         self._taken[name] = due
         if not taken:
-            self._nothing[name] = replace(read, **{field.name: getattr(read, field.name)[:0].copy()
-                                                   for field in fields(read)})
+            self._nothing[name] = replace(
+                read, **{field.name: getattr(read, field.name)[:0].copy() for field in fields(read)}
+            )
         return read

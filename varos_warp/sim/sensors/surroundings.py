@@ -39,8 +39,9 @@ class Around:
 
         return Solids(list(self.parts))
 
-    def met_by_beams(self, time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float]
-                     ) -> tuple[np.ndarray, np.ndarray]:
+    def met_by_beams(
+        self, time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Distance [M, k] along beams to what is there, and its velocity along them, as `Surroundings` says."""
         start, when = np.repeat(T_w_s[:, :3, 3], len(beams), axis=0), np.repeat(time_ns, len(beams))
         directions = (beams @ T_w_s[:, :3, :3].swapaxes(1, 2)).reshape(-1, 3)

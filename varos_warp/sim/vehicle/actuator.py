@@ -14,11 +14,11 @@ def propagator(frequency: float, damping: float, dt: float) -> np.ndarray:
     """
     decay = damping * frequency
     root = frequency * cmath.sqrt(damping**2 - 1.0)
-    slow = -frequency**2 / (decay + root)  # = root - decay
+    slow = -(frequency**2) / (decay + root)  # = root - decay
     first, second = cmath.exp(slow * dt), cmath.exp(-(decay + root) * dt)
     sine = first * (dt if root == 0.0 else -np.expm1(-2.0 * root * dt) / (2.0 * root))
     cosine = 0.5 * (first + second)
-    E = np.array([[cosine + decay * sine, sine], [-frequency**2 * sine, cosine - decay * sine]])
+    E = np.array([[cosine + decay * sine, sine], [-(frequency**2) * sine, cosine - decay * sine]])
     return E.real
 
 
@@ -33,8 +33,10 @@ class Actuator:
         yy, yv, vy, vv = self._yy, self._yv, self._vy, self._vv
         x0, x1, x2 = y[0] - u[0], y[1] - u[1], y[2] - u[2]
         r0, r1, r2 = rate
-        return ((u[0] + yy * x0 + yv * r0, u[1] + yy * x1 + yv * r1, u[2] + yy * x2 + yv * r2),
-                (vy * x0 + vv * r0, vy * x1 + vv * r1, vy * x2 + vv * r2))
+        return (
+            (u[0] + yy * x0 + yv * r0, u[1] + yy * x1 + yv * r1, u[2] + yy * x2 + yv * r2),
+            (vy * x0 + vv * r0, vy * x1 + vv * r1, vy * x2 + vv * r2),
+        )
 
 
 def limit(u: Vector, largest: float) -> tuple[Vector, bool]:

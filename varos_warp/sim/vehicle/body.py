@@ -103,18 +103,22 @@ class Sphere:
         x, y, z = v[0] - current[0], v[1] - current[1], v[2] - current[2]
         drag = self.linear_drag + self.quadratic_drag * sqrt(x * x + y * y + z * z)
         per_mass, carried = 1.0 / self.virtual_mass, self.carried
-        return ((force[0] - drag * x) * per_mass + carried * current_rate[0],
-                (force[1] - drag * y) * per_mass + carried * current_rate[1],
-                (force[2] - drag * z + self.net_buoyancy) * per_mass + carried * current_rate[2])
+        return (
+            (force[0] - drag * x) * per_mass + carried * current_rate[0],
+            (force[1] - drag * y) * per_mass + carried * current_rate[1],
+            (force[2] - drag * z + self.net_buoyancy) * per_mass + carried * current_rate[2],
+        )
 
     def angular_acceleration(self, omega: Vector, torque: Vector) -> Vector:
         """Angular acceleration [rad/s^2] from the balance of moments, all in vehicle axes."""
         x, y, z = omega
         drag = self.linear_rotational_drag + self.quadratic_rotational_drag * sqrt(x * x + y * y + z * z)
         per_inertia = 1.0 / self.inertia
-        return ((torque[0] - drag * x) * per_inertia,
-                (torque[1] - drag * y) * per_inertia,
-                (torque[2] - drag * z) * per_inertia)
+        return (
+            (torque[0] - drag * x) * per_inertia,
+            (torque[1] - drag * y) * per_inertia,
+            (torque[2] - drag * z) * per_inertia,
+        )
 
     def righting_moment(self, q: Quaternion) -> Vector:
         """M g h (z_v x z_w) in vehicle axes [N m]: the centre of buoyancy lies h above the centre of mass."""
@@ -140,11 +144,14 @@ class Sphere:
         peak = peak_gain(self.actuator_damping)
         speed = terminal_rate(self.linear_drag, self.quadratic_drag, peak * self.max_force + abs(self.net_buoyancy))
         righting = self.mass_kg * self.gravity * self.metacentric_height
-        rate = terminal_rate(self.linear_rotational_drag, self.quadratic_rotational_drag,
-                             peak * self.max_torque + righting)
-        return max(slope(self.linear_drag, self.quadratic_drag, max(speed, current_speed)) / self.virtual_mass,
-                   slope(self.linear_rotational_drag, self.quadratic_rotational_drag, rate) / self.inertia,
-                   sqrt(righting / self.inertia))
+        rate = terminal_rate(
+            self.linear_rotational_drag, self.quadratic_rotational_drag, peak * self.max_torque + righting
+        )
+        return max(
+            slope(self.linear_drag, self.quadratic_drag, max(speed, current_speed)) / self.virtual_mass,
+            slope(self.linear_rotational_drag, self.quadratic_rotational_drag, rate) / self.inertia,
+            sqrt(righting / self.inertia),
+        )
 
 
 def slope(linear: float, quadratic: float, rate: float) -> float:
@@ -176,5 +183,7 @@ def sphere(vehicle: description.Vehicle, gravity: float = 9.81) -> Sphere:
     """
     displaced_volume(vehicle.mass_kg, vehicle.net_buoyancy, gravity)  # refuses what has none
     given = {name: getattr(vehicle, name) for name in Sphere.__dataclass_fields__ if name != "gravity"}
-    return Sphere(gravity=gravity, **{name: preset(name, vehicle.mass_kg) if value is None else value
-                                      for name, value in given.items()})
+    return Sphere(
+        gravity=gravity,
+        **{name: preset(name, vehicle.mass_kg) if value is None else value for name, value in given.items()},
+    )

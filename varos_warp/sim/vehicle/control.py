@@ -27,10 +27,14 @@ from varos_warp.sim.vehicle.rigid_body import RigidBody
 
 def plant(c: float, frequency: float, damping: float, integral: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """A [n, n] and B [n, 1] of one axis about hover, ``c`` [1/s] its linear drag; first the integral of e if asked."""
-    A = np.array([[0.0, 1.0, 0.0, 0.0],
-                  [0.0, -c, 1.0, 0.0],
-                  [0.0, 0.0, 0.0, 1.0],
-                  [0.0, 0.0, -frequency**2, -2.0 * damping * frequency]])
+    A = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [0.0, -c, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [0.0, 0.0, -(frequency**2), -2.0 * damping * frequency],
+        ]
+    )
     B = np.array([[0.0], [0.0], [0.0], [frequency**2]])
     if not integral:
         return A, B
@@ -53,8 +57,8 @@ def sampled(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray, h: float
     doublings = max(0, ceil(log2(max(1e-300, np.abs(np.linalg.eigvals(A)).max() * h))))
     short = h / 2**doublings
     blocks = expm(np.block([[-F.T, weight], [np.zeros_like(F), F]]) * short)
-    transition = blocks[n + m:, n + m:]
-    cost = transition.T @ blocks[:n + m, n + m:]
+    transition = blocks[n + m :, n + m :]
+    cost = transition.T @ blocks[: n + m, n + m :]
     for _ in range(doublings):
         cost = cost + transition.T @ cost @ transition
         transition = transition @ transition
@@ -74,17 +78,30 @@ FARTHEST = 1e12
 them all some 8 orders of magnitude beyond."""
 
 
-def design(c: float, frequency: float, damping: float, q: tuple[float, float], r: float, *, integral: float = 0.0,
-           h: float = TICK_S, key: str = "vehicle.controller") -> tuple[float, ...]:
+def design(
+    c: float,
+    frequency: float,
+    damping: float,
+    q: tuple[float, float],
+    r: float,
+    *,
+    integral: float = 0.0,
+    h: float = TICK_S,
+    key: str = "vehicle.controller",
+) -> tuple[float, ...]:
     """Gains (k_integral, k1, k2, k3, k4) of one axis; k_integral is 0 unless ``integral`` weighs it.
 
     Raises:
         InputError: The weights leave an axis without a stabilising gain, or are too far apart for one to be found.
     """
     if not (r / FARTHEST <= q[0] <= r * FARTHEST and max(q[1], integral) <= r * FARTHEST):
-        raise InputError("the weights are too far from r to find a gain" if q[0] else "a position without a weight",
-                         key=key, value=list(q), remedy=f"The first must lie between 1e-12 and 1e12 times "
-                         f"vehicle.controller.r = {r:g}, the second and integral at most there")
+        raise InputError(
+            "the weights are too far from r to find a gain" if q[0] else "a position without a weight",
+            key=key,
+            value=list(q),
+            remedy=f"The first must lie between 1e-12 and 1e12 times "
+            f"vehicle.controller.r = {r:g}, the second and integral at most there",
+        )
     A, B = plant(c, frequency, damping, integral > 0.0)
     weights = np.array(([integral] if integral > 0.0 else []) + [q[0], q[1], 0.0, 0.0]) / r  # only ratios count
     try:
@@ -95,8 +112,12 @@ def design(c: float, frequency: float, damping: float, q: tuple[float, float], r
     except (LinAlgError, ValueError):
         stable = False
     if not stable:
-        raise InputError("the weights leave the vehicle without a stabilising gain", key=key, value=list(q),
-                         remedy="Bring them (with r and integral) nearer to each other")
+        raise InputError(
+            "the weights leave the vehicle without a stabilising gain",
+            key=key,
+            value=list(q),
+            remedy="Bring them (with r and integral) nearer to each other",
+        )
     values = tuple(K[0].tolist())
     return values if integral > 0.0 else (0.0, *values)
 
@@ -120,10 +141,24 @@ def gains(body: Sphere, controller: description.Controller) -> Gains:
     """Design both regulators for a vehicle."""
     frequency, damping, r = body.actuator_frequency, body.actuator_damping, controller.r
     return Gains(
-        design(body.linear_drag / body.virtual_mass, frequency, damping, controller.translation_q, r,
-               integral=controller.integral, key="vehicle.controller.translation_q"),
-        design(body.linear_rotational_drag / body.inertia, frequency, damping, controller.rotation_q, r,
-               key="vehicle.controller.rotation_q"))
+        design(
+            body.linear_drag / body.virtual_mass,
+            frequency,
+            damping,
+            controller.translation_q,
+            r,
+            integral=controller.integral,
+            key="vehicle.controller.translation_q",
+        ),
+        design(
+            body.linear_rotational_drag / body.inertia,
+            frequency,
+            damping,
+            controller.rotation_q,
+            r,
+            key="vehicle.controller.rotation_q",
+        ),
+    )
 
 
 class Regulator:
@@ -167,8 +202,15 @@ class Regulator:
             drag = body.linear_drag + body.quadratic_drag * _norm(velocity)
             ahead = add(reference.acceleration, drag / body.virtual_mass, velocity)
             ahead = add(ahead, -body.net_buoyancy / body.virtual_mass, (0.0, 0.0, 1.0))
-        return _law(self.gains.translation, 3 * (body.virtual_mass,), self._integral, error,
-                    add(state.v, -1.0, velocity), ahead, *thrust)
+        return _law(
+            self.gains.translation,
+            3 * (body.virtual_mass,),
+            self._integral,
+            error,
+            add(state.v, -1.0, velocity),
+            ahead,
+            *thrust,
+        )
 
     def _torque(self, reference: Reference, state: State) -> Vector:
         body = self._body
@@ -180,8 +222,16 @@ class Regulator:
             ahead = add(quaternion.rotate_back(turned, reference.alpha), drag / body.inertia, rate)
             if body.metacentric_height != 0.0:
                 ahead = add(ahead, -1.0 / body.inertia, body.righting_moment(reference.attitude))
-        return _law(self.gains.rotation, 3 * (body.inertia,), ZERO, quaternion.log(turned),
-                    add(state.omega, -1.0, rate), ahead, state.torque, state.torque_rate)
+        return _law(
+            self.gains.rotation,
+            3 * (body.inertia,),
+            ZERO,
+            quaternion.log(turned),
+            add(state.omega, -1.0, rate),
+            ahead,
+            state.torque,
+            state.torque_rate,
+        )
 
     def _along_axes(self, body: RigidBody, error: Vector, reference: Reference, state: State) -> tuple[Vector, Vector]:
         """Force [N] and moment [N m] in vehicle axes, in which all of it is meant."""
@@ -195,10 +245,28 @@ class Regulator:
                 force, _ = body.needed(state.q, velocity, rate, reference.acceleration, alpha)
         drift, integral = (quaternion.rotate_back(state.q, x) for x in (add(state.v, -1.0, velocity), self._integral))
         masses, inertias = body.masses, body.inertias
-        return (_law(self.gains.translation, masses, integral, quaternion.rotate_back(state.q, error), drift,
-                     _over(force, masses), state.force, state.force_rate),
-                _law(self.gains.rotation, inertias, ZERO, quaternion.log(turned),
-                     add(state.omega, -1.0, rate), _over(torque, inertias), state.torque, state.torque_rate))
+        return (
+            _law(
+                self.gains.translation,
+                masses,
+                integral,
+                quaternion.rotate_back(state.q, error),
+                drift,
+                _over(force, masses),
+                state.force,
+                state.force_rate,
+            ),
+            _law(
+                self.gains.rotation,
+                inertias,
+                ZERO,
+                quaternion.log(turned),
+                add(state.omega, -1.0, rate),
+                _over(torque, inertias),
+                state.torque,
+                state.torque_rate,
+            ),
+        )
 
 
 def saturated(body: Sphere, force: Vector, torque: Vector) -> tuple[Vector, Vector, bool, bool]:
@@ -223,8 +291,12 @@ def _over(a: Vector, b: Vector) -> Vector:
 
 def _law(k, inertia: Vector, integral, error, rate, ahead, output, output_rate) -> Vector:
     ki, k1, k2, k3, k4 = k
-    return tuple(inertia[i] * ((1.0 + k3) * ahead[i] - ki * integral[i] - k1 * error[i] - k2 * rate[i])
-                 - k3 * output[i] - k4 * output_rate[i] for i in range(3))
+    return tuple(
+        inertia[i] * ((1.0 + k3) * ahead[i] - ki * integral[i] - k1 * error[i] - k2 * rate[i])
+        - k3 * output[i]
+        - k4 * output_rate[i]
+        for i in range(3)
+    )
 
 
 def _norm(v: Vector) -> float:

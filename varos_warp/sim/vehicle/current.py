@@ -64,8 +64,10 @@ class Turbulence:
         v, slope = knots[:, 2], (knots[:, 1] - knots[:, 2]) * (self._step / self._lag)
         moved = v[n + 1] - v[n]
         c2, c3 = 3.0 * moved - 2.0 * slope[n] - slope[n + 1], slope[n] + slope[n + 1] - 2.0 * moved
-        return (self.rms * (v[n] + s * (slope[n] + s * (c2 + s * c3))),
-                self.rms * (slope[n] + s * (2.0 * c2 + s * 3.0 * c3)) / self._step)
+        return (
+            self.rms * (v[n] + s * (slope[n] + s * (c2 + s * c3))),
+            self.rms * (slope[n] + s * (2.0 * c2 + s * 3.0 * c3)) / self._step,
+        )
 
     def way(self, t: float) -> np.ndarray:
         """How far the water has moved from time 0 to ``t`` [s], [3] [m], by the trapezoidal rule over the knots."""
@@ -105,8 +107,12 @@ class Current:
 
     def __init__(self, current: description.Current, seed: int):
         if current.fluctuation > 0.0 and current.period_s < SHORTEST_PERIOD_S:
-            raise InputError("is too short for ticks of 5 ms", key="current.period_s", value=current.period_s,
-                             remedy=f"Give at least {SHORTEST_PERIOD_S:g} s")
+            raise InputError(
+                "is too short for ticks of 5 ms",
+                key="current.period_s",
+                value=current.period_s,
+                remedy=f"Give at least {SHORTEST_PERIOD_S:g} s",
+            )
         rng = np.random.default_rng([seed, 0x63757272])
         direction = rng.normal(size=(WAVES, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -157,4 +163,4 @@ class SampledCurrent:
             both = self._current.velocity(t).tolist(), self._current.acceleration(t).tolist()
             self._rows = [(tuple(v), tuple(a)) for v, a in zip(*both, strict=True)]
         start = (tick - self._first) * self._per_tick
-        return self._rows[start:start + self._per_tick + 1]
+        return self._rows[start : start + self._per_tick + 1]

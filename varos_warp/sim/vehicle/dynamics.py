@@ -49,18 +49,22 @@ def add(a: Vector, scale: float, b: Vector) -> Vector:
 
 def rk4_sum(k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
     """k1 + 2 k2 + 2 k3 + k4."""
-    return (k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0],
-            k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1],
-            k1[2] + 2.0 * (k2[2] + k3[2]) + k4[2])
+    return (
+        k1[0] + 2.0 * (k2[0] + k3[0]) + k4[0],
+        k1[1] + 2.0 * (k2[1] + k3[1]) + k4[1],
+        k1[2] + 2.0 * (k2[2] + k3[2]) + k4[2],
+    )
 
 
 def rotvec_rate(phi: Vector, omega: Vector) -> Vector:
     """Rate of the rotation vector of a step, exact to the order that RK4 sees."""
     turn = cross(phi, omega)
     twice = cross(phi, turn)
-    return (omega[0] + 0.5 * turn[0] + twice[0] / 12.0,
-            omega[1] + 0.5 * turn[1] + twice[1] / 12.0,
-            omega[2] + 0.5 * turn[2] + twice[2] / 12.0)
+    return (
+        omega[0] + 0.5 * turn[0] + twice[0] / 12.0,
+        omega[1] + 0.5 * turn[1] + twice[1] / 12.0,
+        omega[2] + 0.5 * turn[2] + twice[2] / 12.0,
+    )
 
 
 def step_translation(body: Sphere, p: Vector, v: Vector, forces, currents, h: float) -> tuple[Vector, Vector]:
@@ -70,14 +74,17 @@ def step_translation(body: Sphere, p: Vector, v: Vector, forces, currents, h: fl
     a3 = body.acceleration(add(v, 0.5 * h, a2), forces[1], *currents[1])
     a4 = body.acceleration(add(v, h, a3), forces[2], *currents[2])
     # dp/dt = v, so the RK4 sum of the velocities reduces to this
-    p = (p[0] + h * v[0] + h * h / 6.0 * (a1[0] + a2[0] + a3[0]),
-         p[1] + h * v[1] + h * h / 6.0 * (a1[1] + a2[1] + a3[1]),
-         p[2] + h * v[2] + h * h / 6.0 * (a1[2] + a2[2] + a3[2]))
+    p = (
+        p[0] + h * v[0] + h * h / 6.0 * (a1[0] + a2[0] + a3[0]),
+        p[1] + h * v[1] + h * h / 6.0 * (a1[1] + a2[1] + a3[1]),
+        p[2] + h * v[2] + h * h / 6.0 * (a1[2] + a2[2] + a3[2]),
+    )
     return p, add(v, h / 6.0, rk4_sum(a1, a2, a3, a4))
 
 
 def step_rotation(body: Sphere, q: Quaternion, omega: Vector, torques, h: float) -> tuple[Quaternion, Vector, tuple]:
     """Attitude and angular velocity ``h`` later by RKMK4, and its four stage rates for `rotvec_halfway`."""
+
     def moment(torque: Vector, phi: Vector) -> Vector:
         if body.metacentric_height == 0.0:
             return torque
@@ -95,13 +102,16 @@ def step_rotation(body: Sphere, q: Quaternion, omega: Vector, torques, h: float)
     return q, add(omega, h / 6.0, rk4_sum(a1, a2, a3, a4)), (k1, k2, k3, k4)
 
 
-def step_together(body: RigidBody, p: Vector, v: Vector, q: Quaternion, omega: Vector, forces, torques, currents,
-                  h: float) -> tuple[Vector, Vector, Quaternion, Vector]:
+def step_together(
+    body: RigidBody, p: Vector, v: Vector, q: Quaternion, omega: Vector, forces, torques, currents, h: float
+) -> tuple[Vector, Vector, Quaternion, Vector]:
     """All four ``h`` later by RKMK4; thrust, in vehicle axes, and currents at 0, h/2 and h."""
+
     def rates(y, i: int):
         _, v, phi, omega = y
-        a, alpha = body.accelerations(quaternion.multiply(q, quaternion.exp(phi)), v, omega, (forces[i], torques[i]),
-                                      *currents[i])
+        a, alpha = body.accelerations(
+            quaternion.multiply(q, quaternion.exp(phi)), v, omega, (forces[i], torques[i]), *currents[i]
+        )
         return v, a, rotvec_rate(phi, omega), alpha
 
     def later(step: float, k):
@@ -130,10 +140,13 @@ def substeps(body: Sphere, current_speed: float, h: float) -> int:
     """
     stiffness = body.stiffness(current_speed) * h
     if stiffness > REFUSE_ABOVE:
-        raise InputError(f"the motion is too stiff for ticks of {1e3 * h:g} ms: lambda h = {stiffness:.3g}, "
-                         f"at most {REFUSE_ABOVE:g} can be simulated", key="vehicle",
-                         remedy="Lower linear_drag, quadratic_drag (or the rotational ones), max_force, max_torque, "
-                                "metacentric_height or the current, or raise mass_kg, inertia or actuator_damping")
+        raise InputError(
+            f"the motion is too stiff for ticks of {1e3 * h:g} ms: lambda h = {stiffness:.3g}, "
+            f"at most {REFUSE_ABOVE:g} can be simulated",
+            key="vehicle",
+            remedy="Lower linear_drag, quadratic_drag (or the rotational ones), max_force, max_torque, "
+            "metacentric_height or the current, or raise mass_kg, inertia or actuator_damping",
+        )
     return max(1, ceil(stiffness / SUBSTEP_ABOVE))
 
 
@@ -157,14 +170,17 @@ class Dynamics:
     def accelerations(self, state: State, tick: int) -> tuple[Vector, Vector]:
         """Acceleration [m/s^2] in world and angular acceleration [rad/s^2] in vehicle axes, from the balances."""
         if isinstance(self.body, RigidBody):
-            return self.body.accelerations(state.q, state.v, state.omega, (state.force, state.torque),
-                                           *self._current.stages(tick)[0])
+            return self.body.accelerations(
+                state.q, state.v, state.omega, (state.force, state.torque), *self._current.stages(tick)[0]
+            )
         torque = state.torque
         if self.body.metacentric_height != 0.0:
             torque = add(torque, 1.0, self.body.righting_moment(state.q))
         current, current_rate = self._current.stages(tick)[0]
-        return (self.body.acceleration(state.v, self.thrust(state)[0], current, current_rate),
-                self.body.angular_acceleration(state.omega, torque))
+        return (
+            self.body.acceleration(state.v, self.thrust(state)[0], current, current_rate),
+            self.body.angular_acceleration(state.omega, torque),
+        )
 
     def advance(self, state: State, force: Vector, torque: Vector, tick: int) -> State:
         """State at the next tick, the commands held over this one.
@@ -185,8 +201,9 @@ class Dynamics:
             t1, t_rate = actuate(t0, t_rate, torque)
             t2, t_rate = actuate(t1, t_rate, torque)
             if isinstance(self.body, RigidBody):
-                p, v, q, omega = step_together(self.body, p, v, q, omega, (f0, f1, f2), (t0, t1, t2),
-                                               currents[2 * i:2 * i + 3], h)
+                p, v, q, omega = step_together(
+                    self.body, p, v, q, omega, (f0, f1, f2), (t0, t1, t2), currents[2 * i : 2 * i + 3], h
+                )
                 f0, t0 = f2, t2
                 continue
             q_end, omega, rates = step_rotation(self.body, q, omega, (t0, t1, t2), h)
@@ -194,6 +211,6 @@ class Dynamics:
             if self.in_body_axes:
                 q_mid = quaternion.multiply(q, quaternion.exp(rotvec_halfway(rates, h)))
                 forces = tuple(quaternion.rotate(a, f) for a, f in zip((q, q_mid, q_end), forces, strict=True))
-            p, v = step_translation(self.body, p, v, forces, currents[2 * i:2 * i + 3], h)
+            p, v = step_translation(self.body, p, v, forces, currents[2 * i : 2 * i + 3], h)
             q, f0, t0 = q_end, f2, t2
         return State(p, v, q, omega, f0, f_rate, t0, t_rate)

@@ -19,8 +19,15 @@ from varos_warp.sim.vehicle.dynamics import Dynamics, State
 from varos_warp.sim.vehicle.rigid_body import body_of
 
 COLUMNS: list[tuple] = [
-    ("position", float, 3), ("velocity", float, 3), ("acceleration", float, 3), ("quaternion", float, 4),
-    ("angular_velocity", float, 3), ("angular_acceleration", float, 3), ("reference", float, 3), ("waypoint", float)]
+    ("position", float, 3),
+    ("velocity", float, 3),
+    ("acceleration", float, 3),
+    ("quaternion", float, 4),
+    ("angular_velocity", float, 3),
+    ("angular_acceleration", float, 3),
+    ("reference", float, 3),
+    ("waypoint", float),
+]
 """What `Flight.look` finds at a tick."""
 
 
@@ -81,8 +88,16 @@ class Flight:
         if self.guidance.finished and self.end is None:
             self.end = self.tick
         acceleration, angular_acceleration = self._dynamics.accelerations(state, self.tick)
-        return (state.p, state.v, acceleration, state.q, state.omega, angular_acceleration, self._reference.position,
-                (float(self.guidance.target),))
+        return (
+            state.p,
+            state.v,
+            acceleration,
+            state.q,
+            state.omega,
+            angular_acceleration,
+            self._reference.position,
+            (float(self.guidance.target),),
+        )
 
     def advance(self) -> None:
         """Go to the next tick as the controller commands."""
@@ -100,10 +115,15 @@ class Flight:
     def check(self, waits: bool) -> None:
         """Refuse a motion that is not finite, and one that ``waits`` for a waypoint longer than can be simulated."""
         if not all(isfinite(x) for vector in self.state for x in vector):
-            raise InputError("the simulated vehicle ran away", key="vehicle",
-                             remedy="Check its drag, mass and thrusters, and the weights of vehicle.controller")
+            raise InputError(
+                "the simulated vehicle ran away",
+                key="vehicle",
+                remedy="Check its drag, mass and thrusters, and the weights of vehicle.controller",
+            )
         if waits and self.tick >= MAX_TICKS:
-            raise InputError(f"the vehicle still waits to reach it after {LONGEST_S} s, the longest sequence",
-                             key=self._scene.trajectory.key(self.guidance.target),
-                             remedy="Lower trajectory.handover_timeout_s, raise handover_radius_m, or give the "
-                                    "vehicle the thrust to get there")
+            raise InputError(
+                f"the vehicle still waits to reach it after {LONGEST_S} s, the longest sequence",
+                key=self._scene.trajectory.key(self.guidance.target),
+                remedy="Lower trajectory.handover_timeout_s, raise handover_radius_m, or give the "
+                "vehicle the thrust to get there",
+            )

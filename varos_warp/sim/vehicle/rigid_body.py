@@ -93,12 +93,23 @@ class RigidBody(Sphere):
         turned, gyro, munk = cross(omega, P), cross(omega, L), cross(r, P)
         extra, h = self.displaced - self.mass_kg, self.metacentric_height * self.displaced
         righting = (-h * (self.gravity * up[1] + water[1]), h * (self.gravity * up[0] + water[0]), 0.0)
-        return (tuple(self.net_buoyancy * up[i] + extra * water[i] - (d[i] + k[i] * speed) * r[i] - turned[i]
-                      for i in range(3)),
-                tuple(righting[i] - (d[3 + i] + k[3 + i] * rate) * omega[i] - gyro[i] - munk[i] for i in range(3)))
+        return (
+            tuple(
+                self.net_buoyancy * up[i] + extra * water[i] - (d[i] + k[i] * speed) * r[i] - turned[i]
+                for i in range(3)
+            ),
+            tuple(righting[i] - (d[3 + i] + k[3 + i] * rate) * omega[i] - gyro[i] - munk[i] for i in range(3)),
+        )
 
-    def accelerations(self, q: Quaternion, v: Vector, omega: Vector, thrust: tuple[Vector, Vector], current: Vector,
-                      current_rate: Vector) -> tuple[Vector, Vector]:
+    def accelerations(
+        self,
+        q: Quaternion,
+        v: Vector,
+        omega: Vector,
+        thrust: tuple[Vector, Vector],
+        current: Vector,
+        current_rate: Vector,
+    ) -> tuple[Vector, Vector]:
         """Acceleration [m/s^2] in world and angular acceleration [rad/s^2] in vehicle axes.
 
         Args:
@@ -109,20 +120,25 @@ class RigidBody(Sphere):
             current, current_rate: Velocity of the water [m/s] and its derivative [m/s^2], world axes.
         """
         r = quaternion.rotate_back(q, (v[0] - current[0], v[1] - current[1], v[2] - current[2]))
-        force, moment = self.loads(r, omega, quaternion.rotate_back(q, (0.0, 0.0, 1.0)),
-                                   quaternion.rotate_back(q, current_rate))
+        force, moment = self.loads(
+            r, omega, quaternion.rotate_back(q, (0.0, 0.0, 1.0)), quaternion.rotate_back(q, current_rate)
+        )
         carried = cross(omega, r)  # the axes turn with the body
         a = quaternion.rotate(q, tuple((force[i] + thrust[0][i]) / self.masses[i] + carried[i] for i in range(3)))
-        return ((a[0] + current_rate[0], a[1] + current_rate[1], a[2] + current_rate[2]),
-                tuple((moment[i] + thrust[1][i]) / self.inertias[i] for i in range(3)))
+        return (
+            (a[0] + current_rate[0], a[1] + current_rate[1], a[2] + current_rate[2]),
+            tuple((moment[i] + thrust[1][i]) / self.inertias[i] for i in range(3)),
+        )
 
     def needed(self, q: Quaternion, v: Vector, omega: Vector, a: Vector, alpha: Vector) -> tuple[Vector, Vector]:
         """Thrust [N] and moment [N m], vehicle axes, for a motion in still water; arguments as in `accelerations`."""
         r, there = quaternion.rotate_back(q, v), quaternion.rotate_back(q, a)
         force, moment = self.loads(r, omega, quaternion.rotate_back(q, (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0))
         carried = cross(omega, r)
-        return (tuple(self.masses[i] * (there[i] - carried[i]) - force[i] for i in range(3)),
-                tuple(self.inertias[i] * alpha[i] - moment[i] for i in range(3)))
+        return (
+            tuple(self.masses[i] * (there[i] - carried[i]) - force[i] for i in range(3)),
+            tuple(self.inertias[i] * alpha[i] - moment[i] for i in range(3)),
+        )
 
     def stiffness(self, current_speed: float = 0.0) -> float:
         """Fastest rate lambda [1/s] of the motion: of decay by drag, of swing upright, or of broaching to the flow."""
@@ -130,14 +146,19 @@ class RigidBody(Sphere):
         if self.thrusters:
             force, torque = self.thrusters.largest
         righting = self.displaced * self.gravity * self.metacentric_height
-        speed = max(current_speed, terminal_rate(min(self.linear[:3]), min(self.quadratic[:3]),
-                                                 peak * force + abs(self.net_buoyancy)))
+        speed = max(
+            current_speed,
+            terminal_rate(min(self.linear[:3]), min(self.quadratic[:3]), peak * force + abs(self.net_buoyancy)),
+        )
         across = min(speed, FASTEST + current_speed)
         munk = (max(self.masses) - min(self.masses)) * across * across
         rate = terminal_rate(min(self.linear[3:]), min(self.quadratic[3:]), peak * torque + righting + munk)
         sizes, slowest = (*self.masses, *self.inertias), min(self.inertias)
-        return max(sqrt(righting / slowest), sqrt(munk / slowest),
-                   *(slope(self.linear[i], self.quadratic[i], speed if i < 3 else rate) / sizes[i] for i in range(6)))
+        return max(
+            sqrt(righting / slowest),
+            sqrt(munk / slowest),
+            *(slope(self.linear[i], self.quadratic[i], speed if i < 3 else rate) / sizes[i] for i in range(6)),
+        )
 
 
 def rigid_body(vehicle: description.Vehicle, gravity: float = 9.81) -> RigidBody:
@@ -151,14 +172,23 @@ def rigid_body(vehicle: description.Vehicle, gravity: float = 9.81) -> RigidBody
     linear = block.linear_drag or (*(3 * [ball.linear_drag]), *(3 * [ball.linear_rotational_drag]))
     quadratic = block.quadratic_drag or (*(3 * [ball.quadratic_drag]), *(3 * [ball.quadratic_rotational_drag]))
     inertia, engines = block.inertia or 3 * [ball.inertia], None
-    least = {"linear_drag": min(linear[:3]), "linear_rotational_drag": min(linear[3:]),
-             "quadratic_drag": min(quadratic[:3]), "quadratic_rotational_drag": min(quadratic[3:])}
+    least = {
+        "linear_drag": min(linear[:3]),
+        "linear_rotational_drag": min(linear[3:]),
+        "quadratic_drag": min(quadratic[:3]),
+        "quadratic_rotational_drag": min(quadratic[3:]),
+    }
     if block.thrusters is not None:
         engines = thrusters(block.thrusters, ball.radius, ball.metacentric_height > 0.0)
         least |= {"max_force": engines.max_force, "max_torque": engines.max_torque}
-    return RigidBody(**asdict(ball) | least, masses=tuple(ball.mass_kg + added[i] for i in range(3)),
-                     inertias=tuple(inertia[i] + added[3 + i] for i in range(3)), linear=linear, quadratic=quadratic,
-                     thrusters=engines)
+    return RigidBody(
+        **asdict(ball) | least,
+        masses=tuple(ball.mass_kg + added[i] for i in range(3)),
+        inertias=tuple(inertia[i] + added[3 + i] for i in range(3)),
+        linear=linear,
+        quadratic=quadratic,
+        thrusters=engines,
+    )
 
 
 def body_of(vehicle: description.Vehicle, gravity: float = 9.81) -> Sphere:

@@ -17,8 +17,14 @@ from varos_warp.sim.quaternion import Vector
 
 PITCH, ROLL = 3, 4
 """Rows of B: moments about the vehicle's x (right) and y (forward)."""
-AXES = ("force to the right (x)", "force forwards (y)", "force upwards (z)", "pitch moment (about x)",
-        "roll moment (about y)", "yaw moment (about z)")
+AXES = (
+    "force to the right (x)",
+    "force forwards (y)",
+    "force upwards (z)",
+    "pitch moment (about x)",
+    "roll moment (about y)",
+    "yaw moment (about z)",
+)
 LEAST = 1e-3
 """Smallest singular value of what can be controlled, by the largest; moments are taken at the hull's radius."""
 
@@ -85,14 +91,19 @@ def thrusters(blocks: list[description.Thruster], radius: float, righted: bool) 
         if len(sizes) == len(rows) and sizes[-1] > LEAST * sizes[0]:
             break
     else:
-        raise InputError(f"together they give no {AXES[rows[int(np.abs(weakest).argmax())]]}",
-                         key="vehicle.rigid_body.thrusters", remedy="A vehicle needs forces along its three axes and a "
-                         "yaw moment, each without the others: add a thruster or turn one")
+        raise InputError(
+            f"together they give no {AXES[rows[int(np.abs(weakest).argmax())]]}",
+            key="vehicle.rigid_body.thrusters",
+            remedy="A vehicle needs forces along its three axes and a "
+            "yaw moment, each without the others: add a thruster or turn one",
+        )
     if free and not righted:
-        raise InputError(f"they give no {' and no '.join(AXES[i] for i in free)} of its own, and nothing else holds "
-                         "the vehicle upright", key="vehicle.rigid_body.thrusters",
-                         remedy="Give a vehicle.metacentric_height, such as 0.02, or add thrusters")
+        raise InputError(
+            f"they give no {' and no '.join(AXES[i] for i in free)} of its own, and nothing else holds "
+            "the vehicle upright",
+            key="vehicle.rigid_body.thrusters",
+            remedy="Give a vehicle.metacentric_height, such as 0.02, or add thrusters",
+        )
     allocation = np.zeros((len(blocks), 6))
     allocation[:, rows] = np.linalg.pinv(even[rows]) / np.where(np.array(rows) < 3, 1.0, radius)
-    return Thrusters(allocation, B @ allocation, free,
-                     (float(most.sum()), float(np.linalg.norm(B[3:], axis=0).sum())))
+    return Thrusters(allocation, B @ allocation, free, (float(most.sum()), float(np.linalg.norm(B[3:], axis=0).sum())))

@@ -65,13 +65,21 @@ def by_pygltflib(colours=None, uv=None):
         attributes = pygltflib.Attributes(POSITION=1)
         gltf.accessors = [
             pygltflib.Accessor(bufferView=0, componentType=5123, count=BALL.faces.size, type="SCALAR"),
-            pygltflib.Accessor(bufferView=1, componentType=5126, count=len(BALL.vertices), type="VEC3",
-                               min=BALL.vertices.min(0).tolist(), max=BALL.vertices.max(0).tolist())]
+            pygltflib.Accessor(
+                bufferView=1,
+                componentType=5126,
+                count=len(BALL.vertices),
+                type="VEC3",
+                min=BALL.vertices.min(0).tolist(),
+                max=BALL.vertices.max(0).tolist(),
+            ),
+        ]
         for values, width, name in ((colours, "VEC3", "COLOR_0"), (uv, "VEC2", "TEXCOORD_0")):
             if values is not None:
                 setattr(attributes, name, len(blobs))
-                gltf.accessors.append(pygltflib.Accessor(bufferView=len(blobs), componentType=5126, count=len(values),
-                                                         type=width))
+                gltf.accessors.append(
+                    pygltflib.Accessor(bufferView=len(blobs), componentType=5126, count=len(values), type=width)
+                )
                 blobs.append(np.asarray(values, "<f4").tobytes())
         primitive = pygltflib.Primitive(attributes=attributes, indices=0)
         if uv is not None:
@@ -79,8 +87,13 @@ def by_pygltflib(colours=None, uv=None):
             Image.fromarray(GRADIENT).save(file, "PNG")
             gltf.images = [pygltflib.Image(bufferView=len(blobs), mimeType="image/png")]
             gltf.textures, blobs = [pygltflib.Texture(source=0)], [*blobs, file.getvalue()]
-            gltf.materials = [pygltflib.Material(pbrMetallicRoughness=pygltflib.PbrMetallicRoughness(
-                metallicFactor=0.0, baseColorTexture=pygltflib.TextureInfo(index=0)))]
+            gltf.materials = [
+                pygltflib.Material(
+                    pbrMetallicRoughness=pygltflib.PbrMetallicRoughness(
+                        metallicFactor=0.0, baseColorTexture=pygltflib.TextureInfo(index=0)
+                    )
+                )
+            ]
             primitive.material = 0
         gltf.meshes, gltf.nodes = [pygltflib.Mesh(primitives=[primitive])], [pygltflib.Node(mesh=0)]
         gltf.scenes, gltf.scene, whole = [pygltflib.Scene(nodes=[0])], 0, b""
@@ -133,21 +146,48 @@ def by_pycollada(uv=None, colour=None):
 PICTURE = Image.fromarray(GRADIENT)
 TRIANGLES, BOXES = [("triangle", BALL.faces)], [("quad", QUADS)]
 FILES = {
-    **{f"trimesh {name}": (by_trimesh(BALL, name, **options), None) for name, options in {
-        "m.glb": {}, "m.gltf": {}, "m.obj": {}, "m.ply": {}, "text.ply": {"encoding": "ascii"}, "m.stl": {},
-        "text.stl": {"file_type": "stl_ascii"}, "m.off": {}}.items()},
-    **{f"trimesh colours {name}": (by_trimesh(painted(), name, **options), "linear" if name == "m.glb" else "shades")
-       for name, options in {"m.glb": {}, "m.ply": {}, "text.ply": {"encoding": "ascii"}, "m.obj": {}}.items()},
-    **{f"trimesh texture {name}": (by_trimesh(mapped(PBRMaterial(baseColorTexture=PICTURE)), name), "picture")
-       for name in ("m.glb", "m.gltf")},
-    "trimesh texture m.obj": (by_trimesh(mapped(SimpleMaterial(PICTURE, diffuse=[255, 255, 255, 255])), "m.obj"),
-                              "picture"),
-    "pygltflib": (by_pygltflib(), None), "pygltflib colours": (by_pygltflib(SHADES / 255.0), "linear"),
+    **{
+        f"trimesh {name}": (by_trimesh(BALL, name, **options), None)
+        for name, options in {
+            "m.glb": {},
+            "m.gltf": {},
+            "m.obj": {},
+            "m.ply": {},
+            "text.ply": {"encoding": "ascii"},
+            "m.stl": {},
+            "text.stl": {"file_type": "stl_ascii"},
+            "m.off": {},
+        }.items()
+    },
+    **{
+        f"trimesh colours {name}": (by_trimesh(painted(), name, **options), "linear" if name == "m.glb" else "shades")
+        for name, options in {"m.glb": {}, "m.ply": {}, "text.ply": {"encoding": "ascii"}, "m.obj": {}}.items()
+    },
+    **{
+        f"trimesh texture {name}": (by_trimesh(mapped(PBRMaterial(baseColorTexture=PICTURE)), name), "picture")
+        for name in ("m.glb", "m.gltf")
+    },
+    "trimesh texture m.obj": (
+        by_trimesh(mapped(SimpleMaterial(PICTURE, diffuse=[255, 255, 255, 255])), "m.obj"),
+        "picture",
+    ),
+    "pygltflib": (by_pygltflib(), None),
+    "pygltflib colours": (by_pygltflib(SHADES / 255.0), "linear"),
     "pygltflib texture": (by_pygltflib(uv=np.column_stack([UV[:, 0], 1 - UV[:, 1]])), "picture"),
-    **{f"meshio {name}": (by_meshio(name, TRIANGLES, **options), None) for name, options in {
-        "m.ply": {}, "text.ply": {"binary": False}, "m.stl": {"binary": True}, "m.obj": {}, "m.off": {}}.items()},
-    **{f"meshio quads {name}": (by_meshio(name, BOXES, BOX.vertices, **options), None) for name, options in {
-        "m.ply": {}, "text.ply": {"binary": False}, "m.obj": {}}.items()},
+    **{
+        f"meshio {name}": (by_meshio(name, TRIANGLES, **options), None)
+        for name, options in {
+            "m.ply": {},
+            "text.ply": {"binary": False},
+            "m.stl": {"binary": True},
+            "m.obj": {},
+            "m.off": {},
+        }.items()
+    },
+    **{
+        f"meshio quads {name}": (by_meshio(name, BOXES, BOX.vertices, **options), None)
+        for name, options in {"m.ply": {}, "text.ply": {"binary": False}, "m.obj": {}}.items()
+    },
     "trimesh m.dae": (by_trimesh(BALL, "m.dae"), "black"),
     "pycollada": (by_pycollada(), "grey"),
     "pycollada colour": (by_pycollada(colour=(0.2, 0.4, 0.6, 1.0)), "blue"),
@@ -166,10 +206,13 @@ def test_area_extent_and_colours_are_those_that_others_read(tmp_path, name):
         mesh = load_mesh(path, up_axis="z")
     read = read_by_trimesh if "quads" in name else READERS[path.suffix]
     vertices, faces = read_stl_text(path) if path.name == "text.stl" else read(path)
-    for points, triangles in ((vertices, faces), ((BOX if "quads" in name else BALL).vertices,
-                                                  (BOX if "quads" in name else BALL).faces)):
-        np.testing.assert_allclose([mesh.vertices.min(0), mesh.vertices.max(0)], [points.min(0), points.max(0)],
-                                   atol=1e-6)
+    for points, triangles in (
+        (vertices, faces),
+        ((BOX if "quads" in name else BALL).vertices, (BOX if "quads" in name else BALL).faces),
+    ):
+        np.testing.assert_allclose(
+            [mesh.vertices.min(0), mesh.vertices.max(0)], [points.min(0), points.max(0)], atol=1e-6
+        )
         assert area(mesh.vertices, mesh.faces) == pytest.approx(area(points, triangles), rel=1e-6)
         assert volume(mesh.vertices, mesh.faces) == pytest.approx(volume(points, triangles), rel=1e-5)  # none is turned
     if colours is None:
@@ -221,13 +264,17 @@ def read_gltf(path):
     def values(index, letter, width):
         accessor = gltf.accessors[index]
         view = gltf.bufferViews[accessor.bufferView]
-        data = gltf.get_data_from_buffer_uri(gltf.buffers[view.buffer].uri) if gltf.buffers[view.buffer].uri else \
-            gltf.binary_blob()
+        data = (
+            gltf.get_data_from_buffer_uri(gltf.buffers[view.buffer].uri)
+            if gltf.buffers[view.buffer].uri
+            else gltf.binary_blob()
+        )
         return np.array(struct.unpack_from(f"<{width * accessor.count}{letter}", data, view.byteOffset or 0))
 
     code = gltf.accessors[primitive.indices].componentType
     return values(primitive.attributes.POSITION, "f", 3).reshape(-1, 3), values(
-        primitive.indices, {5123: "H", 5125: "I"}[code], 1).reshape(-1, 3)
+        primitive.indices, {5123: "H", 5125: "I"}[code], 1
+    ).reshape(-1, 3)
 
 
 def read_by_mitsuba(path):
@@ -252,9 +299,16 @@ def read_stl_text(path):
 
 
 def read_by_pycollada(path):
-    primitive, = next(iter(collada.Collada(str(path)).scene.objects("geometry"))).primitives()
+    (primitive,) = next(iter(collada.Collada(str(path)).scene.objects("geometry"))).primitives()
     return primitive.vertex, primitive.vertex_index
 
 
-READERS = {".glb": read_gltf, ".gltf": read_gltf, ".obj": read_by_mitsuba, ".ply": read_by_mitsuba,
-           ".off": read_by_meshio, ".stl": read_by_meshio, ".dae": read_by_pycollada}
+READERS = {
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".obj": read_by_mitsuba,
+    ".ply": read_by_mitsuba,
+    ".off": read_by_meshio,
+    ".stl": read_by_meshio,
+    ".dae": read_by_pycollada,
+}

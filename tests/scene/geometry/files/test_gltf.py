@@ -21,17 +21,24 @@ def test_a_factor_that_rounding_left_above_1_is_1(tmp_path):
     is_colour([1, 1, 0.5])(mesh)
 
 
-@pytest.mark.parametrize(("factor", "problem"), [
-    ([1, 1, 1], "not 4 numbers"), (0.5, "not 4 numbers"), ([0.5], "not 4 numbers"),
-    ([1.1, 1, 1, 1], "not within 0..1")])
+@pytest.mark.parametrize(
+    ("factor", "problem"),
+    [
+        ([1, 1, 1], "not 4 numbers"),
+        (0.5, "not 4 numbers"),
+        ([0.5], "not 4 numbers"),
+        ([1.1, 1, 1, 1], "not within 0..1"),
+    ],
+)
 def test_a_factor_of_other_than_4_numbers_is_refused(tmp_path, factor, problem):
     with pytest.raises(InputError, match=problem) as refusal:
         load_mesh(coloured(factor).save(tmp_path / "m.glb"), "file")
     assert "materials.0" in refusal.value.key
 
 
-@pytest.mark.parametrize(("material", "told"), [
-    ({"emissiveFactor": [1, 0, 0]}, "emission"), ({"emissiveFactor": [0, 0, 0]}, None)])
+@pytest.mark.parametrize(
+    ("material", "told"), [({"emissiveFactor": [1, 0, 0]}, "emission"), ({"emissiveFactor": [0, 0, 0]}, None)]
+)
 def test_emission_is_told(tmp_path, material, told):
     gltf = Gltf()
     gltf.mesh(material=gltf.add("materials", material))
@@ -50,8 +57,13 @@ def test_a_quaternion_of_zeros_is_refused(tmp_path):
 
 def test_a_joint_outside_of_the_scene_is_refused(tmp_path):
     gltf = Gltf(scenes=[{"nodes": [0]}])
-    gltf.mesh(attributes={"JOINTS_0": gltf.accessor([[0, 0, 0, 0]] * 4, "u1"),
-                          "WEIGHTS_0": gltf.accessor([[1, 0, 0, 0]] * 4)}, node=False)
+    gltf.mesh(
+        attributes={
+            "JOINTS_0": gltf.accessor([[0, 0, 0, 0]] * 4, "u1"),
+            "WEIGHTS_0": gltf.accessor([[1, 0, 0, 0]] * 4),
+        },
+        node=False,
+    )
     gltf.node(mesh=0, skin=0)
     gltf.node()
     gltf.document["skins"] = [{"joints": [1], "inverseBindMatrices": gltf.accessor([np.eye(4).ravel()])}]
@@ -91,8 +103,9 @@ def test_integer_colours_that_are_not_normalized_are_taken_so(tmp_path, kind, to
     """Section 3.7.2.1 has no other; taken as they stand, all but 0 would be white."""
     mesh, told = loaded(painted([top, top // 5, 0, top], kind).save(tmp_path / "m.glb"), "z")
     is_colour([1.0, 0.2, 0.0])(mesh)
-    assert told == ["COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken as "
-                    "normalized"]
+    assert told == [
+        "COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken as normalized"
+    ]
     (tmp_path / "sound").mkdir()
     mesh, told = loaded(painted([top, top // 5, 0, top], kind, normalized=True).save(tmp_path / "sound/m.glb"), "z")
     is_colour([1.0, 0.2, 0.0])(mesh)
@@ -110,5 +123,7 @@ def test_an_unknown_way_of_alpha_is_told(tmp_path):
     gltf = Gltf()
     gltf.mesh(material=gltf.add("materials", {"alphaMode": "mask"}))
     told = loaded(gltf.save(tmp_path / "m.glb"), "z")[1]
-    assert told == ["not modelled: alphaMode 'mask', which glTF does not have (OPAQUE, MASK, BLEND); surfaces are "
-                    "Lambertian and opaque"]
+    assert told == [
+        "not modelled: alphaMode 'mask', which glTF does not have (OPAQUE, MASK, BLEND); surfaces are "
+        "Lambertian and opaque"
+    ]

@@ -10,8 +10,10 @@ POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2\nsize 12
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@pytest.mark.parametrize(("text", "problem"), [
-    (POINTER, "pointer of Git LFS"), ("\n<!DOCTYPE html>\n<html></html>", "web page"), ("<HTML></HTML>", "web page")])
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [(POINTER, "pointer of Git LFS"), ("\n<!DOCTYPE html>\n<html></html>", "web page"), ("<HTML></HTML>", "web page")],
+)
 def test_what_stands_in_for_a_mesh_is_refused_for_what_it_is(tmp_path, suffix, text, problem):
     path = tmp_path / f"m{suffix}"
     path.write_text(text)

@@ -10,8 +10,9 @@ from varos_warp.scene.images import srgb_to_linear
 RING = [[0, 1, 2, 3]]
 
 
-@pytest.mark.parametrize(("head", "tail"), [
-    ("OFF", " 255 0 0"), ("NOFF", " 0 0 1 255 0 0 255"), ("STOFF", " 0 0 1 0 0")])
+@pytest.mark.parametrize(
+    ("head", "tail"), [("OFF", " 255 0 0"), ("NOFF", " 0 0 1 255 0 0 255"), ("STOFF", " 0 0 1 0 0")]
+)
 def test_numbers_behind_vertices_without_colours_are_told(tmp_path, head, tail):
     mesh, told = loaded(off(tmp_path, BOARD, RING, head, tail))
     is_grey(mesh)
@@ -37,8 +38,9 @@ def test_black_is_read_without_a_word_of_bits(tmp_path):
     assert not any("whole numbers" in words for words in told)
 
 
-@pytest.mark.parametrize(("head", "vertex", "face"), [
-    ("COFF", " 2 0 0 255", ""), ("COFF", " 1 0 0 255", ""), ("OFF", "", " 1 0 0 255")])
+@pytest.mark.parametrize(
+    ("head", "vertex", "face"), [("COFF", " 2 0 0 255", ""), ("COFF", " 1 0 0 255", ""), ("OFF", "", " 1 0 0 255")]
+)
 def test_colours_near_black_are_of_8_bits_where_a_number_or_an_alpha_says_so(tmp_path, head, vertex, face):
     mesh, told = loaded(off(tmp_path, BOARD, RING, head, vertex, face))
     first = int((vertex or face).split()[0])

@@ -20,8 +20,17 @@ def painted(kind, values, names=("red", "green", "blue")):
 
 def test_strips_have_their_texture(tmp_path):
     (tmp_path / "q.png").write_bytes(picture())
-    text = ply(f"{XYZ},float s,float t", rows(np.column_stack([BOARD, UV])), RING, "0", comments=TEXTURED,
-               more="element tristrips 1\nproperty list int int vertex_indices\n") + "4 0 1 3 2\n"
+    text = (
+        ply(
+            f"{XYZ},float s,float t",
+            rows(np.column_stack([BOARD, UV])),
+            RING,
+            "0",
+            comments=TEXTURED,
+            more="element tristrips 1\nproperty list int int vertex_indices\n",
+        )
+        + "4 0 1 3 2\n"
+    )
     mesh, told = loaded(ply_file(tmp_path, text))
     assert told == []
     is_quarters(mesh)
@@ -70,8 +79,14 @@ def test_colours_of_corners_are_told(tmp_path):
 
 
 def test_colours_of_faces_go_before_those_of_vertices(tmp_path):
-    text = painted("uchar", "0 0 255").replace("vertex_indices\n", "vertex_indices\n" + "".join(
-        f"property uchar {name}\n" for name in ("red", "green", "blue"))).replace("4 0 1 2 3", "4 0 1 2 3 255 0 0")
+    text = (
+        painted("uchar", "0 0 255")
+        .replace(
+            "vertex_indices\n",
+            "vertex_indices\n" + "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")),
+        )
+        .replace("4 0 1 2 3", "4 0 1 2 3 255 0 0")
+    )
     mesh, told = loaded(ply_file(tmp_path, text))
     is_colour([1, 0, 0])(mesh)
     assert told == ["the colours of its faces go before those of its vertices"]
@@ -85,8 +100,13 @@ def test_the_header_ends_at_its_own_line(tmp_path):
 def test_faces_with_texture_minus_1_have_none(tmp_path):
     (tmp_path / "q.png").write_bytes(picture())
     both = np.concatenate([BOARD, BOARD + [3, 0, 0]])
-    text = ply(XYZ, rows(both), f"{RING},list uchar float texcoord,int texnumber",
-               "4 0 1 2 3 8 0 0 1 0 1 1 0 1 0\n4 4 5 6 7 8 0 0 1 0 1 1 0 1 -1", comments=TEXTURED)
+    text = ply(
+        XYZ,
+        rows(both),
+        f"{RING},list uchar float texcoord,int texnumber",
+        "4 0 1 2 3 8 0 0 1 0 1 1 0 1 0\n4 4 5 6 7 8 0 0 1 0 1 1 0 1 -1",
+        comments=TEXTURED,
+    )
     mesh, told = loaded(ply_file(tmp_path, text))
     assert told == []
     is_quarters(mesh)
@@ -96,8 +116,13 @@ def test_faces_with_texture_minus_1_have_none(tmp_path):
 
 
 def test_a_texture_of_an_old_encoding_is_found_by_its_bytes(tmp_path):
-    text = ply(f"{XYZ},float s,float t", rows(np.column_stack([BOARD, UV])), RING, "4 0 1 2 3",
-               comments="comment TextureFile gr\xfcn.png\n")
+    text = ply(
+        f"{XYZ},float s,float t",
+        rows(np.column_stack([BOARD, UV])),
+        RING,
+        "4 0 1 2 3",
+        comments="comment TextureFile gr\xfcn.png\n",
+    )
     path = tmp_path / "m.ply"
     path.write_bytes(text.encode("latin1"))
     (tmp_path / b"gr\xfcn.png".decode("utf-8", "surrogateescape")).write_bytes(picture())
@@ -126,8 +151,10 @@ def test_rows_behind_those_that_the_header_counts_are_told(tmp_path):
     assert told == ["4 words behind the rows that its header counts are left out"]
 
 
-@pytest.mark.parametrize(("tail", "told"), [
-    (b"", []), (b"\n", []), (b"\0" * 13, ["13 bytes behind the rows that its header counts are left out"])])
+@pytest.mark.parametrize(
+    ("tail", "told"),
+    [(b"", []), (b"\n", []), (b"\0" * 13, ["13 bytes behind the rows that its header counts are left out"])],
+)
 def test_bytes_behind_a_binary_body_are_told(tmp_path, tail, told):
     head, _, _ = ply(XYZ, rows(BOARD), RING, "3 0 1 2").partition("end_header\n")
     body = BOARD.astype("<f8").tobytes() + b"\3" + np.array([0, 1, 2], "<i4").tobytes()

@@ -29,8 +29,9 @@ def test_a_spiral_is_filled_with_its_area_and_keeps_its_side(axes):
     np.testing.assert_allclose(area_vectors(ring[triangles]).sum(axis=0), area_vectors(ring), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("ring", [np.zeros((4, 3)), np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]])],
-                         ids=["a point", "a line"])
+@pytest.mark.parametrize(
+    "ring", [np.zeros((4, 3)), np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]])], ids=["a point", "a line"]
+)
 def test_what_has_no_area_gives_no_triangles(ring):
     triangles, sound = fill(ring)
     assert sound

@@ -24,8 +24,10 @@ def test_materials_share_the_vertices_of_their_file(tmp_path):
 def test_vertices_with_and_without_colours_may_stand_in_one_obj(tmp_path):
     """As of exporters that write colours for the objects that have them, however late the first one comes."""
     path, plain = tmp_path / "m.obj", "v 9 9 0\n" * 1200
-    path.write_text(plain + "".join(f"v {x} {y} {z} 1 0.5 0\n" for x, y, z in BOARD) + "v 3 0 0\nv 4 0 0\nv 4 1 0\n"
-                    "f 1201 1202 1203\nf 1205 1206 1207\n")
+    path.write_text(
+        plain + "".join(f"v {x} {y} {z} 1 0.5 0\n" for x, y, z in BOARD) + "v 3 0 0\nv 4 0 0\nv 4 1 0\n"
+        "f 1201 1202 1203\nf 1205 1206 1207\n"
+    )
     with pytest.warns(UserWarning, match="some of its vertices have no colour: they are grey"):
         skin = load_mesh(path).skin
     np.testing.assert_allclose(skin.corners[0, 0], srgb_to_linear(np.array([1.0, 0.5, 0.0])), rtol=1e-6)
@@ -46,8 +48,11 @@ def test_a_mask_of_16_bits_is_read_whole(tmp_path):
 def test_a_small_file_may_not_ask_for_gigabytes(tmp_path):
     """Accessors without bytes of their own are zeros, as many as they say."""
     gltf = Gltf()
-    sparse = {"count": 1, "indices": {"bufferView": gltf.view(b"\0\0\0\0"), "componentType": 5125},
-              "values": {"bufferView": gltf.view(np.ones(3, "<f4").tobytes())}}
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": gltf.view(b"\0\0\0\0"), "componentType": 5125},
+        "values": {"bufferView": gltf.view(np.ones(3, "<f4").tobytes())},
+    }
     places = gltf.accessor(BOARD, bufferView=None, sparse=sparse)
     gltf.document["accessors"][places]["count"] = 60_000_000
     gltf.mesh(places)

@@ -23,8 +23,10 @@ USED = V + VT + "usemtl a\n" + QUAD
 # --------------------------------------------------------------------------------------------------------------- names
 
 
-@pytest.mark.parametrize(("defined", "used"), [
-    ("red#1", "red#1"), ("red #1", "red #1"), ("red", "red # the hull"), ("red # of the hull", "red")])
+@pytest.mark.parametrize(
+    ("defined", "used"),
+    [("red#1", "red#1"), ("red #1", "red #1"), ("red", "red # the hull"), ("red # of the hull", "red")],
+)
 def test_names_may_hold_a_hash_and_a_comment_may_follow_them(tmp_path, defined, used):
     library = f"newmtl {defined}\nKd 1 0 0 # red\nnewmtl red#2\nKd 0 1 0\n"
     mesh, told = loaded(obj(tmp_path, V + f"usemtl {used}\nf 1 2 3 4 # all\n", library))
@@ -64,8 +66,13 @@ def test_names_of_old_encodings_are_found_by_their_bytes_and_told_as_text(tmp_pa
         file.write(library)
     path = tmp_path / "m.obj"
     body = V + VT + "".join(f"v {x + 3} {y} {z}\n" for x, y, z in BOARD)
-    path.write_bytes(b"mtllib h\xfclle.mtl\n" + body.encode() + b"usemtl s\xf6\n" + QUAD.encode()
-                     + b"usemtl b\nf 5/1 6/2 7/3\nusemtl \xe9\nf 5 7 8\n")
+    path.write_bytes(
+        b"mtllib h\xfclle.mtl\n"
+        + body.encode()
+        + b"usemtl s\xf6\n"
+        + QUAD.encode()
+        + b"usemtl b\nf 5/1 6/2 7/3\nusemtl \xe9\nf 5 7 8\n"
+    )
     mesh, told = loaded(path)
     is_quarters(mesh)
     assert any(r"map_Kd wei\xdf.png is not there (wei\xdf.png)" in words for words in told)
@@ -115,9 +122,17 @@ def test_a_mask_without_a_texture_cuts_holes_into_the_plain_colour(tmp_path):
 LEVELS = {"r": 120, "g": 100, "b": 50, "m": 25}
 
 
-@pytest.mark.parametrize(("option", "expected"), [
-    ("", 25), ("-imfchan m", 25), ("-imfchan r", 120), ("-imfchan g", 100), ("-imfchan b", 50),
-    ("-imfchan l", round(0.299 * 120 + 0.587 * 100 + 0.114 * 50))])
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ("", 25),
+        ("-imfchan m", 25),
+        ("-imfchan r", 120),
+        ("-imfchan g", 100),
+        ("-imfchan b", 50),
+        ("-imfchan l", round(0.299 * 120 + 0.587 * 100 + 0.114 * 50)),
+    ],
+)
 def test_a_mask_is_the_channel_that_it_names_or_its_alpha(tmp_path, option, expected):
     """Brightness is that of ITU-R BT.601, as Pillow documents its mode L."""
     (tmp_path / "d.png").write_bytes(picture(np.array([[list(LEVELS.values())]])))
@@ -186,9 +201,19 @@ def test_a_map_without_a_name_is_left_out(tmp_path):
     assert told == ["map_kd of m.mtl names no file, and is left out", "map_d of m.mtl names no file, and is left out"]
 
 
-@pytest.mark.parametrize(("line", "told"), [
-    ("Ke 1 0 0", "emission"), ("Ke 0 0 0", None), ("map_Ke q.png", "emission"), ("Pm 1.0", "metal"), ("Pm 0", None),
-    ("Pr 0.3", "roughness"), ("map_Pr q.png", "roughness"), ("map_Pm q.png", "metal")])
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("Ke 1 0 0", "emission"),
+        ("Ke 0 0 0", None),
+        ("map_Ke q.png", "emission"),
+        ("Pm 1.0", "metal"),
+        ("Pm 0", None),
+        ("Pr 0.3", "roughness"),
+        ("map_Pr q.png", "roughness"),
+        ("map_Pm q.png", "metal"),
+    ],
+)
 def test_light_and_metal_of_a_material_are_told(tmp_path, line, told):
     _, words = loaded(obj(tmp_path, V + "usemtl a\nf 1 2 3 4\n", f"newmtl a\nKd 1 1 1\n{line}\n"))
     assert words == ([] if told is None else [f"not modelled of m.mtl: {told}"])
@@ -208,8 +233,10 @@ def test_seven_numbers_are_a_place_and_a_colour_with_alpha(tmp_path):
     assert told == ["its vertices of 7 numbers are taken as x y z r g b a, without the alpha"]
 
 
-@pytest.mark.parametrize(("tail", "told"), [
-    ("1", None), ("2", "weights"), ("1 1", "vertices of 5 numbers"), ("1 1 1 1 1", "vertices of 8 numbers")])
+@pytest.mark.parametrize(
+    ("tail", "told"),
+    [("1", None), ("2", "weights"), ("1 1", "vertices of 5 numbers"), ("1 1 1 1 1", "vertices of 8 numbers")],
+)
 def test_other_numbers_behind_a_place_are_told(tmp_path, tail, told):
     mesh, words = loaded(obj(tmp_path, coloured(tail)))
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [2, 2, 0])
@@ -237,7 +264,8 @@ def test_keywords_in_capitals_are_told(tmp_path):
     with pytest.raises(InputError, match="keywords are in capitals"):
         load_mesh(obj(tmp_path, V.upper() + "F 1 2 3 4\n"))
     assert loaded(obj(tmp_path, V + "f 1 2 3\nF 1 3 4\n"))[1] == [
-        "its lines that begin with F are left out: keywords of OBJ are small letters"]
+        "its lines that begin with F are left out: keywords of OBJ are small letters"
+    ]
 
 
 def test_a_mask_of_16_bits_has_its_channels(tmp_path):
@@ -246,9 +274,16 @@ def test_a_mask_of_16_bits_has_its_channels(tmp_path):
     np.testing.assert_allclose(mesh.skin.pages[0].alpha, 20000 / 257, atol=1.0)
 
 
-@pytest.mark.parametrize(("tail", "expected"), [
-    ("1.0000001 0.5 0", [1.0, 0.5, 0.0]), ("1.001 -1e-4 0", [1.0, 0.0, 0.0]), ("1 0 1", [1.0, 0.0, 1.0]),
-    ("255 51 0", [1.0, 0.2, 0.0]), ("2 0 0", [2 / 255, 0.0, 0.0])])
+@pytest.mark.parametrize(
+    ("tail", "expected"),
+    [
+        ("1.0000001 0.5 0", [1.0, 0.5, 0.0]),
+        ("1.001 -1e-4 0", [1.0, 0.0, 0.0]),
+        ("1 0 1", [1.0, 0.0, 1.0]),
+        ("255 51 0", [1.0, 0.2, 0.0]),
+        ("2 0 0", [2 / 255, 0.0, 0.0]),
+    ],
+)
 def test_colours_are_0_to_1_or_whole_numbers_of_0_to_255(tmp_path, tail, expected):
     mesh, told = loaded(obj(tmp_path, coloured(tail)))
     is_colour(srgb_to_linear(np.array(expected)))(mesh)
@@ -344,12 +379,15 @@ def test_transparency_of_a_map_is_the_reverse_of_its_opacity(tmp_path):
     mesh, told = loaded(obj(tmp_path, USED, "newmtl a\nKd 1 1 1\nmap_Tr d.png\n"))
     alpha = mesh.skin.pages[0].alpha
     assert (alpha[4, 4], alpha[-4, 4]) == (255, 0)
-    assert any("map_Tr of m.mtl is read as a mask: holes where it" in words and "is above 0.5" in words
-               for words in told)
+    assert any(
+        "map_Tr of m.mtl is read as a mask: holes where it" in words and "is above 0.5" in words for words in told
+    )
 
 
-@pytest.mark.parametrize(("line", "told"), [
-    ("map_opacity q.png", ["not modelled of m.mtl: map_opacity"]), ("map_Ka q.png", []), ("map_aat on", [])])
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [("map_opacity q.png", ["not modelled of m.mtl: map_opacity"]), ("map_Ka q.png", []), ("map_aat on", [])],
+)
 def test_maps_of_other_names_are_told(tmp_path, line, told):
     assert loaded(obj(tmp_path, V + "usemtl a\nf 1 2 3 4\n", f"newmtl a\nKd 1 1 1\n{line}\n"))[1] == told
 
@@ -366,7 +404,8 @@ def test_coordinates_outside_of_all_tiles_are_told(tmp_path, shift, is_told):
 @pytest.mark.parametrize("value", ["1e300", "-1e12"])
 @pytest.mark.parametrize("name", ["q.png", "-clamp on q.png"])
 def test_coordinates_too_far_away_to_tell_texels_apart_are_refused(tmp_path, value, name):
-    path = obj(tmp_path, V + f"vt {value} 0\nvt 1 0\nvt 1 1\nvt 0 1\n" + "usemtl a\n" + QUAD,
-               f"newmtl a\nmap_Kd {name}\n")
+    path = obj(
+        tmp_path, V + f"vt {value} 0\nvt 1 0\nvt 1 1\nvt 0 1\n" + "usemtl a\n" + QUAD, f"newmtl a\nmap_Kd {name}\n"
+    )
     with pytest.raises(InputError, match="texture coordinates beyond"):
         load_mesh(path, "objects.0.file")

@@ -27,10 +27,20 @@ EVEN = {"kind": "hydroid", "cluster": 0, "size_m": [0.2, 0.2], "up": [-1, 1]}
 def scene(*growth, **more):
     """Growth on hills and a boulder around cameras of large pixels that look along all six axes."""
     turns = [[0, 0, 0], [0, 0, 90], [0, 0, 180], [0, 0, -90], [90, 0, 0], [-90, 0, 0]]
-    cameras = [{"id": f"M{i}", "resolution": [320, 320], "sensor_mm": [9.6, 9.6], "focal_mm": 4.8,
-                "rotation_euler_deg": turn} for i, turn in enumerate(turns)]
-    return scene_from_dict({"trajectory": {"poses": [{"position": [0, 0, 3]}]}, "terrain": HILLS, "objects": [ROCK],
-                            "vehicle": {"cameras": cameras}, "growth": list(growth), **more})
+    cameras = [
+        {"id": f"M{i}", "resolution": [320, 320], "sensor_mm": [9.6, 9.6], "focal_mm": 4.8, "rotation_euler_deg": turn}
+        for i, turn in enumerate(turns)
+    ]
+    return scene_from_dict(
+        {
+            "trajectory": {"poses": [{"position": [0, 0, 3]}]},
+            "terrain": HILLS,
+            "objects": [ROCK],
+            "vehicle": {"cameras": cameras},
+            "growth": list(growth),
+            **more,
+        }
+    )
 
 
 def grown(*growth, **more) -> list[Grown]:
@@ -71,8 +81,10 @@ def test_counts_are_poisson_by_the_area_of_the_surface():
 
 def test_clusters_raise_the_variance():
     level = {"terrain": {**HILLS, "relief_m": 0.0}}
-    even, crowded = (cells(roots(grown({"on": ["terrain"], "per_m2": 30, **EVEN, "cluster": cluster}, **level)))
-                     for cluster in (0, 9))
+    even, crowded = (
+        cells(roots(grown({"on": ["terrain"], "per_m2": 30, **EVEN, "cluster": cluster}, **level)))
+        for cluster in (0, 9)
+    )
     error = np.sqrt(2.0 / even.size)  # of the variance over the mean, where that is 1
     assert abs(even.var() / even.mean() - 1.0) < 4.0 * error
     assert crowded.var() / crowded.mean() > 1.0 + 20.0 * error
@@ -97,8 +109,16 @@ def test_every_root_lies_on_its_host(host, number):
 
 
 def test_copies_of_a_scatter_carry_growth_where_they_stand():
-    s = {"scatter": [{"object": {k: ROCK[k] for k in ("kind", "diameter", "chord_error_m")}, "count": 6,
-                      "scale_range": [0.5, 1.0]}], "objects": []}
+    s = {
+        "scatter": [
+            {
+                "object": {k: ROCK[k] for k in ("kind", "diameter", "chord_error_m")},
+                "count": 6,
+                "scale_range": [0.5, 1.0],
+            }
+        ],
+        "objects": [],
+    }
     groups = grown({"on": ["scatter.0"], "kind": "barnacle", "per_m2": 60, "size_m": [0.05, 0.1]}, **s)
     (rocks,) = [part for part in build_parts(scene(**s)) if part.name == "scatter.0"]
     copies = {part.name: trimesh.Trimesh(part.vertices, part.faces, process=False) for part in rocks.parts()}
@@ -252,8 +272,13 @@ def test_faces_of_bodies_look_outwards(kind):
 
 def test_copies_all_at_once_are_those_one_by_one():
     groups = [*grown({"on": ["objects.0"], "kind": "barnacle", "size_m": [0.05, 0.1]})]
-    groups += [part for part in build_parts(scene(scatter=[{"object": {"kind": "nut", "size": "M64"}, "count": 40,
-                                                            "max_tilt_deg": 30}])) if isinstance(part, Instances)]
+    groups += [
+        part
+        for part in build_parts(
+            scene(scatter=[{"object": {"kind": "nut", "size": "M64"}, "count": 40, "max_tilt_deg": 30}])
+        )
+        if isinstance(part, Instances)
+    ]
     for group in groups:
         parts, joined = group.parts(), group.joined()
         np.testing.assert_array_equal(joined.vertices, np.concatenate([part.vertices for part in parts]))
@@ -321,13 +346,16 @@ def test_copies_are_smaller_at_the_rim_of_their_clump():
 
 def test_kinds_half_a_turn_apart_have_their_territories_where_the_other_has_not():
     places = np.random.default_rng(0).random((20_000, 3)) * 10
-    one, other = (crowding(25.0, 0.2, key_of(k), key_of("host"), territory)(places)[0] > 5.0
-                  for k, territory in ((1, 0.0), (2, 0.5)))
+    one, other = (
+        crowding(25.0, 0.2, key_of(k), key_of("host"), territory)(places)[0] > 5.0
+        for k, territory in ((1, 0.0), (2, 0.5))
+    )
     assert np.count_nonzero(one & other) < 0.2 * one.mean() * other.mean() * len(places)
 
 
 def test_a_host_beyond_reach_carries_none_of_a_kind_that_prefers_edges():
     far = {**ROCK, "position": [2 * REACH_M, 0, 0.4]}
-    (group,) = grown({"kind": "hydroid", "on": ["objects.0", "objects.1"], "per_m2": 200, "seed": 1},
-                     objects=[ROCK, far])[:1]
+    (group,) = grown(
+        {"kind": "hydroid", "on": ["objects.0", "objects.1"], "per_m2": 200, "seed": 1}, objects=[ROCK, far]
+    )[:1]
     assert set(np.array(group.hosts)[group.host]) == {"objects.0"}

@@ -16,11 +16,22 @@ SHELLS = {"on": ["terrain"], "kind": "shell", "per_m2": 3, "size_m": [0.01, 0.3]
 
 def scene(*growth, **more):
     """Growth on level ground of 8 m, seen from 2 m above its middle: a pixel is a centimetre there."""
-    camera = {"id": "M0", "resolution": [320, 320], "sensor_mm": [6.4, 6.4], "focal_mm": 4.0,
-              "rotation_euler_deg": [-90, 0, 0]}
-    return scene_from_dict({
-        "trajectory": {"poses": [{"position": [0, 0, 2]}]}, "vehicle": {"cameras": [camera]}, "growth": list(growth),
-        "terrain": {"kind": "procedural", "size_m": 8, "resolution": 9, "relief_m": 0.0}, **more})
+    camera = {
+        "id": "M0",
+        "resolution": [320, 320],
+        "sensor_mm": [6.4, 6.4],
+        "focal_mm": 4.0,
+        "rotation_euler_deg": [-90, 0, 0],
+    }
+    return scene_from_dict(
+        {
+            "trajectory": {"poses": [{"position": [0, 0, 2]}]},
+            "vehicle": {"cameras": [camera]},
+            "growth": list(growth),
+            "terrain": {"kind": "procedural", "size_m": 8, "resolution": 9, "relief_m": 0.0},
+            **more,
+        }
+    )
 
 
 def grown(*growth, **more) -> list[Grown]:
@@ -136,10 +147,17 @@ def test_places_are_kept_and_are_the_same_again(tmp_path, monkeypatch):
     assert first[0].facts == again[0].facts == anew[0].facts
 
 
-@pytest.mark.parametrize("change", [
-    {"seed": 2}, {"trajectory": {"poses": [{"position": [1, 0, 2]}]}}, {"surface_depth_m": 9.0},
-    {"terrain": {"kind": "procedural", "size_m": 8, "resolution": 9, "relief_m": 0.1}},
-    {"growth": [{**SHELLS, "per_m2": 4}]}, {"growth": [{**SHELLS, "kind": "pebble"}]}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 2},
+        {"trajectory": {"poses": [{"position": [1, 0, 2]}]}},
+        {"surface_depth_m": 9.0},
+        {"terrain": {"kind": "procedural", "size_m": 8, "resolution": 9, "relief_m": 0.1}},
+        {"growth": [{**SHELLS, "per_m2": 4}]},
+        {"growth": [{**SHELLS, "kind": "pebble"}]},
+    ],
+)
 def test_what_places_depend_on_makes_new_ones(change, tmp_path, monkeypatch):
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
     grown(SHELLS)
@@ -158,7 +176,9 @@ def test_what_is_too_small_to_be_placed_does_not_drive_out_others():
     """In the view of both, what is seen from farther away is some of what is seen from near, where it stands then."""
     block = {"on": ["terrain"], "kind": "pebble", "per_m2": 150, "size_m": [0.01, 0.1], "cluster": 0}
     near, far = (grown(block, trajectory={"poses": [{"position": [0, 0, z]}]}) for z in (1.5, 3.0))
-    places = [{tuple(root) for group in groups for root in group.T_w_o[:, :3, 3]
-               if np.abs(root[:2]).max() < 1.0} for groups in (near, far)]
+    places = [
+        {tuple(root) for group in groups for root in group.T_w_o[:, :3, 3] if np.abs(root[:2]).max() < 1.0}
+        for groups in (near, far)
+    ]
     assert 0 < len(places[1]) < len(places[0])
     assert places[1] <= places[0]

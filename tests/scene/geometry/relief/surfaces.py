@@ -52,6 +52,12 @@ def sites_of(p, faces, n, **others) -> Sites:
     """The vertices of a mesh that nothing stands near to."""
     edge = np.full(len(p), mean_edge(p, faces))
     size = float(np.linalg.norm(np.ptp(p, axis=0)))
-    given = {"p": p, "n": n, "edge": edge, "size": size, "height": p[:, 2] - p[:, 2].min(),
-             "clear": np.full(len(p), np.inf)} | others
+    given = {
+        "p": p,
+        "n": n,
+        "edge": edge,
+        "size": size,
+        "height": p[:, 2] - p[:, 2].min(),
+        "clear": np.full(len(p), np.inf),
+    } | others
     return Sites(**given)

@@ -18,10 +18,15 @@ STONE = {"kind": "boulder", "diameter": 1.0, "position": [0, 3, 0], "material": 
 
 
 def scene(**more) -> Scene:
-    return scene_from_dict({
-        "trajectory": {"poses": [{"position": [0, 0, 0.5]}]}, "vehicle": {"cameras": [CAMERA]},
-        "terrain": {"kind": "procedural", "size_m": 10, "resolution": 21, "relief_m": 0.2},
-        "materials": {"rock": {"kind": "layered", "relief": "rock"}, "grey": {}}, **more})
+    return scene_from_dict(
+        {
+            "trajectory": {"poses": [{"position": [0, 0, 0.5]}]},
+            "vehicle": {"cameras": [CAMERA]},
+            "terrain": {"kind": "procedural", "size_m": 10, "resolution": 21, "relief_m": 0.2},
+            "materials": {"rock": {"kind": "layered", "relief": "rock"}, "grey": {}},
+            **more,
+        }
+    )
 
 
 def test_parts_of_other_materials_stay_as_they_are():
@@ -86,19 +91,35 @@ def test_open_meshes_are_warned_of(tmp_path):
 def test_all_vehicles_see_the_same_ground():
     """Their bodies, of which each sees another's, are of different sizes, and the bound is short."""
     bodies = [{"kind": "boulder", "diameter": d, "material": "rock"} for d in (1.5, 0.5)]
-    vehicles = [{"id": str(i), "cameras": [CAMERA], "body": body, "trajectory": {"poses": [
-        {"position": [0, 3.0 * i, 1]}]}} for i, body in enumerate(bodies)]
-    grounds = [build_parts(scene_from_dict({
-        "terrain": {"kind": "procedural", "size_m": 4, "resolution": 9, "material": "rock"}, "observer": observer,
-        "materials": {"rock": {"kind": "layered", "relief": "rock"}}, "vehicles": vehicles,
-        "render": {"max_triangles": 20_000}}))[0] for observer in ("0", "1")]
+    vehicles = [
+        {"id": str(i), "cameras": [CAMERA], "body": body, "trajectory": {"poses": [{"position": [0, 3.0 * i, 1]}]}}
+        for i, body in enumerate(bodies)
+    ]
+    grounds = [
+        build_parts(
+            scene_from_dict(
+                {
+                    "terrain": {"kind": "procedural", "size_m": 4, "resolution": 9, "material": "rock"},
+                    "observer": observer,
+                    "materials": {"rock": {"kind": "layered", "relief": "rock"}},
+                    "vehicles": vehicles,
+                    "render": {"max_triangles": 20_000},
+                }
+            )
+        )[0]
+        for observer in ("0", "1")
+    ]
     np.testing.assert_array_equal(grounds[0].vertices, grounds[1].vertices)
 
 
-@pytest.mark.parametrize(("faces", "words"), [
-    ("f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n", "faces look inwards"),
-    ("f 1 3 2\nf 1 3 4\nf 1 4 2\nf 2 4 3\n", "others outwards"),
-    ("f 1 2 3\nf 3 2 1\n", "back to back")])
+@pytest.mark.parametrize(
+    ("faces", "words"),
+    [
+        ("f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n", "faces look inwards"),
+        ("f 1 3 2\nf 1 3 4\nf 1 4 2\nf 2 4 3\n", "others outwards"),
+        ("f 1 2 3\nf 3 2 1\n", "back to back"),
+    ],
+)
 def test_meshes_without_an_outside_are_warned_of(tmp_path, faces, words):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n" + faces)
     parts = build_parts(scene(objects=[{"file": str(tmp_path / "a.obj"), "position": [0, 3, 0], "material": "rock"}]))
@@ -133,10 +154,17 @@ def test_bytes_do_not_depend_on_the_number_of_threads(monkeypatch, tmp_path):
         for module in (launch, apply, drifts):
             monkeypatch.setattr(module, "usable_cores", lambda count=threads: count)
         monkeypatch.setattr(launch, "CHUNK", 1 << 10)
-        terrain = {"kind": "procedural", "size_m": 10, "resolution": 21, "relief_m": 0.2, "around_objects": True,
-                   "material": "rock"}
-        made.append(build_parts(scene(terrain=terrain, objects=[STONE], scatter=[block], render={
-            "max_triangles": 30_000})))
+        terrain = {
+            "kind": "procedural",
+            "size_m": 10,
+            "resolution": 21,
+            "relief_m": 0.2,
+            "around_objects": True,
+            "material": "rock",
+        }
+        made.append(
+            build_parts(scene(terrain=terrain, objects=[STONE], scatter=[block], render={"max_triangles": 30_000}))
+        )
     for one, many in zip(*made, strict=True):
         for name in ("vertices", "faces", "normals"):
             np.testing.assert_array_equal(getattr(one, name), getattr(many, name))

@@ -37,8 +37,9 @@ def test_what_stands_out_of_silt_shows():
 
 
 def test_smoothstep_is_half_in_the_middle_and_flat_at_its_ends():
-    np.testing.assert_allclose(smoothstep(1.0, 3.0, np.array([0.0, 1.0, 1.001, 2.0, 2.999, 4.0])),
-                               [0.0, 0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(
+        smoothstep(1.0, 3.0, np.array([0.0, 1.0, 1.001, 2.0, 2.999, 4.0])), [0.0, 0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-6
+    )
     assert smoothstep(0.14, 0.0, np.array([0.0]))[0] == 1.0
 
 

@@ -57,14 +57,27 @@ def test_copies_share_the_mean_of_where_they_stand():
 
 def test_no_line_of_colour_is_left_where_a_stone_meets_the_ground():
     """Mean colours of the dark stone just over the ground and of the ground beside it differ by less than a fifth."""
-    parts = build_parts(scene_from_dict({
-        "trajectory": {"poses": [{"position": [0, 0, 0.8], "look_at": [0, 2, 0]}]},
-        "vehicle": {"cameras": [{"id": "M0", "resolution": [320, 180]}]},
-        "terrain": {"kind": "procedural", "size_m": 6, "resolution": 21, "relief_m": 0.0, "material": "sand",
-                    "around_objects": True},
-        "objects": [{"kind": "boulder", "diameter": 0.8, "position": [0, 2, 0.1], "material": "rock"}],
-        "materials": {"sand": {"kind": "layered", "relief": "sand"},
-                      "rock": {"kind": "layered", "relief": "rock", "silt": 0.0, "paint": [0.03, 0.03, 0.03]}}}))
+    parts = build_parts(
+        scene_from_dict(
+            {
+                "trajectory": {"poses": [{"position": [0, 0, 0.8], "look_at": [0, 2, 0]}]},
+                "vehicle": {"cameras": [{"id": "M0", "resolution": [320, 180]}]},
+                "terrain": {
+                    "kind": "procedural",
+                    "size_m": 6,
+                    "resolution": 21,
+                    "relief_m": 0.0,
+                    "material": "sand",
+                    "around_objects": True,
+                },
+                "objects": [{"kind": "boulder", "diameter": 0.8, "position": [0, 2, 0.1], "material": "rock"}],
+                "materials": {
+                    "sand": {"kind": "layered", "relief": "sand"},
+                    "rock": {"kind": "layered", "relief": "rock", "silt": 0.0, "paint": [0.03, 0.03, 0.03]},
+                },
+            }
+        )
+    )
     ground, stone = parts
     colours = [part.skin.corners.reshape(-1, 3) for part in parts]
     places = [part.vertices[part.faces].reshape(-1, 3) for part in parts]

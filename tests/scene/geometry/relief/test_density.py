@@ -53,8 +53,10 @@ def test_what_no_camera_looks_at_is_coarse():
 def test_a_slanted_surface_is_as_coarse_as_its_pixels_are_large():
     """By the root of the area: at 60 degrees twice the area; at grazing views relief faces the camera anyway."""
     seen, point = footprint(scene(), []), np.array([[5.0, 0, 0]])
-    level, steep, grazing, behind = (seen.distance(point, np.array([n])) + seen.aside for n in (
-        [0.0, 0, 1], [0, np.sqrt(0.75), 0.5], [0, 1.0, 0], [0, 0, -1.0]))
+    level, steep, grazing, behind = (
+        seen.distance(point, np.array([n])) + seen.aside
+        for n in ([0.0, 0, 1], [0, np.sqrt(0.75), 0.5], [0, 1.0, 0], [0, 0, -1.0])
+    )
     assert steep[0] / level[0] == pytest.approx(np.sqrt(2.0), rel=1e-3)
     assert grazing[0] / level[0] == pytest.approx(np.sqrt(2.5), rel=1e-3)
     assert behind[0] / level[0] == pytest.approx(UNSEEN, rel=1e-3)
@@ -85,8 +87,12 @@ def test_a_course_that_turns_sees_all_around():
 
 def test_all_vehicles_see_the_same_world():
     camera = {**CAMERA, **DOWN}
-    two = {"vehicles": [{"id": name, "cameras": [camera], "trajectory": {"poses": [{"position": [x, 0, 2]}]}}
-                        for name, x in (("0", 0), ("1", 50))]}
+    two = {
+        "vehicles": [
+            {"id": name, "cameras": [camera], "trajectory": {"poses": [{"position": [x, 0, 2]}]}}
+            for name, x in (("0", 0), ("1", 50))
+        ]
+    }
     for observer in ("0", "1"):
         seen = footprint(Scene.model_validate({**two, "observer": observer}), [])
         below(seen.distance(np.array([[0.0, 0, 0], [50, 0, 0]])), [2.0, 2.0])

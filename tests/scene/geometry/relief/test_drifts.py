@@ -44,8 +44,9 @@ def test_far_from_everything_the_ground_stays():
 
 def test_a_bank_lies_against_the_foot_and_a_moat_before_the_current():
     """With the current along x: highest in the lee, deepest upstream."""
-    _, height = drifts.surroundings(ground((1.01, 0), (-1.01, 0), (1.8, 0), (-1.8, 0)), [ball(0, 1)],
-                                    np.array([1.0, 0.0]))
+    _, height = drifts.surroundings(
+        ground((1.01, 0), (-1.01, 0), (1.8, 0), (-1.8, 0)), [ball(0, 1)], np.array([1.0, 0.0])
+    )
     lee, stoss, behind, before = height
     assert lee > stoss > 0.0
     assert before < -0.02
@@ -81,8 +82,14 @@ def test_drifts_turn_with_a_body(monkeypatch):
     spin = np.array([[np.cos(0.7), -np.sin(0.7), 0], [np.sin(0.7), np.cos(0.7), 0], [0, 0, 1]])
     places = ground((0, 0.25), (3.0, 0.3), (0, -0.35))
     current = np.array([0.0, 1.0])
-    plain, turned = (drifts.surroundings(places @ R.T, [Part("objects.0", box.vertices @ R.T, np.array(
-        box.faces, np.int32), Diffuse())], (R[:2, :2] @ current))[1] for R in (np.eye(3), spin))
+    plain, turned = (
+        drifts.surroundings(
+            places @ R.T,
+            [Part("objects.0", box.vertices @ R.T, np.array(box.faces, np.int32), Diffuse())],
+            (R[:2, :2] @ current),
+        )[1]
+        for R in (np.eye(3), spin)
+    )
     np.testing.assert_allclose(turned, plain, atol=2e-3)
     assert np.ptp(plain) > 5e-3
 
@@ -106,8 +113,9 @@ def test_a_bank_falls_from_the_wall_to_its_toe_and_is_steepest_at_the_wall():
 
 def test_banks_are_uneven_along_a_body():
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    _, height = drifts.surroundings(ground(*np.column_stack([1.01 * np.cos(angle), 1.01 * np.sin(angle)])),
-                                    [ball(0, 1)], STILL)
+    _, height = drifts.surroundings(
+        ground(*np.column_stack([1.01 * np.cos(angle), 1.01 * np.sin(angle)])), [ball(0, 1)], STILL
+    )
     assert 0.1 * height.mean() < height.std() < 0.6 * height.mean()
     assert height.min() > 0.0
 

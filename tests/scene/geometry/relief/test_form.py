@@ -84,8 +84,10 @@ def test_a_steep_bank_is_of_the_sediment_of_the_level_ground_below_it():
         return gap, 2.0 * np.clip(0.3 - gap, 0.0, None)  # 63 degrees
 
     looks = [Layered(kind="layered", relief="sand", steep=steep) for steep in (None, "rock")]
-    sand, both = (form.formed(form.base_of(plane()), look, lambda points, normals: np.full(len(points), 0.05), banked)
-                  for look in looks)
+    sand, both = (
+        form.formed(form.base_of(plane()), look, lambda points, normals: np.full(len(points), 0.05), banked)
+        for look in looks
+    )
     assert (sand["vertices"] == both["vertices"]).all()
     assert (sand["colours"] == both["colours"]).all()
 

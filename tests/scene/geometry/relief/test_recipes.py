@@ -9,10 +9,14 @@ from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 
 NAMES = sorted(RECIPES)
 SIZE_M = 1.0
-BOUNDS = {"rock": (rock.LIMIT * SIZE_M, rock.FINE_LIMIT_M), "sand": (sand.LIMIT_M, sand.FINE_LIMIT_M),
-          "steel": (steel.LIMIT_M, steel.FINE_LIMIT_M), "concrete": (concrete.LIMIT_M, concrete.FINE_LIMIT_M),
-          "zinc": (zinc.LIMIT_M, zinc.FINE_LIMIT_M),
-          "none": (0.0, 0.0)}
+BOUNDS = {
+    "rock": (rock.LIMIT * SIZE_M, rock.FINE_LIMIT_M),
+    "sand": (sand.LIMIT_M, sand.FINE_LIMIT_M),
+    "steel": (steel.LIMIT_M, steel.FINE_LIMIT_M),
+    "concrete": (concrete.LIMIT_M, concrete.FINE_LIMIT_M),
+    "zinc": (zinc.LIMIT_M, zinc.FINE_LIMIT_M),
+    "none": (0.0, 0.0),
+}
 
 
 def surface(name, subdivisions=6):
@@ -84,8 +88,9 @@ def test_displacements_do_not_depend_on_which_vertices_are_asked_for(name):
     some = sites_of(p, faces, n, size=SIZE_M)
     some = type(some)(p[chosen], n[chosen], whole.edge[chosen], SIZE_M, whole.height[chosen], whole.clear[chosen])
     for step in ("coarse", "fine"):
-        np.testing.assert_allclose(getattr(RECIPES[name], step)(some, Look()),
-                                   getattr(RECIPES[name], step)(whole, Look())[chosen], atol=1e-9)
+        np.testing.assert_allclose(
+            getattr(RECIPES[name], step)(some, Look()), getattr(RECIPES[name], step)(whole, Look())[chosen], atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("name", ["rock", "sand", "concrete", "steel", "zinc"])
@@ -93,8 +98,10 @@ def test_coarse_meshes_show_the_large_forms_of_fine_ones(name):
     """At places that both have, a mesh of twice the edges differs by less than half of what it shows itself."""
     p, _, n = surface(name)
     size = len(p)
-    fine, coarse = (sites_of(p, np.array([[0, 1, 2]]), n, size=SIZE_M, edge=np.full(size, edge), height=np.zeros(size))
-                    for edge in (0.005, 0.01))
+    fine, coarse = (
+        sites_of(p, np.array([[0, 1, 2]]), n, size=SIZE_M, edge=np.full(size, edge), height=np.zeros(size))
+        for edge in (0.005, 0.01)
+    )
     a, b = (RECIPES[name].coarse(sites, Look()) for sites in (fine, coarse))
     assert np.std(a - b) < 0.5 * np.std(b)
 
@@ -129,8 +136,10 @@ def test_the_share_of_bare_steel_is_the_square_of_wear():
 
 
 def test_film_makes_paint_browner():
-    means = [dressed("steel", Look((0.1, 0.2, 0.4), wear=0.0, silt=0.0, film=film))[3].mean(axis=0)
-             for film in (0.0, 0.5, 1.0)]
+    means = [
+        dressed("steel", Look((0.1, 0.2, 0.4), wear=0.0, silt=0.0, film=film))[3].mean(axis=0)
+        for film in (0.0, 0.5, 1.0)
+    ]
     redness = [mean[0] / mean[2] for mean in means]
     assert redness[0] < redness[1] < redness[2]
 

@@ -47,8 +47,9 @@ def test_a_sheet_keeps_its_outline():
     ends = vertices[np.concatenate([keys >> 32, keys & 0xFFFFFFFF])]
     assert (np.abs(ends[:, :2]).max(axis=1) == 1.0).all()
     assert len(often) == 0
-    area = 0.5 * np.linalg.norm(np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
-                                         vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1)
+    area = 0.5 * np.linalg.norm(
+        np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1
+    )
     assert area.sum() == pytest.approx(4.0, rel=1e-12)
 
 

@@ -35,8 +35,15 @@ from varos_warp.scene.info import scene_info
 
 
 def scene(folder, **terrain):
-    return scene_from_dict({"terrain": terrain, "trajectory": {"poses": [
-        {"position": [EAST + 1.5, NORTH + 1.0, -20.0], "rotation_euler_deg": [-90, 0, 0]}]}}, folder)
+    return scene_from_dict(
+        {
+            "terrain": terrain,
+            "trajectory": {
+                "poses": [{"position": [EAST + 1.5, NORTH + 1.0, -20.0], "rotation_euler_deg": [-90, 0, 0]}]
+            },
+        },
+        folder,
+    )
 
 
 def refusal(folder, **terrain):
@@ -115,8 +122,11 @@ def test_tiles_are_joined_without_a_gap(tmp_path, ending):
             write_geotiff(tmp_path / f"{name}.tif", part, corner=corner)
         else:
             path = write_asc(tmp_path / f"{name}.asc", part)
-            path.write_text(path.read_text().replace(f"xllcorner {EAST - 0.25!r}",
-                                                     f"xllcorner {EAST + columns.start * STEP - 0.25!r}"))
+            path.write_text(
+                path.read_text().replace(
+                    f"xllcorner {EAST - 0.25!r}", f"xllcorner {EAST + columns.start * STEP - 0.25!r}"
+                )
+            )
     part = build_parts(scene(tmp_path, file=[f"west.{ending}", f"east.{ending}"]))[0]
     assert len(part.faces) == 2 * 9 * 11
     x, y, z = part.vertices.T
@@ -149,7 +159,8 @@ def test_info_tells_size_place_system_heights_and_holes(tmp_path):
     z[5, 6] = z[0, 0] = -9999
     write_geotiff(tmp_path / "a.tif", z, nodata=-9999)
     (tmp_path / "s.yaml").write_text(
-        "terrain: {file: a.tif}\ntrajectory: {poses: [{position: [400003, 6100003, -20]}]}\n")
+        "terrain: {file: a.tif}\ntrajectory: {poses: [{position: [400003, 6100003, -20]}]}\n"
+    )
     result = CliRunner().invoke(app, ["info", str(tmp_path / "s.yaml")])
     assert result.exit_code == 0, result.output
     assert "survey a.tif: 12 x 14 nodes, 0.5 x 0.5 m apart; EPSG:32632" in result.output
@@ -164,7 +175,8 @@ def test_info_tells_size_place_system_heights_and_holes(tmp_path):
 def test_info_tells_of_points_without_a_grid(tmp_path):
     write_text(tmp_path / "a.xyz", points_of(plane_grid())[::2])
     (tmp_path / "s.yaml").write_text(
-        "terrain: {file: a.xyz}\ntrajectory: {poses: [{position: [400001, 6100001, -20]}]}\n")
+        "terrain: {file: a.xyz}\ntrajectory: {poses: [{position: [400001, 6100001, -20]}]}\n"
+    )
     result = CliRunner().invoke(app, ["info", str(tmp_path / "s.yaml")])
     assert result.exit_code == 0, result.output
     assert "survey a.xyz: 18 points, median edge" in result.output
@@ -183,8 +195,9 @@ def test_the_holes_that_are_told_are_filled_where_preprocess_is_asked_to(tmp_pat
 
 
 def test_a_scene_without_a_survey_says_nothing_of_one(tmp_path):
-    made = scene_from_dict({"terrain": {"kind": "procedural", "resolution": 9},
-                            "trajectory": {"poses": [{"position": [0, 0, 5]}]}})
+    made = scene_from_dict(
+        {"terrain": {"kind": "procedural", "resolution": 9}, "trajectory": {"poses": [{"position": [0, 0, 5]}]}}
+    )
     assert "survey" not in scene_info(made, build_parts(made))
 
 
@@ -233,8 +246,15 @@ def test_a_mesh_that_was_rounded_to_single_precision_far_away_is_warned_of(tmp_p
 @pytest.mark.parametrize("key", FOR)
 def test_keys_that_mean_nothing_to_a_file_are_refused(tmp_path, key):
     other = next(ending for ending in ENDINGS if ending not in FOR[key])
-    value = {"pixel_m": 1.0, "first_row": "north", "height_range_m": [0, 1], "columns": [1, 2, 3], "classes": [2],
-             "longest_edge_m": 1.0, "nodata": 0.0}[key]
+    value = {
+        "pixel_m": 1.0,
+        "first_row": "north",
+        "height_range_m": [0, 1],
+        "columns": [1, 2, 3],
+        "classes": [2],
+        "longest_edge_m": 1.0,
+        "nodata": 0.0,
+    }[key]
     with pytest.raises(InputError, match=key) as caught:
         scene(tmp_path, file=f"a{other}", **{key: value})
     assert "leave it out" in caught.value.message
@@ -265,7 +285,8 @@ def test_a_refusal_names_the_line_of_the_scene(tmp_path):
 
 def test_names_of_other_programs_lead_to_ours(tmp_path):
     (tmp_path / "s.yaml").write_text(
-        "terrain: {file: a.tif, depth: true}\ntrajectory: {poses: [{position: [0, 0, 0]}]}\n")
+        "terrain: {file: a.tif, depth: true}\ntrajectory: {poses: [{position: [0, 0, 0]}]}\n"
+    )
     with pytest.raises(InputError, match="Here it is positive"):
         load_scene(tmp_path / "s.yaml")
 
@@ -275,8 +296,18 @@ def test_names_of_other_programs_lead_to_ours(tmp_path):
 
 def test_preprocess_takes_surveys_with_their_keys(tmp_path):
     write_geotiff(tmp_path / "a.tif", -plane_grid((31, 31)))
-    command = ["preprocess", str(tmp_path / "a.tif"), "-o", str(tmp_path / "floor.ply"), "--shrinkwrap", "none",
-               "--survey", "positive=down", "--survey", "height_offset_m=1.5"]
+    command = [
+        "preprocess",
+        str(tmp_path / "a.tif"),
+        "-o",
+        str(tmp_path / "floor.ply"),
+        "--shrinkwrap",
+        "none",
+        "--survey",
+        "positive=down",
+        "--survey",
+        "height_offset_m=1.5",
+    ]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     assert "survey a.tif: 31 x 31 nodes" in result.output
@@ -286,12 +317,18 @@ def test_preprocess_takes_surveys_with_their_keys(tmp_path):
     assert np.abs(z - plane(x, y) - 1.5).max() < 1e-6
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (["a.npy"], "survey.pixel_m"), (["a.npy", "--survey", "pixel_m"], "not of the form KEY=VALUE"),
-    (["a.npy", "--survey", "pixel=1"], "survey.pixel"), (["a.npy", "--survey", "pixel_m=-1"], "survey.pixel_m"),
-    (["a.ply", "--survey", "pixel_m=1"], "is for survey files"),
-    (["a.npy", "--survey", "pixel_m=1", "--survey", "origin=[1, 2, 3]"], "survey.origin: does not tell how"),
-    (["a.npy", "--survey", "pixel_m=1", "--survey", "scale=2"], "survey.scale: does not tell how")])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["a.npy"], "survey.pixel_m"),
+        (["a.npy", "--survey", "pixel_m"], "not of the form KEY=VALUE"),
+        (["a.npy", "--survey", "pixel=1"], "survey.pixel"),
+        (["a.npy", "--survey", "pixel_m=-1"], "survey.pixel_m"),
+        (["a.ply", "--survey", "pixel_m=1"], "is for survey files"),
+        (["a.npy", "--survey", "pixel_m=1", "--survey", "origin=[1, 2, 3]"], "survey.origin: does not tell how"),
+        (["a.npy", "--survey", "pixel_m=1", "--survey", "scale=2"], "survey.scale: does not tell how"),
+    ],
+)
 def test_preprocess_refuses_keys_that_are_none(tmp_path, monkeypatch, arguments, said):
     monkeypatch.chdir(tmp_path)
     np.save("a.npy", np.zeros((4, 4)))
@@ -305,9 +342,12 @@ def test_preprocess_refuses_keys_that_are_none(tmp_path, monkeypatch, arguments,
 def test_reading_warns_of_nothing_by_itself(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for name, write in (("a.tif", lambda p: write_geotiff(p, plane_grid())), ("a.asc", lambda p: write_asc(
-                p, plane_grid())), ("a.laz", lambda p: write_las(p, points_of(plane_grid()))), ("a.xyz", lambda p: (
-                    write_text(p, points_of(plane_grid()))))):
+        for name, write in (
+            ("a.tif", lambda p: write_geotiff(p, plane_grid())),
+            ("a.asc", lambda p: write_asc(p, plane_grid())),
+            ("a.laz", lambda p: write_las(p, points_of(plane_grid()))),
+            ("a.xyz", lambda p: write_text(p, points_of(plane_grid()))),
+        ):
             write(tmp_path / name)
             vertices(tmp_path, file=name)
     assert surveys.SHAPE == plane_grid().shape
@@ -328,8 +368,10 @@ def test_the_distance_of_pixels_is_in_metres_whatever_the_unit(tmp_path):
 def test_points_above_each_other_are_told(tmp_path):
     points = points_of(plane_grid())[::2]
     write_text(tmp_path / "a.xyz", np.vstack([points, points[:3] + [0, 0, 1]]))
-    assert any(each.startswith("3 points above or below others") for each in build_parts(
-        scene(tmp_path, file="a.xyz"))[0].doubts)
+    assert any(
+        each.startswith("3 points above or below others")
+        for each in build_parts(scene(tmp_path, file="a.xyz"))[0].doubts
+    )
 
 
 def test_a_resolution_that_leaves_one_row_is_refused_by_name(tmp_path):

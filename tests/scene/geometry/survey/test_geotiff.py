@@ -41,7 +41,7 @@ def by_gdal(path):
     """x, y, height [m] of every pixel by GDAL, [rows, columns, 3], NaN where there is none."""
     with rasterio.open(path) as file:
         z = file.read(1, masked=True).astype(float) * file.scales[0] + file.offsets[0]
-        row, column = np.mgrid[:file.height, :file.width]
+        row, column = np.mgrid[: file.height, : file.width]
         a, b, c, d, e, f = file.transform[:6]
         column, row = column + 0.5, row + 0.5
         x, y = a * column + b * row + c, d * column + e * row + f
@@ -50,7 +50,7 @@ def by_gdal(path):
 
 def ours(path, **keys):
     found = raster(path, **keys)
-    row, column = np.mgrid[:found.values.shape[0], :found.values.shape[1]]
+    row, column = np.mgrid[: found.values.shape[0], : found.values.shape[1]]
     x, y = np.moveaxis(found.T @ np.stack([column, row, np.ones_like(row)]).reshape(3, -1), 0, 0).reshape(2, *row.shape)
     return np.dstack([x, y, found.values])
 
@@ -66,19 +66,43 @@ def asymmetric(dtype=np.float32, holes=True):
 def write_by_gdal(path, values, transform=None, crs="EPSG:32632", nodata=-9999, tags=None, **options):
     transform = transform or Affine(0.5, 0, EAST, 0, -0.25, NORTH)
     height, width = values.shape
-    with rasterio.open(path, "w", driver="GTiff", width=width, height=height, count=1, dtype=values.dtype.name, crs=crs,
-                       transform=transform, nodata=nodata, **options) as file:
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=width,
+        height=height,
+        count=1,
+        dtype=values.dtype.name,
+        crs=crs,
+        transform=transform,
+        nodata=nodata,
+        **options,
+    ) as file:
         file.write(values, 1)
         for key, value in (tags or {}).items():
             setattr(file, key, value)
     return path
 
 
-@pytest.mark.parametrize("options", [
-    {}, {"compress": "deflate"}, {"compress": "deflate", "predictor": 3}, {"compress": "lzw"},
-    {"compress": "lzw", "predictor": 3, "tiled": True, "blockxsize": 16, "blockysize": 16}, {"compress": "zstd"},
-    {"compress": "packbits"}, {"tiled": True, "blockxsize": 16, "blockysize": 32}, {"BIGTIFF": "YES"},
-    {"blockysize": 1}, {"ENDIANNESS": "BIG"}, {"SPARSE_OK": True}], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"compress": "deflate"},
+        {"compress": "deflate", "predictor": 3},
+        {"compress": "lzw"},
+        {"compress": "lzw", "predictor": 3, "tiled": True, "blockxsize": 16, "blockysize": 16},
+        {"compress": "zstd"},
+        {"compress": "packbits"},
+        {"tiled": True, "blockxsize": 16, "blockysize": 32},
+        {"BIGTIFF": "YES"},
+        {"blockysize": 1},
+        {"ENDIANNESS": "BIG"},
+        {"SPARSE_OK": True},
+    ],
+    ids=str,
+)
 def test_pixels_are_those_of_gdal_however_they_are_packed(tmp_path, options):
     path = write_by_gdal(tmp_path / "a.tif", asymmetric(), **options)
     np.testing.assert_allclose(ours(path), by_gdal(path), rtol=0, atol=ROUNDING)
@@ -116,8 +140,17 @@ def test_a_mask_inside_the_file_tells_where_there_is_nothing(tmp_path):
     path = tmp_path / "a.tif"
     values = asymmetric(holes=False)
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True):
-        with rasterio.open(path, "w", driver="GTiff", width=7, height=5, count=1, dtype="float32", crs="EPSG:32632",
-                           transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH)) as file:
+        with rasterio.open(
+            path,
+            "w",
+            driver="GTiff",
+            width=7,
+            height=5,
+            count=1,
+            dtype="float32",
+            crs="EPSG:32632",
+            transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH),
+        ) as file:
             file.write(values, 1)
             mask = np.full(values.shape, 255, np.uint8)
             mask[3, 4] = 0
@@ -138,9 +171,16 @@ def test_overviews_are_passed_over(tmp_path):
 @pytest.mark.parametrize("point", [False, True], ids=["area", "point"])
 @pytest.mark.parametrize("place", ["scale", "matrix"])
 def test_a_tie_point_is_the_corner_of_a_pixel_that_is_an_area_and_the_middle_of_one_that_is_a_point(
-        tmp_path, point, place):
-    path = write_geotiff(tmp_path / "a.tif", asymmetric(), corner=(EAST, NORTH), step=2.0, place=place,
-                         keys={**UTM_32, 1025: 2 if point else 1})
+    tmp_path, point, place
+):
+    path = write_geotiff(
+        tmp_path / "a.tif",
+        asymmetric(),
+        corner=(EAST, NORTH),
+        step=2.0,
+        place=place,
+        keys={**UTM_32, 1025: 2 if point else 1},
+    )
     shift = 0.0 if point else 1.0
     assert ours(path)[0, 0, :2].tolist() == [EAST + shift, NORTH - shift]
     np.testing.assert_allclose(ours(path)[..., :2], by_gdal(path)[..., :2], rtol=0, atol=ROUNDING)
@@ -153,18 +193,24 @@ def test_a_tie_point_may_be_any_pixel(tmp_path):
     np.testing.assert_allclose(ours(path)[..., :2], by_gdal(path)[..., :2], rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("transform", [
-    Affine(0.433, 0.125, EAST, 0.25, -0.2165, NORTH),
-    Affine(0.5, 0.1, EAST, 0.0, -0.25, NORTH), Affine(0.5, 0, EAST, 0, 0.25, NORTH)],
-    ids=["turned", "sheared", "from the south"])
+@pytest.mark.parametrize(
+    "transform",
+    [
+        Affine(0.433, 0.125, EAST, 0.25, -0.2165, NORTH),
+        Affine(0.5, 0.1, EAST, 0.0, -0.25, NORTH),
+        Affine(0.5, 0, EAST, 0, 0.25, NORTH),
+    ],
+    ids=["turned", "sheared", "from the south"],
+)
 def test_grids_lie_as_turned_as_in_gdal_with_faces_up(tmp_path, transform):
     path = write_by_gdal(tmp_path / "a.tif", asymmetric(holes=False), transform)
     np.testing.assert_allclose(ours(path), by_gdal(path), rtol=0, atol=ROUNDING)
     survey = read(path)
     corners = survey.vertices[survey.faces]
     assert (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0.0).all()
-    np.testing.assert_allclose(sorted(survey.vertices.tolist()), sorted(by_gdal(path).reshape(-1, 3).tolist()), rtol=0,
-                               atol=ROUNDING)
+    np.testing.assert_allclose(
+        sorted(survey.vertices.tolist()), sorted(by_gdal(path).reshape(-1, 3).tolist()), rtol=0, atol=ROUNDING
+    )
 
 
 def test_a_world_file_beside_a_plain_tiff_tells_where_it_lies(tmp_path):
@@ -176,8 +222,9 @@ def test_a_world_file_beside_a_plain_tiff_tells_where_it_lies(tmp_path):
 
 
 def test_scale_and_offset_of_the_band_make_heights_of_values(tmp_path):
-    path = write_by_gdal(tmp_path / "a.tif", np.arange(35, dtype=np.int16).reshape(5, 7),
-                         tags={"scales": (0.01,), "offsets": (-50.0,)})
+    path = write_by_gdal(
+        tmp_path / "a.tif", np.arange(35, dtype=np.int16).reshape(5, 7), tags={"scales": (0.01,), "offsets": (-50.0,)}
+    )
     assert by_gdal(path)[0, 3, 2] == pytest.approx(-49.97)
     np.testing.assert_allclose(ours(path), by_gdal(path), rtol=0, atol=ROUNDING)
 
@@ -240,17 +287,21 @@ def test_a_key_of_the_scene_has_the_last_word_on_units(tmp_path):
     assert survey.vertices[:, 2].min() == plane_grid().min()
 
 
-@pytest.mark.parametrize(("keys", "key", "said"), [
-    ({1024: 1, 3072: 1999}, "terrain.unit", "EPSG:1999"),
-    ({1024: 1, 3072: 32632, 3076: 9005}, "terrain.unit", "the unit EPSG:9005"),
-    ({1024: 1, 3072: 32767, 1026: "my own plane"}, "terrain.unit", "my own plane"),
-    ({1024: 1, 3072: 2225, 3076: 9003}, "terrain.height_unit", "does not say in which its heights"),
-    ({**UTM_32, 4096: 4999}, "terrain.height_unit", "EPSG:4999"),
-    ({**UTM_32, 4096: 5715, 4099: 9001}, "terrain.positive", "depths"),
-    ({**UTM_32, 4097: "LAT depth", 4099: 9001}, "terrain.positive", "depths"),
-    ({1024: 2, 2048: 4326}, "terrain.file", "degrees (EPSG:4326)"),
-    ({2048: 4258}, "terrain.file", "degrees (EPSG:4258)"),
-    ({1024: 3, 2048: 4978}, "terrain.file", "geocentric")])
+@pytest.mark.parametrize(
+    ("keys", "key", "said"),
+    [
+        ({1024: 1, 3072: 1999}, "terrain.unit", "EPSG:1999"),
+        ({1024: 1, 3072: 32632, 3076: 9005}, "terrain.unit", "the unit EPSG:9005"),
+        ({1024: 1, 3072: 32767, 1026: "my own plane"}, "terrain.unit", "my own plane"),
+        ({1024: 1, 3072: 2225, 3076: 9003}, "terrain.height_unit", "does not say in which its heights"),
+        ({**UTM_32, 4096: 4999}, "terrain.height_unit", "EPSG:4999"),
+        ({**UTM_32, 4096: 5715, 4099: 9001}, "terrain.positive", "depths"),
+        ({**UTM_32, 4097: "LAT depth", 4099: 9001}, "terrain.positive", "depths"),
+        ({1024: 2, 2048: 4326}, "terrain.file", "degrees (EPSG:4326)"),
+        ({2048: 4258}, "terrain.file", "degrees (EPSG:4258)"),
+        ({1024: 3, 2048: 4978}, "terrain.file", "geocentric"),
+    ],
+)
 def test_units_that_are_left_open_are_asked_for(tmp_path, keys, key, said):
     error = refusal(write_geotiff(tmp_path / "a.tif", plane_grid(), keys=keys))
     assert error.key == key
@@ -287,13 +338,17 @@ def test_a_plain_tiff_needs_the_distance_of_its_pixels_and_a_georeferenced_one_t
     assert refusal(path, pixel_m=2.0).key == "terrain.pixel_m"
 
 
-@pytest.mark.parametrize("tags", [
-    [(33550, "d", 3, (0.0, 0.5, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
-    [(33550, "d", 3, (0.5, -0.5, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
-    [(33550, "d", 3, (np.nan, 0.5, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
-    [(33550, "d", 3, (0.5, 0.5, 0.1), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
-    [(33922, "d", 18, (0.0, 0.0, 0.0, EAST, NORTH, 0.0) * 3, True)],
-    [(34264, "d", 16, (0.0,) * 16, True)]])
+@pytest.mark.parametrize(
+    "tags",
+    [
+        [(33550, "d", 3, (0.0, 0.5, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
+        [(33550, "d", 3, (0.5, -0.5, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
+        [(33550, "d", 3, (np.nan, 0.5, 0.0), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
+        [(33550, "d", 3, (0.5, 0.5, 0.1), True), (33922, "d", 6, (0.0, 0.0, 0.0, EAST, NORTH, 0.0), True)],
+        [(33922, "d", 18, (0.0, 0.0, 0.0, EAST, NORTH, 0.0) * 3, True)],
+        [(34264, "d", 16, (0.0,) * 16, True)],
+    ],
+)
 def test_places_that_are_none_are_refused(tmp_path, tags):
     error = refusal(write_geotiff(tmp_path / "a.tif", asymmetric(), place="none", tags=tags))
     assert error.key == "terrain.file"
@@ -315,7 +370,7 @@ def test_a_block_that_unpacks_to_more_than_its_size_is_refused(tmp_path, monkeyp
         place, count = file.pages[0].dataoffsets[0], file.pages[0].databytecounts[0]
     bomb = zlib.compress(bytes(50_000_000))
     data = bytearray(path.read_bytes())
-    data[place:place + count] = bomb[:count].ljust(count, b"\0")
+    data[place : place + count] = bomb[:count].ljust(count, b"\0")
     path.write_bytes(data)
     tracemalloc.start()
     assert said in refusal(path).message
@@ -330,7 +385,7 @@ def test_blocks_of_other_kinds_that_unpack_to_more_than_their_size_take_no_more_
         place, count = file.pages[0].dataoffsets[0], file.pages[0].databytecounts[0]
     bomb = getattr(imagecodecs, f"{compression}_encode")(bytes(30_000_000))
     data = bytearray(path.read_bytes())
-    data[place:place + count] = bomb[:count].ljust(count, b"\0")
+    data[place : place + count] = bomb[:count].ljust(count, b"\0")
     path.write_bytes(data)
     tracemalloc.start()
     with contextlib.suppress(InputError):
@@ -357,8 +412,10 @@ def test_without_imagecodecs_the_message_names_what_to_install(tmp_path, monkeyp
 def test_what_gdal_wrote_beside_the_file_is_warned_of_unless_it_is_statistics(tmp_path):
     path = write_geotiff(tmp_path / "a.tif", asymmetric(holes=False))
     beside = tmp_path / "a.tif.aux.xml"
-    beside.write_text('<PAMDataset><PAMRasterBand band="1"><Metadata><MDI key="STATISTICS_MEAN">1</MDI></Metadata>'
-                      "</PAMRasterBand></PAMDataset>")
+    beside.write_text(
+        '<PAMDataset><PAMRasterBand band="1"><Metadata><MDI key="STATISTICS_MEAN">1</MDI></Metadata>'
+        "</PAMRasterBand></PAMDataset>"
+    )
     assert read(path).warnings == []
     beside.write_text('<PAMDataset><PAMRasterBand band="1"><NoDataValue>0</NoDataValue></PAMRasterBand></PAMDataset>')
     assert "NoDataValue, which is not read" in read(path).warnings[0]
@@ -368,8 +425,17 @@ def test_what_gdal_wrote_beside_the_file_is_warned_of_unless_it_is_statistics(tm
 def test_a_mask_beside_the_file_tells_where_there_is_nothing(tmp_path, name):
     path = tmp_path / name
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
-        with rasterio.open(path, "w", driver="GTiff", width=7, height=5, count=1, dtype="float32", crs="EPSG:32632",
-                           transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH)) as file:
+        with rasterio.open(
+            path,
+            "w",
+            driver="GTiff",
+            width=7,
+            height=5,
+            count=1,
+            dtype="float32",
+            crs="EPSG:32632",
+            transform=Affine(0.5, 0, EAST, 0, -0.5, NORTH),
+        ) as file:
             file.write(asymmetric(holes=False), 1)
             mask = np.full((5, 7), 255, np.uint8)
             mask[3, 4] = 0
@@ -400,8 +466,10 @@ def test_mercator_is_refused_with_the_factor_by_which_it_is_wrong(tmp_path, crs)
     assert "EPSG:32632" in error.remedy
 
 
-@pytest.mark.parametrize(("step", "keys", "told"), [(100, {}, True), (100, {"height_scale": 1}, False),
-                                                    (100, {"height_scale": 0.01}, False), (0.2, {}, False)])
+@pytest.mark.parametrize(
+    ("step", "keys", "told"),
+    [(100, {}, True), (100, {"height_scale": 1}, False), (100, {"height_scale": 0.01}, False), (0.2, {}, False)],
+)
 def test_whole_numbers_that_look_like_centimetres_are_told_of(tmp_path, step, keys, told):
     """Heights that fall by 34 steps over the 3 m of the grid."""
     path = write_by_gdal(tmp_path / "a.tif", -(step * np.arange(35).reshape(5, 7)).astype(np.int16) - 1)

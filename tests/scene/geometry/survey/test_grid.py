@@ -21,12 +21,19 @@ def corners(z, T=NORTH_UP):
 
 def test_the_first_row_is_the_northernmost_and_the_first_column_the_westernmost():
     vertices, _, _ = mesh([[1, 2, 3], [4, 5, 6]])
-    assert vertices.tolist() == [[100, 200, 1], [102, 200, 2], [104, 200, 3],
-                                 [100, 197, 4], [102, 197, 5], [104, 197, 6]]
+    assert vertices.tolist() == [
+        [100, 200, 1],
+        [102, 200, 2],
+        [104, 200, 3],
+        [100, 197, 4],
+        [102, 197, 5],
+        [104, 197, 6],
+    ]
 
 
 def test_a_cell_is_divided_along_the_shorter_diagonal_in_space():
     """From north-west to south-east where their heights differ less, and where both are equal; else the other one."""
+
     def diagonal(z):
         (a, b) = ({tuple(p[:2]) for p in triangle} for triangle in corners(z))
         return sorted(a & b)
@@ -38,8 +45,15 @@ def test_a_cell_is_divided_along_the_shorter_diagonal_in_space():
     assert diagonal([[0, 0], [0, 0]]) == sorted([north_west, south_east])
 
 
-@pytest.mark.parametrize("T", [NORTH_UP, NORTH_UP * [[1, 1, 1], [1, -1, 1]], NORTH_UP * [[-1, 1, 1], [1, 1, 1]],
-                               np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0]])])
+@pytest.mark.parametrize(
+    "T",
+    [
+        NORTH_UP,
+        NORTH_UP * [[1, 1, 1], [1, -1, 1]],
+        NORTH_UP * [[-1, 1, 1], [1, 1, 1]],
+        np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]),
+    ],
+)
 def test_faces_run_counter_clockwise_seen_from_above(T):
     a, b, c = np.moveaxis(corners(np.random.default_rng(1).random((4, 5)), T), 1, 0)
     assert (np.cross(b - a, c - a)[:, 2] > 0.0).all()
@@ -106,9 +120,11 @@ def test_a_block_with_heights_at_less_than_half_of_its_nodes_has_none():
 def test_tiles_are_one_grid_without_a_gap_between_them():
     z = np.random.default_rng(2).random((6, 9))
     whole = Raster(z, NORTH_UP)
-    parts = [Raster(z[:, :4].copy(), NORTH_UP),
-             Raster(z[2:, 4:].copy(), np.column_stack([NORTH_UP[:, :2], grid.places(NORTH_UP, 2, 4)])),
-             Raster(z[:3, 3:].copy(), np.column_stack([NORTH_UP[:, :2], grid.places(NORTH_UP, 0, 3)]))]
+    parts = [
+        Raster(z[:, :4].copy(), NORTH_UP),
+        Raster(z[2:, 4:].copy(), np.column_stack([NORTH_UP[:, :2], grid.places(NORTH_UP, 2, 4)])),
+        Raster(z[:3, 3:].copy(), np.column_stack([NORTH_UP[:, :2], grid.places(NORTH_UP, 0, 3)])),
+    ]
     joined = grid.mosaic(parts, ["a", "b", "c"], "terrain")
     assert (joined.values == whole.values).all()
     assert (joined.T == NORTH_UP).all()

@@ -75,20 +75,35 @@ def test_classes_choose_points(tmp_path):
     assert error.value == [9]
 
 
-@pytest.mark.parametrize(("records", "metres"), [
-    ([geokey_record({1024: 1, 3072: 32632, 3076: 9001})], 1.0), ([geokey_record({1024: 1, 3072: 2225})], 1200 / 3937),
-    ([wkt_record('PROJCS["x",GEOGCS["y"],UNIT["foot",0.3048]]')], 0.3048),
-    ([wkt_record('COMPD_CS["z",PROJCS["x",UNIT["foot",0.3048]],VERT_CS["h",UNIT["metre",1]]]')], 0.3048),
-    ([wkt_record('PROJCRS["x",BASEGEOGCRS["y"],CS[Cartesian,2],AXIS["e",east,ORDER[1],LENGTHUNIT["metre",1]]]')], 1.0)])
+@pytest.mark.parametrize(
+    ("records", "metres"),
+    [
+        ([geokey_record({1024: 1, 3072: 32632, 3076: 9001})], 1.0),
+        ([geokey_record({1024: 1, 3072: 2225})], 1200 / 3937),
+        ([wkt_record('PROJCS["x",GEOGCS["y"],UNIT["foot",0.3048]]')], 0.3048),
+        ([wkt_record('COMPD_CS["z",PROJCS["x",UNIT["foot",0.3048]],VERT_CS["h",UNIT["metre",1]]]')], 0.3048),
+        (
+            [wkt_record('PROJCRS["x",BASEGEOGCRS["y"],CS[Cartesian,2],AXIS["e",east,ORDER[1],LENGTHUNIT["metre",1]]]')],
+            1.0,
+        ),
+    ],
+)
 def test_coordinates_are_in_the_unit_of_the_projection(tmp_path, records, metres):
     path = write_las(tmp_path / "a.las", points_of(plane_grid()), vlrs=records)
-    np.testing.assert_allclose(read(path, height_unit="m").facts["extent_m"][:2], [metres * EAST, metres * NORTH],
-                               rtol=1e-12)
+    np.testing.assert_allclose(
+        read(path, height_unit="m").facts["extent_m"][:2], [metres * EAST, metres * NORTH], rtol=1e-12
+    )
 
 
-@pytest.mark.parametrize("record", [
-    geokey_record({1024: 2, 2048: 4326}), wkt_record('GEOGCS["WGS 84",UNIT["degree",0.0174]]'),
-    wkt_record('COMPOUNDCRS["c",GEOGCRS["WGS 84"],VERTCRS["v"]]'), wkt_record('GEOCCS["x"]')])
+@pytest.mark.parametrize(
+    "record",
+    [
+        geokey_record({1024: 2, 2048: 4326}),
+        wkt_record('GEOGCS["WGS 84",UNIT["degree",0.0174]]'),
+        wkt_record('COMPOUNDCRS["c",GEOGCRS["WGS 84"],VERTCRS["v"]]'),
+        wkt_record('GEOCCS["x"]'),
+    ],
+)
 def test_degrees_and_geocentric_coordinates_are_refused(tmp_path, record):
     path = write_las(tmp_path / "a.las", points_of(plane_grid()), vlrs=[record])
     assert "degrees" in refusal(path).message

@@ -62,8 +62,11 @@ def test_grey_that_may_mean_anything_is_asked_for(tmp_path, ending, dtype):
 def test_the_first_row_lies_where_it_is_said_to(tmp_path, first_row, north):
     survey = read(save(tmp_path / "a.npy", GREY.astype(float)), pixel_m=[3.0, 2.0], first_row=first_row)
     northern = survey.vertices[survey.vertices[:, 1] == 1.0]
-    assert northern[np.argsort(northern[:, 0])].tolist() == [[-3, 1, GREY[north, 0]], [0, 1, GREY[north, 1]],
-                                                           [3, 1, GREY[north, 2]]]
+    assert northern[np.argsort(northern[:, 0])].tolist() == [
+        [-3, 1, GREY[north, 0]],
+        [0, 1, GREY[north, 1]],
+        [3, 1, GREY[north, 2]],
+    ]
 
 
 def test_an_array_does_not_say_which_row_is_north(tmp_path):
@@ -77,8 +80,17 @@ def test_arrays_of_numbers_are_heights(tmp_path, dtype):
     assert survey.vertices[:, 2].tolist() == GREY.ravel().tolist()
 
 
-@pytest.mark.parametrize("values", [np.zeros((2, 2, 3)), np.zeros(4), np.zeros((2, 2), complex), np.array([["a", "b"]]),
-                                    np.zeros((2, 2), [("x", float)])], ids=["3d", "1d", "complex", "text", "records"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((2, 2, 3)),
+        np.zeros(4),
+        np.zeros((2, 2), complex),
+        np.array([["a", "b"]]),
+        np.zeros((2, 2), [("x", float)]),
+    ],
+    ids=["3d", "1d", "complex", "text", "records"],
+)
 def test_other_arrays_are_refused(tmp_path, values):
     assert "not heights on a grid" in refusal(save(tmp_path / "a.npy", values), pixel_m=1.0, first_row="north").message
 
@@ -135,9 +147,17 @@ def test_the_grey_that_a_picture_says_is_transparent_is_a_hole(tmp_path, dtype, 
     assert survey.vertices[:, 2].tolist() == values[:, :2].ravel().tolist()
 
 
-@pytest.mark.parametrize(("zeros", "keys", "told"), [
-    (3, {}, True), (3, {"nodata": 255.0}, False), (0, {}, False), (48, {}, False), (5, {"height_scale": 2.0}, True),
-    (5, {"height_range_m": [-9.0, -1.0]}, True)])
+@pytest.mark.parametrize(
+    ("zeros", "keys", "told"),
+    [
+        (3, {}, True),
+        (3, {"nodata": 255.0}, False),
+        (0, {}, False),
+        (48, {}, False),
+        (5, {"height_scale": 2.0}, True),
+        (5, {"height_range_m": [-9.0, -1.0]}, True),
+    ],
+)
 def test_many_values_of_zero_are_asked_about(tmp_path, zeros, keys, told):
     values = np.arange(10, 40, dtype=np.uint8).reshape(5, 6)
     values.ravel()[:zeros] = 0

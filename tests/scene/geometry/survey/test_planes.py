@@ -24,8 +24,9 @@ def jittered():
 
 WRITERS = {
     "tif": lambda path: surveys.write_geotiff(path, plane_grid()),
-    "tiff": lambda path: surveys.write_geotiff(path, plane_grid(), place="matrix", compression="deflate",
-                                               tile=(16, 16)),
+    "tiff": lambda path: surveys.write_geotiff(
+        path, plane_grid(), place="matrix", compression="deflate", tile=(16, 16)
+    ),
     "asc": lambda path: surveys.write_asc(path, plane_grid()),
     "xyz": lambda path: surveys.write_text(path, points_of(plane_grid())),
     "csv": lambda path: surveys.write_text(path, points_of(plane_grid()), delimiter=",", header="x,y,z"),

@@ -42,10 +42,18 @@ def test_a_grid_may_lack_points():
     assert np.isnan(found.values).sum() == 3
 
 
-@pytest.mark.parametrize("spoil", [
-    lambda p: random_points(), lambda p: p[::3], lambda p: np.vstack([p, p[:1] + [0, 0, 1.0]]), lambda p: p[:7],
-    lambda p: p + np.random.default_rng(1).normal(0.0, 0.01, p.shape), lambda p: np.vstack([p, p[:1] + [0.1, 0, 0]])],
-    ids=["random", "every third", "two on a node", "a line", "jittered", "one between"])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda p: random_points(),
+        lambda p: p[::3],
+        lambda p: np.vstack([p, p[:1] + [0, 0, 1.0]]),
+        lambda p: p[:7],
+        lambda p: p + np.random.default_rng(1).normal(0.0, 0.01, p.shape),
+        lambda p: np.vstack([p, p[:1] + [0.1, 0, 0]]),
+    ],
+    ids=["random", "every third", "two on a node", "a line", "jittered", "one between"],
+)
 def test_other_points_are_not(spoil):
     assert scattered.grid_of(spoil(lattice())) is None
 

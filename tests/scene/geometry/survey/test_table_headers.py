@@ -30,8 +30,18 @@ def refusal(folder, text, **keys):
     return caught.value
 
 
-@pytest.mark.parametrize("remark", ["# y x z\n", "# northing, easting, elevation\n", "// y x z\n# metres\n",
-                                    "# columns: y x z\n", "% y (m) x (m) z (m)\n", "#Y\tX\tZ\n", "y (m) x (m) z (m)\n"])
+@pytest.mark.parametrize(
+    "remark",
+    [
+        "# y x z\n",
+        "# northing, easting, elevation\n",
+        "// y x z\n# metres\n",
+        "# columns: y x z\n",
+        "% y (m) x (m) z (m)\n",
+        "#Y\tX\tZ\n",
+        "y (m) x (m) z (m)\n",
+    ],
+)
 def test_names_in_a_remark_tell_the_order_of_the_columns(tmp_path, remark):
     np.testing.assert_array_equal(cloud(tmp_path, remark + SWAPPED).points, POINTS)
 
@@ -57,11 +67,15 @@ def test_a_remark_of_the_usual_order_or_of_none_changes_nothing(tmp_path):
         np.testing.assert_array_equal(cloud(tmp_path, f"{remark}\n{SWAPPED}").points[:, [1, 0, 2]], POINTS)
 
 
-@pytest.mark.parametrize("text", [
-    '"y" "x" "z"\n"1" 20 10 3\n"2" 21 10 4\n"3" 20 11 5\n"4" 21 11 6\n',
-    "y x z\n1 20 10 3\n2 21 10 4\n3 20 11 5\n4 21 11 6\n",
-    '"y","x","z"\n"a","20","10",3\n"b",21,10,4\n"c",20,11,5\n"d",21,11,6\n',
-    '"","y","x","z"\n"1",20,10,3\n"2",21,10,4\n"3",20,11,5\n"4",21,11,6\n'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        '"y" "x" "z"\n"1" 20 10 3\n"2" 21 10 4\n"3" 20 11 5\n"4" 21 11 6\n',
+        "y x z\n1 20 10 3\n2 21 10 4\n3 20 11 5\n4 21 11 6\n",
+        '"y","x","z"\n"a","20","10",3\n"b",21,10,4\n"c",20,11,5\n"d",21,11,6\n',
+        '"","y","x","z"\n"1",20,10,3\n"2",21,10,4\n"3",20,11,5\n"4",21,11,6\n',
+    ],
+)
 def test_names_of_rows_that_r_writes_shift_no_column(tmp_path, text):
     """write.table gives the column of the rows' names no name of its own; write.csv an empty one."""
     np.testing.assert_array_equal(cloud(tmp_path, text).points, POINTS)
@@ -80,8 +94,10 @@ def test_a_header_of_another_number_of_names_is_refused_unless_columns_have_numb
     np.testing.assert_array_equal(cloud(tmp_path, text, columns=[3, 2, 4]).points, POINTS)
 
 
-@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("km", 1e3), ("fathoms", 1.8288),
-                                              ("metres", 1.0), ("us_ft", 1200 / 3937)])
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("mm", 1e-3), ("cm", 1e-2), ("km", 1e3), ("fathoms", 1.8288), ("metres", 1.0), ("us_ft", 1200 / 3937)],
+)
 @pytest.mark.parametrize("written", ["{} [{}]", "{}_{}", "{} ({})"])
 def test_the_unit_of_a_column_is_followed(tmp_path, written, unit, metres):
     header = ",".join(written.format(axis, unit) for axis in "yxz")
@@ -97,9 +113,16 @@ def test_heights_may_have_a_unit_of_their_own(tmp_path):
     assert facts["extent_m"] == [10, 20, 11, 21]
 
 
-@pytest.mark.parametrize(("header", "key"), [
-    ("y [rod] x [rod] z", "terrain.unit"), ("y x z [rod]", "terrain.height_unit"), ("y [cm] x [mm] z", "terrain.unit"),
-    ("y [cm] x [cm] z", "terrain.height_unit"), ("y [s] x [s] z [s]", "terrain.unit")])
+@pytest.mark.parametrize(
+    ("header", "key"),
+    [
+        ("y [rod] x [rod] z", "terrain.unit"),
+        ("y x z [rod]", "terrain.height_unit"),
+        ("y [cm] x [mm] z", "terrain.unit"),
+        ("y [cm] x [cm] z", "terrain.height_unit"),
+        ("y [s] x [s] z [s]", "terrain.unit"),
+    ],
+)
 def test_units_that_are_not_known_or_do_not_agree_are_asked_for(tmp_path, header, key):
     assert refusal(tmp_path, f"{header}\n{SWAPPED}").key == key
 
@@ -145,6 +168,6 @@ def test_a_row_with_other_separators_or_without_a_place_is_refused(tmp_path, row
     assert "cannot be read" in refusal(tmp_path, f"x,y,z\n0,0,1\n{row}\n2,2,2\n").message
 
 
-@pytest.mark.parametrize("text", [",,,\n1,2,3\n", ";\n;\n", ",\n", "x,y,z\n,,\n", "\"\n\"\n", "#\n#\n,"])
+@pytest.mark.parametrize("text", [",,,\n1,2,3\n", ";\n;\n", ",\n", "x,y,z\n,,\n", '"\n"\n', "#\n#\n,"])
 def test_lines_of_separators_alone_are_refused(tmp_path, text):
     assert refusal(tmp_path, text).key in ("terrain.columns", "terrain.file")

@@ -13,6 +13,7 @@ POINTS = "10 20 3\n10 21 4\n11 20 5\n11 21 6\n"
 @pytest.fixture
 def survey(tmp_path):
     """Reads a text as points, with keys of the block."""
+
     def read(text, **keys):
         (tmp_path / "a.csv").write_text(text, encoding="utf-8")
         return read_survey(Heights(kind="heights", file=str(tmp_path / "a.csv"), **keys))
@@ -55,8 +56,16 @@ def test_a_row_of_units_belongs_to_the_header_above_or_below_it(survey):
     assert "column 'z_mm' is in 'cm' by a remark" in error.message
 
 
-@pytest.mark.parametrize(("remark", "unit"), [("# units: mm", "mm"), ("# depths in fathoms", "fathoms"),
-                                              ("# z in cm", "cm"), ("// heights: feet", "feet"), ("# zcm", "cm")])
+@pytest.mark.parametrize(
+    ("remark", "unit"),
+    [
+        ("# units: mm", "mm"),
+        ("# depths in fathoms", "fathoms"),
+        ("# z in cm", "cm"),
+        ("// heights: feet", "feet"),
+        ("# zcm", "cm"),
+    ],
+)
 @pytest.mark.parametrize("header", ["", "x y z\n"])
 def test_a_remark_of_a_unit_that_is_not_followed_is_refused_with_its_line(survey, header, remark, unit):
     error = refusal(survey, f"# a sonar\n{remark}\n{header}{POINTS}")
@@ -70,8 +79,9 @@ def test_a_remark_of_a_unit_is_passed_over_where_the_block_or_the_header_states_
         assert not any("not followed" in words for words in survey(text, **keys).warnings)
 
 
-@pytest.mark.parametrize(("text", "keys"), [(f"# cells of 5 cm\n{POINTS}", {}),
-                                            (f"# z in cm\n{POINTS}", {"height_scale": 0.01})])
+@pytest.mark.parametrize(
+    ("text", "keys"), [(f"# cells of 5 cm\n{POINTS}", {}), (f"# z in cm\n{POINTS}", {"height_scale": 0.01})]
+)
 def test_a_remark_of_a_unit_that_may_mean_something_else_is_told_of(survey, text, keys):
     assert any("in cm, which is not followed" in words for words in survey(text, **keys).warnings)
 

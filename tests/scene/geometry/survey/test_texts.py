@@ -73,11 +73,20 @@ def test_a_first_height_that_is_nan_is_no_word_of_the_header(tmp_path):
     assert np.isnan(asc.read_asc(request(tmp_path / "a.asc")).values).tolist() == [[True, False], [False, False]]
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    (("ncols 7", "ncols 8"), "5 x 8 heights, but 35 are there"), (("nrows 5", "nrows 4"), "more follow"),
-    (("ncols 7", "ncols 7.5"), "ncols is 7.5"), (("cellsize 0.5", "cellsize -0.5"), "not positive and finite"),
-    (("cellsize 0.5\n", ""), "lacks cellsize"), (("xllcorner", "xll"), "'xll'"), (("1 ", "1x "), "not all can be read"),
-    (("nrows 5", "nrows 1e12"), "nrows is 1e+12"), (("ncols 7", "ncols seven"), "no name and number")])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("ncols 7", "ncols 8"), "5 x 8 heights, but 35 are there"),
+        (("nrows 5", "nrows 4"), "more follow"),
+        (("ncols 7", "ncols 7.5"), "ncols is 7.5"),
+        (("cellsize 0.5", "cellsize -0.5"), "not positive and finite"),
+        (("cellsize 0.5\n", ""), "lacks cellsize"),
+        (("xllcorner", "xll"), "'xll'"),
+        (("1 ", "1x "), "not all can be read"),
+        (("nrows 5", "nrows 1e12"), "nrows is 1e+12"),
+        (("ncols 7", "ncols seven"), "no name and number"),
+    ],
+)
 def test_an_ascii_grid_that_does_not_hold_what_it_says_is_refused(tmp_path, change, said):
     path = write_asc(tmp_path / "a.asc", np.arange(35.0).reshape(5, 7), digits=6)
     assert change[0] in path.read_text()
@@ -85,10 +94,15 @@ def test_an_ascii_grid_that_does_not_hold_what_it_says_is_refused(tmp_path, chan
     assert said in refusal(path).message
 
 
-@pytest.mark.parametrize(("text", "metres"), [
-    (UTM_WKT.format(unit="metre", size=1, epsg=',AUTHORITY["EPSG","32632"]'), 1.0),
-    (UTM_WKT.format(unit="Foot_US", size=0.3048006096012192, epsg=""), 0.3048006096012192),
-    ("Projection UTM\nZone 32\nDatum WGS84\nUnits METERS\n", 1.0), ("Projection STATEPLANE\nUnits FEET\n", 0.3048)])
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [
+        (UTM_WKT.format(unit="metre", size=1, epsg=',AUTHORITY["EPSG","32632"]'), 1.0),
+        (UTM_WKT.format(unit="Foot_US", size=0.3048006096012192, epsg=""), 0.3048006096012192),
+        ("Projection UTM\nZone 32\nDatum WGS84\nUnits METERS\n", 1.0),
+        ("Projection STATEPLANE\nUnits FEET\n", 0.3048),
+    ],
+)
 def test_the_prj_file_beside_it_tells_the_unit(tmp_path, text, metres):
     path = write_asc(tmp_path / "a.asc", plane_grid())
     (tmp_path / "a.prj").write_text(text)
@@ -106,9 +120,17 @@ def test_the_prj_file_is_one_of_those_that_a_plan_follows_from(tmp_path, name):
     assert [path.name.lower() for path in mesh_textures(scene)] == ["a.prj"]
 
 
-@pytest.mark.parametrize(("units", "zunits", "plan", "up"), [
-    ("METERS", "FEET", 1.0, 0.3048), ("FEET", "METERS", 0.3048, 1.0), ("METERS", "NO", 1.0, 1.0),
-    ("METERS", "NONE", 1.0, 1.0), ("FEET", "feet", 0.3048, 0.3048), ("4", "100", 0.25, 0.01)])
+@pytest.mark.parametrize(
+    ("units", "zunits", "plan", "up"),
+    [
+        ("METERS", "FEET", 1.0, 0.3048),
+        ("FEET", "METERS", 0.3048, 1.0),
+        ("METERS", "NO", 1.0, 1.0),
+        ("METERS", "NONE", 1.0, 1.0),
+        ("FEET", "feet", 0.3048, 0.3048),
+        ("4", "100", 0.25, 0.01),
+    ],
+)
 def test_the_older_lines_of_a_prj_file_tell_the_unit_of_the_heights_too(tmp_path, units, zunits, plan, up):
     """A number is how many of the unit make a metre (Esri, technical article 30566)."""
     path = write_asc(tmp_path / "a.asc", plane_grid())
@@ -118,9 +140,15 @@ def test_the_older_lines_of_a_prj_file_tell_the_unit_of_the_heights_too(tmp_path
     np.testing.assert_allclose(facts["heights_m"], [up * plane_grid().min(), up * plane_grid().max()], rtol=1e-12)
 
 
-@pytest.mark.parametrize(("text", "key"), [
-    ("Units METERS\nZunits CUBITS\n", "terrain.height_unit"), ("Units FEET\nZunits NO\n", "terrain.height_unit"),
-    ("Units METERS\nZunits 0\n", "terrain.height_unit"), ("Units CUBITS\nZunits FEET\n", "terrain.unit")])
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("Units METERS\nZunits CUBITS\n", "terrain.height_unit"),
+        ("Units FEET\nZunits NO\n", "terrain.height_unit"),
+        ("Units METERS\nZunits 0\n", "terrain.height_unit"),
+        ("Units CUBITS\nZunits FEET\n", "terrain.unit"),
+    ],
+)
 def test_older_lines_of_a_prj_file_with_a_unit_that_is_not_known_are_asked_about(tmp_path, text, key):
     path = write_asc(tmp_path / "a.asc", plane_grid())
     (tmp_path / "a.prj").write_text(f"Projection UTM\n{text}")
@@ -138,9 +166,19 @@ def test_a_prj_file_of_degrees_is_refused(tmp_path, text, name):
 # -------------------------------------------------------------------------------------------------- lists and tables
 
 
-@pytest.mark.parametrize(("delimiter", "header", "comma"), [
-    (" ", None, False), ("\t", "x\ty\tz", False), (",", None, False), (", ", "Easting, Northing, Elevation", False),
-    (";", "E [m];N [m];H [m]", True), (" ", None, True), ("\t", None, True), (",", '"x","y","z"', False)])
+@pytest.mark.parametrize(
+    ("delimiter", "header", "comma"),
+    [
+        (" ", None, False),
+        ("\t", "x\ty\tz", False),
+        (",", None, False),
+        (", ", "Easting, Northing, Elevation", False),
+        (";", "E [m];N [m];H [m]", True),
+        (" ", None, True),
+        ("\t", None, True),
+        (",", '"x","y","z"', False),
+    ],
+)
 def test_tables_are_read_whatever_stands_between_their_numbers(tmp_path, delimiter, header, comma):
     points = points_of(holed())[~np.isnan(holed().ravel())]
     path = write_text(tmp_path / "a.csv", points, delimiter=delimiter, header=header, comma=comma)
@@ -149,12 +187,15 @@ def test_tables_are_read_whatever_stands_between_their_numbers(tmp_path, delimit
 
 def test_comments_blank_lines_a_byte_order_mark_and_further_columns_are_passed_over(tmp_path):
     (tmp_path / "a.xyz").write_bytes(
-        b"\xef\xbb\xbf# made by a sonar\n\n// x y z i\n1 2 3 99\n\n4 5 6 98\n# end\n7 8 9 97")
+        b"\xef\xbb\xbf# made by a sonar\n\n// x y z i\n1 2 3 99\n\n4 5 6 98\n# end\n7 8 9 97"
+    )
     assert columns.read_points(request(tmp_path / "a.xyz")).points.tolist() == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
 
 
-@pytest.mark.parametrize(("given", "expected"), [
-    (["Rechts", "Hoch", "Kote"], [2, 3, 4]), ([2, 3, 4], [2, 3, 4]), (["hoch", "RECHTS", 1], [3, 2, 1])])
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [(["Rechts", "Hoch", "Kote"], [2, 3, 4]), ([2, 3, 4], [2, 3, 4]), (["hoch", "RECHTS", 1], [3, 2, 1])],
+)
 def test_columns_are_named_or_numbered_from_one(tmp_path, given, expected):
     (tmp_path / "a.csv").write_text("Nr,Rechts,Hoch,Kote\n1,2,3,4\n")
     assert columns.read_points(request(tmp_path / "a.csv", columns=given)).points.tolist() == [expected]
@@ -167,15 +208,23 @@ def test_points_without_a_height_are_left_out_and_told(tmp_path):
     assert cloud.notes == ["2 of its 5 points have no height"]
 
 
-@pytest.mark.parametrize(("text", "key", "said"), [
-    ("a,b,c\n1,2,3\n", "terrain.columns", "does not tell which columns"),
-    ("x,y,depth\n1,2,3\n", "terrain.positive", "called depth"),
-    ("lon,lat,z\n10,63,-3\n", "terrain.file", "are degrees (a column is called lon)"),
-    ("x (ft),y (ft),z (ft)\n1,2,3\n", "terrain.unit", "x (ft)"), ("x,y,z_ft\n1,2,3\n", "terrain.unit", "z_ft"),
-    ("1 2 3\n4 5\n", "terrain.file", "a line cannot be read"),
-    ("1 2 3\n4 5 x\n", "terrain.file", "'x'"), ("1 2\n3 4\n", "terrain.file", "a line cannot be read"),
-    ("1,5, 2,5, 3,5\n", "terrain.file", "decimal commas"), ("# nothing\n", "terrain.file", "no points in it"),
-    ("", "terrain.file", "0 bytes"), ("x y z\n", "terrain.file", "no points in it")])
+@pytest.mark.parametrize(
+    ("text", "key", "said"),
+    [
+        ("a,b,c\n1,2,3\n", "terrain.columns", "does not tell which columns"),
+        ("x,y,depth\n1,2,3\n", "terrain.positive", "called depth"),
+        ("lon,lat,z\n10,63,-3\n", "terrain.file", "are degrees (a column is called lon)"),
+        ("x (ft),y (ft),z (ft)\n1,2,3\n", "terrain.unit", "x (ft)"),
+        ("x,y,z_ft\n1,2,3\n", "terrain.unit", "z_ft"),
+        ("1 2 3\n4 5\n", "terrain.file", "a line cannot be read"),
+        ("1 2 3\n4 5 x\n", "terrain.file", "'x'"),
+        ("1 2\n3 4\n", "terrain.file", "a line cannot be read"),
+        ("1,5, 2,5, 3,5\n", "terrain.file", "decimal commas"),
+        ("# nothing\n", "terrain.file", "no points in it"),
+        ("", "terrain.file", "0 bytes"),
+        ("x y z\n", "terrain.file", "no points in it"),
+    ],
+)
 def test_tables_that_can_be_read_in_two_ways_or_none_are_refused(tmp_path, text, key, said):
     (tmp_path / "a.csv").write_text(text)
     error = refusal(tmp_path / "a.csv")
@@ -212,8 +261,19 @@ def test_a_column_of_depths_has_the_sign_that_is_given(tmp_path, positive):
     assert read(path, positive=positive).facts["heights_m"] == expected
 
 
-@pytest.mark.parametrize("text", [" " * 90_000 + "[", '"' * 90_001, "a" * 90_000, "[a" * 45_000, "PROJCS[" * 12_000,
-                                  "PROJCS[]", 'PROJCS["x",UNIT["m",nan]]', 'PROJCS["x",UNIT["m"]]'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        " " * 90_000 + "[",
+        '"' * 90_001,
+        "a" * 90_000,
+        "[a" * 45_000,
+        "PROJCS[" * 12_000,
+        "PROJCS[]",
+        'PROJCS["x",UNIT["m",nan]]',
+        'PROJCS["x",UNIT["m"]]',
+    ],
+)
 def test_projections_that_say_nothing_are_asked_for_in_little_time(tmp_path, text):
     path = write_asc(tmp_path / "a.asc", plane_grid())
     (tmp_path / "a.prj").write_text(text)
@@ -227,7 +287,8 @@ def test_a_prj_file_of_the_mercator_projection_of_maps_is_refused(tmp_path):
     path = write_asc(tmp_path / "a.asc", plane_grid())
     (tmp_path / "a.prj").write_text(
         'PROJCS["WGS_1984_Web_Mercator_Auxiliary_Sphere",GEOGCS["GCS_WGS_1984"],PROJECTION["Mercator_Auxiliary_Sphere"],'
-        'UNIT["Meter",1.0]]')
+        'UNIT["Meter",1.0]]'
+    )
     factor = np.cosh(NORTH / 6378137.0)
     assert f"{factor:.3g} times too long" in refusal(path).message
 

@@ -45,8 +45,12 @@ def test_a_thin_shell_is_refused_as_the_key_of_a_scene(tmp_path):
     from varos_warp.scene.geometry.build import build_parts
 
     terrain.write_ply(tmp_path / "a.ply", *shell())
-    scene = scene_from_dict({"terrain": {"file": str(tmp_path / "a.ply"), "preprocess": {"shrinkwrap_resolution": 65}},
-                             "trajectory": {"poses": [{"position": (0, 0, 50)}]}})
+    scene = scene_from_dict(
+        {
+            "terrain": {"file": str(tmp_path / "a.ply"), "preprocess": {"shrinkwrap_resolution": 65}},
+            "trajectory": {"poses": [{"position": (0, 0, 50)}]},
+        }
+    )
     with pytest.raises(InputError, match="Leave the shrinkwrap out") as caught:
         build_parts(scene)
     assert caught.value.key == "terrain.preprocess.shrinkwrap_resolution"
@@ -54,8 +58,9 @@ def test_a_thin_shell_is_refused_as_the_key_of_a_scene(tmp_path):
 
 @pytest.mark.parametrize("close", ["none", "skirt", "solid"])
 def test_the_number_of_vertices_asked_is_that_at_the_end(close):
-    vertices, _ = terrain.preprocess(*generate_terrain(30, 61, 2.0), shrinkwrap_resolution=81, target_vertices=1500,
-                                     close=close)
+    vertices, _ = terrain.preprocess(
+        *generate_terrain(30, 61, 2.0), shrinkwrap_resolution=81, target_vertices=1500, close=close
+    )
     assert 0.98 * 1500 <= len(vertices) <= 1500
 
 

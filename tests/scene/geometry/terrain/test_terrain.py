@@ -155,8 +155,15 @@ def test_the_fractal_field_has_the_spectral_slope_asked_for():
     n, roughness = 128, 2.2
     k = np.hypot(*np.meshgrid(np.fft.fftfreq(n) * n, np.fft.fftfreq(n) * n))
     rings = np.array([4, 8, 16, 32])
-    power = np.array([[np.mean(np.abs(np.fft.fft2(fractal_field(n, seed, 2.0, roughness)))[np.abs(k - r) < 0.5] ** 2)
-                       for r in rings] for seed in range(20)])
+    power = np.array(
+        [
+            [
+                np.mean(np.abs(np.fft.fft2(fractal_field(n, seed, 2.0, roughness)))[np.abs(k - r) < 0.5] ** 2)
+                for r in rings
+            ]
+            for seed in range(20)
+        ]
+    )
     slopes = np.polyfit(np.log(rings), np.log(power).T, 1)[0]
     assert abs(slopes.mean() + 2.0 * roughness) < 4.0 * slopes.std() / np.sqrt(len(slopes)) + 0.02
 

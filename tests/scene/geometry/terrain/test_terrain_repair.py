@@ -46,8 +46,16 @@ def test_equal_rows_are_found_as_numpy_finds_them():
 
 
 def test_merging_keeps_what_is_alone_to_the_last_digit_and_joins_chains():
-    vertices = np.array([[5e5, 7e6, 0.1], [5e5 + 1, 7e6, 0.2], [5e5, 7e6 + 1, 0.3], [5e5 + 1.0008, 7e6, 0.2],
-                         [5e5 + 1.0016, 7e6, 0.2], [5e5 + 2, 7e6 + 1, 0.0]])
+    vertices = np.array(
+        [
+            [5e5, 7e6, 0.1],
+            [5e5 + 1, 7e6, 0.2],
+            [5e5, 7e6 + 1, 0.3],
+            [5e5 + 1.0008, 7e6, 0.2],
+            [5e5 + 1.0016, 7e6, 0.2],
+            [5e5 + 2, 7e6 + 1, 0.0],
+        ]
+    )
     v, f = terrain.merge_near(vertices, np.array([[0, 1, 2], [4, 3, 5], [1, 5, 2]]), 0.001)
     assert len(v) == 4
     np.testing.assert_array_equal(v[f[0, [0, 2]]], vertices[[0, 2]])
@@ -164,7 +172,7 @@ def test_incidence_lists_the_faces_of_every_vertex():
     _, faces = grid(6)
     first, incident = topology.incidence(faces, 36)
     for vertex in range(36):
-        assert set(incident[first[vertex]:first[vertex + 1]]) == set(np.flatnonzero((faces == vertex).any(axis=1)))
+        assert set(incident[first[vertex] : first[vertex + 1]]) == set(np.flatnonzero((faces == vertex).any(axis=1)))
 
 
 # --------------------------------------------------------------------------------------------------------- decimation

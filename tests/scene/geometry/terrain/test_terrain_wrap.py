@@ -12,8 +12,18 @@ from varos_warp.scene.geometry.topology import boundary_edges, is_consistent
 
 REGION = (-5.0, -5.0, 5.0, 5.0)
 OUTER = 7.2
-PROFILE = [(OUTER, 0.0), (1.2, 0.0), (1.0, 0.2), (1.0, 1.3), (1.2, 1.5), (2.4, 1.6), (2.6, 1.8), (2.4, 2.0), (1.5, 2.5),
-           (0.0, 2.7)]
+PROFILE = [
+    (OUTER, 0.0),
+    (1.2, 0.0),
+    (1.0, 0.2),
+    (1.0, 1.3),
+    (1.2, 1.5),
+    (2.4, 1.6),
+    (2.6, 1.8),
+    (2.4, 2.0),
+    (1.5, 2.5),
+    (0.0, 2.7),
+]
 """Radius and height [m] of a mushroom on flat ground: a cap of 2.6 m on a stem of 1 m."""
 
 
@@ -24,13 +34,15 @@ def mushroom(rows=120, columns=96):
     at = np.union1d(np.linspace(0.0, length[-1], rows - len(profile)), length)
     r, z = np.interp(at, length, profile[:, 0])[:-1], np.interp(at, length, profile[:, 1])[:-1]
     angle = np.arange(columns) * 2.0 * np.pi / columns
-    vertices = np.column_stack([np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel(),
-                                np.repeat(z, columns)])
+    vertices = np.column_stack(
+        [np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel(), np.repeat(z, columns)]
+    )
     i = np.arange(len(r) * columns).reshape(len(r), columns)
     j, top = np.roll(i, -1, axis=1), len(vertices)
     faces = [(i[:-1], j[:-1], j[1:]), (i[:-1], j[1:], i[1:]), (i[-1:], j[-1:], np.full((1, columns), top))]
     return np.vstack([vertices, [0.0, 0.0, profile[-1, 1]]]), np.concatenate(
-        [np.stack(corners, axis=-1).reshape(-1, 3) for corners in faces]).astype(np.int32)
+        [np.stack(corners, axis=-1).reshape(-1, 3) for corners in faces]
+    ).astype(np.int32)
 
 
 def profile_distance(points):
@@ -138,9 +150,15 @@ def test_the_place_in_the_world_makes_no_difference(model, wrapped):
 # -------------------------------------------------------------------------------------------------------- closed models
 
 
-@pytest.mark.parametrize(("shape", "volume", "genus"), [
-    (trimesh.creation.icosphere(4), 4.0 / 3.0 * np.pi, 0), (trimesh.creation.torus(1.0, 0.3), 2.0 * np.pi**2 * 0.09, 1),
-    (trimesh.creation.box((1.0, 2.0, 1.5)), 3.0, 0)], ids=["ball", "ring", "box"])
+@pytest.mark.parametrize(
+    ("shape", "volume", "genus"),
+    [
+        (trimesh.creation.icosphere(4), 4.0 / 3.0 * np.pi, 0),
+        (trimesh.creation.torus(1.0, 0.3), 2.0 * np.pi**2 * 0.09, 1),
+        (trimesh.creation.box((1.0, 2.0, 1.5)), 3.0, 0),
+    ],
+    ids=["ball", "ring", "box"],
+)
 def test_a_closed_model_is_wrapped_watertight(shape, volume, genus):
     vertices, faces = terrain.shrinkwrap(np.asarray(shape.vertices), np.asarray(shape.faces, np.int32), 49)
     mesh = trimesh.Trimesh(vertices, faces, process=False)

@@ -12,22 +12,58 @@ SOURCE = "Mobley et al. (1993), table 2, log-log interpolation"
 
 def test_the_table_has_the_known_integral_and_backscatter(truth):
     phase = Petzold()
-    truth("integral of the table over the sphere", source=SOURCE, expected=0.99295, got=phase.integral,
-          tolerance=6e-6, reason="digits of the truth")
-    truth("mean cosine", source=SOURCE, expected=0.92412, got=phase.mean_cosine, tolerance=6e-6,
-          reason="digits of the truth")
-    truth("B", source=SOURCE, expected=0.018259, got=phase.backscatter_fraction, tolerance=6e-7,
-          reason="digits of the truth")
-    truth("B as published", source="Mobley et al. (1993)", expected=0.0183, got=phase.backscatter_fraction,
-          tolerance=5e-5, reason="digits of the truth")
-    truth("share within 0.1 degrees", source=SOURCE, expected=0.052, got=phase.cdf(np.sin(np.radians(0.05)) ** 2),
-          tolerance=6e-4, reason="digits of the truth")
+    truth(
+        "integral of the table over the sphere",
+        source=SOURCE,
+        expected=0.99295,
+        got=phase.integral,
+        tolerance=6e-6,
+        reason="digits of the truth",
+    )
+    truth(
+        "mean cosine",
+        source=SOURCE,
+        expected=0.92412,
+        got=phase.mean_cosine,
+        tolerance=6e-6,
+        reason="digits of the truth",
+    )
+    truth(
+        "B",
+        source=SOURCE,
+        expected=0.018259,
+        got=phase.backscatter_fraction,
+        tolerance=6e-7,
+        reason="digits of the truth",
+    )
+    truth(
+        "B as published",
+        source="Mobley et al. (1993)",
+        expected=0.0183,
+        got=phase.backscatter_fraction,
+        tolerance=5e-5,
+        reason="digits of the truth",
+    )
+    truth(
+        "share within 0.1 degrees",
+        source=SOURCE,
+        expected=0.052,
+        got=phase.cdf(np.sin(np.radians(0.05)) ** 2),
+        tolerance=6e-4,
+        reason="digits of the truth",
+    )
 
 
 def test_moments(truth):
     chi = Petzold().moments(256)
-    truth("<P_l>, l = 8, 64, 256", source=SOURCE, expected=[0.615, 0.233, 0.093], got=chi[[8, 64, 256]],
-          tolerance=6e-4, reason="digits of the truth")
+    truth(
+        "<P_l>, l = 8, 64, 256",
+        source=SOURCE,
+        expected=[0.615, 0.233, 0.093],
+        got=chi[[8, 64, 256]],
+        tolerance=6e-4,
+        reason="digits of the truth",
+    )
 
 
 def test_rows_are_the_table_s_over_its_integral():

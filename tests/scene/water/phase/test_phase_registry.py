@@ -20,11 +20,18 @@ trajectory: {{poses: [{{position: [0, 0, 0]}}]}}
 COEFFICIENTS = "{{coefficients: {{sigma_s: [0.2, 0.2, 0.2], sigma_a: [0.1, 0.1, 0.1], phase: {phase}}}}}"
 TABLE = "angle_deg,p\n0.1,5\n10,1\n180,0.1\n"
 
-EVERY_KIND = ["{g: 0.8}", "{}", "{kind: henyey_greenstein, g: 0.8}", "{kind: fournier_forand, n: 1.10, mu: 3.5835}",
-              "{kind: fournier_forand, backscatter_fraction: 0.0183}", "{kind: petzold}", "{kind: rayleigh}",
-              "{kind: tabulated, file: vsf.csv}",
-              "{kind: mixture, of: [{weight: 0.98, kind: fournier_forand, backscatter_fraction: 0.01}, "
-              "{weight: 0.02, kind: rayleigh}, {weight: 0.5, g: 0.9}, {weight: 1, kind: tabulated, file: vsf.csv}]}"]
+EVERY_KIND = [
+    "{g: 0.8}",
+    "{}",
+    "{kind: henyey_greenstein, g: 0.8}",
+    "{kind: fournier_forand, n: 1.10, mu: 3.5835}",
+    "{kind: fournier_forand, backscatter_fraction: 0.0183}",
+    "{kind: petzold}",
+    "{kind: rayleigh}",
+    "{kind: tabulated, file: vsf.csv}",
+    "{kind: mixture, of: [{weight: 0.98, kind: fournier_forand, backscatter_fraction: 0.01}, "
+    "{weight: 0.02, kind: rayleigh}, {weight: 0.5, g: 0.9}, {weight: 1, kind: tabulated, file: vsf.csv}]}",
+]
 
 
 def load(tmp_path, phase=None, form=None):
@@ -69,29 +76,32 @@ def test_a_jerlov_type_scatters_as_fournier_and_forand_unless_told(tmp_path):
 PHASE = "water.coefficients.phase"
 
 
-@pytest.mark.parametrize(("text", "key", "says"), [
-    ("{g: 1.0}", f"{PHASE}.g", "at most 0.999"),
-    ("{g: -1}", f"{PHASE}.g", "at least -0.99"),
-    ("{kind: petzolt}", PHASE, "Did you mean 'petzold'?"),
-    ("{kind: rayleigh, g: 0.1}", f"{PHASE}.g", "unknown key"),
-    ("{kind: fournier_forand}", PHASE, "give either n and mu"),
-    ("{kind: fournier_forand, n: 1.1}", PHASE, "give either n and mu"),
-    ("{kind: fournier_forand, n: 1.1, mu: 3.5, backscatter_fraction: 0.1}", PHASE, "give either n and mu"),
-    ("{kind: fournier_forand, n: 1.1, mu: 2.9}", f"{PHASE}.mu", "above 3"),
-    ("{kind: fournier_forand, n: 1.1, mu: 5.1}", f"{PHASE}.mu", "at most 5"),
-    ("{kind: fournier_forand, n: 1.0, mu: 3.5}", f"{PHASE}.n", "above 1"),
-    ("{kind: fournier_forand, n: 1.6, mu: 3.5}", f"{PHASE}.n", "at most 1.5"),
-    ("{kind: fournier_forand, backscatter_fraction: 0.16}", f"{PHASE}.backscatter_fraction", "at most 0.15"),
-    ("{kind: fournier_forand, backscatter_fraction: 0.00009}", f"{PHASE}.backscatter_fraction", "at least 0.0001"),
-    ("{kind: tabulated}", f"{PHASE}.file", "is missing"),
-    ("{kind: mixture}", f"{PHASE}.of", "is missing"),
-    ("{kind: mixture, of: []}", f"{PHASE}.of", "at least 1"),
-    ("{kind: mixture, of: [{weight: 0, kind: petzold}]}", PHASE, "sum to 0"),
-    ("{kind: mixture, of: [{weight: -1, kind: petzold}]}", f"{PHASE}.of.0.weight", "at least 0"),
-    ("{kind: mixture, of: [{kind: petzold}]}", f"{PHASE}.of.0.weight", "is missing"),
-    ("{kind: mixture, of: [{weight: 1, kind: mixture}]}", f"{PHASE}.of.0", "unknown kind 'mixture'"),
-    ("{kind: mixture, of: [{weight: 1, g: -0.7}]}", f"{PHASE}.of.0.g", "at least -0.6"),
-])
+@pytest.mark.parametrize(
+    ("text", "key", "says"),
+    [
+        ("{g: 1.0}", f"{PHASE}.g", "at most 0.999"),
+        ("{g: -1}", f"{PHASE}.g", "at least -0.99"),
+        ("{kind: petzolt}", PHASE, "Did you mean 'petzold'?"),
+        ("{kind: rayleigh, g: 0.1}", f"{PHASE}.g", "unknown key"),
+        ("{kind: fournier_forand}", PHASE, "give either n and mu"),
+        ("{kind: fournier_forand, n: 1.1}", PHASE, "give either n and mu"),
+        ("{kind: fournier_forand, n: 1.1, mu: 3.5, backscatter_fraction: 0.1}", PHASE, "give either n and mu"),
+        ("{kind: fournier_forand, n: 1.1, mu: 2.9}", f"{PHASE}.mu", "above 3"),
+        ("{kind: fournier_forand, n: 1.1, mu: 5.1}", f"{PHASE}.mu", "at most 5"),
+        ("{kind: fournier_forand, n: 1.0, mu: 3.5}", f"{PHASE}.n", "above 1"),
+        ("{kind: fournier_forand, n: 1.6, mu: 3.5}", f"{PHASE}.n", "at most 1.5"),
+        ("{kind: fournier_forand, backscatter_fraction: 0.16}", f"{PHASE}.backscatter_fraction", "at most 0.15"),
+        ("{kind: fournier_forand, backscatter_fraction: 0.00009}", f"{PHASE}.backscatter_fraction", "at least 0.0001"),
+        ("{kind: tabulated}", f"{PHASE}.file", "is missing"),
+        ("{kind: mixture}", f"{PHASE}.of", "is missing"),
+        ("{kind: mixture, of: []}", f"{PHASE}.of", "at least 1"),
+        ("{kind: mixture, of: [{weight: 0, kind: petzold}]}", PHASE, "sum to 0"),
+        ("{kind: mixture, of: [{weight: -1, kind: petzold}]}", f"{PHASE}.of.0.weight", "at least 0"),
+        ("{kind: mixture, of: [{kind: petzold}]}", f"{PHASE}.of.0.weight", "is missing"),
+        ("{kind: mixture, of: [{weight: 1, kind: mixture}]}", f"{PHASE}.of.0", "unknown kind 'mixture'"),
+        ("{kind: mixture, of: [{weight: 1, g: -0.7}]}", f"{PHASE}.of.0.g", "at least -0.6"),
+    ],
+)
 def test_bad_input_is_named_with_file_line_key_and_remedy(tmp_path, text, key, says):
     with pytest.raises(InputError) as caught:
         load(tmp_path, text)

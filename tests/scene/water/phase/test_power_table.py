@@ -10,9 +10,13 @@ from varos_warp.scene.water.phase.petzold import Petzold
 from varos_warp.scene.water.phase.power_table import LOG_S, S_CUT
 from varos_warp.scene.water.phase.rayleigh import Rayleigh
 
-SMOOTH = [FournierForand(1.10, 3.5835), FournierForand.from_backscatter_fraction(0.0001),
-          FournierForand.from_backscatter_fraction(0.15), Rayleigh(),
-          Mixture([(0.98, FournierForand(1.1, 3.5835)), (0.02, Rayleigh())])]
+SMOOTH = [
+    FournierForand(1.10, 3.5835),
+    FournierForand.from_backscatter_fraction(0.0001),
+    FournierForand.from_backscatter_fraction(0.15),
+    Rayleigh(),
+    Mixture([(0.98, FournierForand(1.1, 3.5835)), (0.02, Rayleigh())]),
+]
 PHASES = [*SMOOTH, Petzold()]
 
 

@@ -32,8 +32,9 @@ def test_a_table_of_a_known_function_becomes_that_function(tmp_path):
     rows = [f"{a:.10g},{p:.10g}" for a, p in zip(angles, 7.0 * known.eval_s(s_at(angles)), strict=True)]
     phase = phase_of(tmp_path, "angle_deg,p\n" + "\n".join(rows))
     assert phase.integral == pytest.approx(7.0, rel=1e-4)
-    np.testing.assert_allclose(phase.eval_s(s_at([0.001, 1, 30, 90, 179])), known.eval_s(s_at([0.001, 1, 30, 90, 179])),
-                               rtol=1e-3)
+    np.testing.assert_allclose(
+        phase.eval_s(s_at([0.001, 1, 30, 90, 179])), known.eval_s(s_at([0.001, 1, 30, 90, 179])), rtol=1e-3
+    )
     np.testing.assert_allclose(phase.moments(64), known.moments(64), atol=1e-4)
 
 
@@ -66,24 +67,27 @@ def test_the_key_depends_on_the_rows_alone(tmp_path):
 GOOD = "angle_deg,p\n0.1,5\n10,1\n180,0.1\n"
 
 
-@pytest.mark.parametrize(("table", "line", "value", "says"), [
-    (None, None, None, "there is no such table"),
-    ("", None, None, "has no column angle_deg and p"),
-    ("angle,p\n1,2\n2,3\n", None, None, "has no column angle_deg"),
-    ("angle_deg,p\n1,2\n", None, None, "has 1 row of numbers"),
-    (GOOD.replace("10,1", "10,-1"), 3, -1.0, "p is negative"),
-    (GOOD.replace("10,1", "10,"), 3, "", "p is missing"),
-    (GOOD.replace("10,1", "10"), 3, "", "p is missing"),
-    (GOOD.replace("10,1", "10,nan"), 3, "nan", "p is missing"),
-    (GOOD.replace("10,1", ",1"), 3, "", "angle_deg is missing"),
-    (GOOD.replace("10,1", "ten,1"), 3, "ten", "angle_deg is not a number"),
-    (GOOD.replace("10,1", "0.1,1"), 3, 0.1, "angle_deg does not increase"),
-    (GOOD.replace("10,1", "0.01,1"), 3, 0.01, "angle_deg does not increase"),
-    (GOOD.replace("180,", "181,"), 4, 181.0, "angle_deg is not between 0 and 180"),
-    (GOOD.replace("0.1,5", "-0.1,5"), 2, -0.1, "angle_deg is not between 0 and 180"),
-    (GOOD.replace("0.1,5", "0,5").replace("10,1", "0.00001,1"), 3, 1e-5, "has two angles up to 0.0001 degrees"),
-    ("angle_deg,p\n1,0\n2,0\n", None, None, "p is 0 everywhere"),
-])
+@pytest.mark.parametrize(
+    ("table", "line", "value", "says"),
+    [
+        (None, None, None, "there is no such table"),
+        ("", None, None, "has no column angle_deg and p"),
+        ("angle,p\n1,2\n2,3\n", None, None, "has no column angle_deg"),
+        ("angle_deg,p\n1,2\n", None, None, "has 1 row of numbers"),
+        (GOOD.replace("10,1", "10,-1"), 3, -1.0, "p is negative"),
+        (GOOD.replace("10,1", "10,"), 3, "", "p is missing"),
+        (GOOD.replace("10,1", "10"), 3, "", "p is missing"),
+        (GOOD.replace("10,1", "10,nan"), 3, "nan", "p is missing"),
+        (GOOD.replace("10,1", ",1"), 3, "", "angle_deg is missing"),
+        (GOOD.replace("10,1", "ten,1"), 3, "ten", "angle_deg is not a number"),
+        (GOOD.replace("10,1", "0.1,1"), 3, 0.1, "angle_deg does not increase"),
+        (GOOD.replace("10,1", "0.01,1"), 3, 0.01, "angle_deg does not increase"),
+        (GOOD.replace("180,", "181,"), 4, 181.0, "angle_deg is not between 0 and 180"),
+        (GOOD.replace("0.1,5", "-0.1,5"), 2, -0.1, "angle_deg is not between 0 and 180"),
+        (GOOD.replace("0.1,5", "0,5").replace("10,1", "0.00001,1"), 3, 1e-5, "has two angles up to 0.0001 degrees"),
+        ("angle_deg,p\n1,0\n2,0\n", None, None, "p is 0 everywhere"),
+    ],
+)
 def test_a_bad_table_is_named_with_file_line_key_value_and_remedy(tmp_path, table, line, value, says):
     with pytest.raises(InputError) as caught:
         phase_of(tmp_path, table)

@@ -24,9 +24,12 @@ def excitation(data: Dataset) -> dict | None:
         return None
     between = frame_means(read["time_ns"], read["acceleration"], times)
     spread = float(np.sqrt(((between - between.mean(0)) ** 2).sum() / max(len(between) - 1, 1)))
-    return {"angular_rate_rms": read["angular_velocity"].std(0).tolist(),
-            "specific_force_rms": read["acceleration"].std(0).tolist(),
-            "specific_force_of_frames": spread, "vins_excited": spread >= VINS_LEAST}
+    return {
+        "angular_rate_rms": read["angular_velocity"].std(0).tolist(),
+        "specific_force_rms": read["acceleration"].std(0).tolist(),
+        "specific_force_of_frames": spread,
+        "vins_excited": spread >= VINS_LEAST,
+    }
 
 
 def frame_means(time_ns: np.ndarray, values: np.ndarray, frames_ns: np.ndarray) -> np.ndarray:

@@ -36,8 +36,9 @@ class Keypoints:
 def detect(kind: str, gray: np.ndarray) -> Keypoints:
     """Keypoints at different places of uint8 [H, W]; ``kind``: orb or sift, with OpenCV's own thresholds."""
     cv2 = opencv()
-    detector = (cv2.ORB_create(MOST_ORB, edgeThreshold=ORB_EDGE, patchSize=ORB_PATCH) if kind == "orb" else
-                cv2.SIFT_create())
+    detector = (
+        cv2.ORB_create(MOST_ORB, edgeThreshold=ORB_EDGE, patchSize=ORB_PATCH) if kind == "orb" else cv2.SIFT_create()
+    )
     found, descriptors = detector.detectAndCompute(gray, None)
     if not found:
         return Keypoints(kind, np.zeros((0, 2)), np.zeros(0), None)

@@ -35,8 +35,11 @@ def layers_of(data: Dataset, frame: int, camera: str) -> dict[str, np.ndarray]:
     if not path.exists():
         return {}
     planes = files.read_exr(path)
-    return {name: np.stack([planes[f"{name}.{c}"] for c in "RGB"], -1) for name in ("direct", *VEILS)
-            if f"{name}.R" in planes}
+    return {
+        name: np.stack([planes[f"{name}.{c}"] for c in "RGB"], -1)
+        for name in ("direct", *VEILS)
+        if f"{name}.R" in planes
+    }
 
 
 def veil_over_signal(layers: dict[str, np.ndarray]) -> float | None:

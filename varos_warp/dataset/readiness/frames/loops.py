@@ -42,7 +42,7 @@ def closures(share: np.ndarray) -> list[tuple[int, int]]:
     both, found = np.minimum(share, share.T), []
     for late in range(len(share)):
         away = np.flatnonzero(both[late, :late] < LEFT)
-        early = both[late, :away[-1]] if len(away) else np.zeros(0)
+        early = both[late, : away[-1]] if len(away) else np.zeros(0)
         if len(early) and early.max() >= SAME:
             found.append((late, int(early.argmax())))
     return found

@@ -107,8 +107,9 @@ class MonoOdometry:
         """From the first view to this one [4, 4], a step of length 1."""
         cv2, order = opencv(), self.rng.permutation(len(seen))
         a, b = self.first[order], seen[order]
-        E, mask = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.USAC_ACCURATE, prob=0.999,
-                                       threshold=START_LIMIT * self.limit)
+        E, mask = cv2.findEssentialMat(
+            a, b, np.eye(3), method=cv2.USAC_ACCURATE, prob=0.999, threshold=START_LIMIT * self.limit
+        )
         if E is None or E.shape != (3, 3):
             return None
         count, R, t, _ = cv2.recoverPose(E, a, b, np.eye(3), mask=mask)

@@ -41,8 +41,11 @@ class Odometry:
     def plain(self) -> dict:
         """For JSON, with mean and standard deviation over the seeds."""
         told = ("ate_m", "ate_share", "drift", "lost")
-        means = {f"{name}_{what}": _of(getattr(self, name), how) for name in told
-                 for what, how in (("mean", np.mean), ("std", np.std))}
+        means = {
+            f"{name}_{what}": _of(getattr(self, name), how)
+            for name in told
+            for what, how in (("mean", np.mean), ("std", np.std))
+        }
         return self.__dict__ | {"failed_share": float(np.mean(self.failed_steps))} | means
 
 
@@ -64,8 +67,9 @@ def odometries(data: Dataset, camera: str, seeds: int) -> tuple[dict[str, Odomet
     if other is None:
         return found, [f"stereo odometry: {why}"]
     T_r_l = np.linalg.inv(data.camera(other)["T_v_c"]) @ np.array(data.camera(camera)["T_v_c"])
-    found["stereo"] = _over_seeds(data, [camera, other], seeds, lambda seed: StereoOdometry(
-        View(data, camera), View(data, other), T_r_l, seed))
+    found["stereo"] = _over_seeds(
+        data, [camera, other], seeds, lambda seed: StereoOdometry(View(data, camera), View(data, other), T_r_l, seed)
+    )
     return found, []
 
 
@@ -79,10 +83,18 @@ def _over_seeds(data: Dataset, cameras: list[str], seeds: int, make) -> Odometry
         places = -np.einsum("nji,nj->ni", T_c_w[:, :3, :3], T_c_w[:, :3, 3])
         moved = gone[1:].sum() < len(gone) - 1
         scores.append(score(places, truth, with_scale=len(cameras) == 1) if moved else None)
-    columns = {name: [None if s is None else getattr(s, name) for s in scores]
-               for name in ("ate_m", "ate_share", "drift")}
-    return Odometry(cameras, seeds, **columns, lost=lost, frames=len(truth), path_m=path_length(truth),
-                    failed_steps=np.mean(fails, 0).tolist())
+    columns = {
+        name: [None if s is None else getattr(s, name) for s in scores] for name in ("ate_m", "ate_share", "drift")
+    }
+    return Odometry(
+        cameras,
+        seeds,
+        **columns,
+        lost=lost,
+        frames=len(truth),
+        path_m=path_length(truth),
+        failed_steps=np.mean(fails, 0).tolist(),
+    )
 
 
 def _partner(data: Dataset, camera: str) -> tuple[str | None, str]:
@@ -92,8 +104,11 @@ def _partner(data: Dataset, camera: str) -> tuple[str | None, str]:
         return None, "it needs two cameras on the vehicle"
     if DEPTH not in data.outputs:
         return None, "without D it is not known what two cameras both see"
-    share = {other: _overlap(data, camera, other) for other in others
-             if np.array_equal(data.time_ns(camera), data.time_ns(other))}
+    share = {
+        other: _overlap(data, camera, other)
+        for other in others
+        if np.array_equal(data.time_ns(camera), data.time_ns(other))
+    }
     best = max(share, key=lambda other: share[other], default=None)
     if best is None or share[best] < OVERLAP:
         return None, "no two cameras see the same place at the same time"

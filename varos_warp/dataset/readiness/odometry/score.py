@@ -70,8 +70,11 @@ def failed(T_c_w: np.ndarray, lost: np.ndarray, T_w_c: np.ndarray) -> np.ndarray
     found, true = T_c_w[1:] @ np.linalg.inv(T_c_w[:-1]), np.linalg.inv(T_w_c[1:]) @ T_w_c[:-1]
     length = np.linalg.norm(true[:, :3, 3], axis=1)
     astray = (_angle(found[:, :3, 3], true[:, :3, 3]) > WRONG_WAY) & (length >= STANDS * np.median(length))
-    return (lost[1:] | astray
-            | (Rotation.from_matrix(found[:, :3, :3] @ true[:, :3, :3].transpose(0, 2, 1)).magnitude() > WRONG_TURN))
+    return (
+        lost[1:]
+        | astray
+        | (Rotation.from_matrix(found[:, :3, :3] @ true[:, :3, :3].transpose(0, 2, 1)).magnitude() > WRONG_TURN)
+    )
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

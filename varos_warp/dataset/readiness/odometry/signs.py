@@ -20,14 +20,16 @@ def verified(view: View, here: Keypoints, there: Keypoints) -> tuple[int, float 
     if seen.sum() < 6:
         return 0, 0.0
     cv2 = opencv()
-    E, mask = cv2.findEssentialMat(a[seen], b[seen], np.eye(3), method=cv2.USAC_ACCURATE, prob=0.999,
-                                   threshold=REPROJECTION_PX * view.pixel)
+    E, mask = cv2.findEssentialMat(
+        a[seen], b[seen], np.eye(3), method=cv2.USAC_ACCURATE, prob=0.999, threshold=REPROJECTION_PX * view.pixel
+    )
     count = 0 if E is None or mask is None else int(np.count_nonzero(mask))
     return count, count / len(pairs)
 
 
-def signs(view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, there: Keypoints
-          ) -> dict[str, float | None]:
+def signs(
+    view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, there: Keypoints
+) -> dict[str, float | None]:
     """Of the step between two frames.
 
     Args:
@@ -40,5 +42,9 @@ def signs(view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, ther
     count, share = verified(view, here, there)
     start = corners(before, np.zeros((0, 2)))
     found = follow(before, now, start)[1]
-    return {"verified_matches": count, "verified_share": share, "tracked": int(found.sum()),
-            "tracked_share": float(found.mean()) if len(found) else None}
+    return {
+        "verified_matches": count,
+        "verified_share": share,
+        "tracked": int(found.sum()),
+        "tracked_share": float(found.mean()) if len(found) else None,
+    }

@@ -77,8 +77,9 @@ def seen_from(T_c_w: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.nda
         return p[:, :2] / p[:, 2:], p[:, 2]
 
 
-def pose_of(points: np.ndarray, seen: np.ndarray, limit: float, rng: np.random.Generator
-            ) -> tuple[np.ndarray, np.ndarray] | None:
+def pose_of(
+    points: np.ndarray, seen: np.ndarray, limit: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray] | None:
     """T_c_w [4, 4] from points [N, 3] and their normalised image points [N, 2], and which agree with it [N].
 
     RANSAC over P3P, then least squares over those that agree. OpenCV draws the same numbers each time, so the order of
@@ -87,8 +88,16 @@ def pose_of(points: np.ndarray, seen: np.ndarray, limit: float, rng: np.random.G
     cv2, order = opencv(), rng.permutation(len(points))
     if len(points) < LEAST:
         return None
-    found, r, t, _ = cv2.solvePnPRansac(points[order], seen[order], np.eye(3), None, iterationsCount=300,
-                                        reprojectionError=limit, confidence=0.999, flags=cv2.SOLVEPNP_AP3P)
+    found, r, t, _ = cv2.solvePnPRansac(
+        points[order],
+        seen[order],
+        np.eye(3),
+        None,
+        iterationsCount=300,
+        reprojectionError=limit,
+        confidence=0.999,
+        flags=cv2.SOLVEPNP_AP3P,
+    )
     if not found:
         return None
     for _ in range(3):

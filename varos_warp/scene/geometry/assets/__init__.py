@@ -19,8 +19,23 @@ from varos_warp.scene.geometry.assets.structures.rov import rov
 from varos_warp.scene.geometry.joining import join
 from varos_warp.scene.geometry.topology import area_normals
 
-__all__ = ["DETAIL", "FLANGES_MM", "HEX_SIZES_MM", "bolt", "boulder", "default_chord_error", "elbow", "flange",
-           "flange_measures", "hex_measures", "make_asset", "nut", "pipe", "pipe_support", "valve"]
+__all__ = [
+    "DETAIL",
+    "FLANGES_MM",
+    "HEX_SIZES_MM",
+    "bolt",
+    "boulder",
+    "default_chord_error",
+    "elbow",
+    "flange",
+    "flange_measures",
+    "hex_measures",
+    "make_asset",
+    "nut",
+    "pipe",
+    "pipe_support",
+    "valve",
+]
 
 DETAIL = 0.002
 """Chord error by default, as a share of the radius: 52 points around a pipe."""
@@ -32,23 +47,42 @@ COARSEST_DEFAULT = 25.0 / 65535
 QUAD = np.sqrt(2.0) * 1.0001
 """Longest edge of a square of two triangles, over its side."""
 
-_MAKERS: dict = {world.Pipe: pipe, world.Elbow: elbow, world.Flange: flange, world.PipeSupport: pipe_support,
-           world.Bolt: bolt, world.Nut: nut, world.Valve: valve, world.Boulder: boulder}
-_RADII: dict = {world.HullSection: lambda block: block.bilge_radius_m,
-                world.MooringChain: lambda block: 0.5 * block.link_m,
-                world.QuayWall: lambda block: block.pile_depth_m, world.WellheadPanel: lambda block: BUCKET,
-                world.Anode: lambda block: block.pipe_radius_m or block.thick_m,
-                world.ConcreteBlock: lambda block: 0.1,
-                world.Rov: lambda block: block.lamp_radius_m}
+_MAKERS: dict = {
+    world.Pipe: pipe,
+    world.Elbow: elbow,
+    world.Flange: flange,
+    world.PipeSupport: pipe_support,
+    world.Bolt: bolt,
+    world.Nut: nut,
+    world.Valve: valve,
+    world.Boulder: boulder,
+}
+_RADII: dict = {
+    world.HullSection: lambda block: block.bilge_radius_m,
+    world.MooringChain: lambda block: 0.5 * block.link_m,
+    world.QuayWall: lambda block: block.pile_depth_m,
+    world.WellheadPanel: lambda block: BUCKET,
+    world.Anode: lambda block: block.pipe_radius_m or block.thick_m,
+    world.ConcreteBlock: lambda block: 0.1,
+    world.Rov: lambda block: block.lamp_radius_m,
+}
 """What stands for the radius of an object that has none, for its chord error [m]."""
-_STRUCTURES: dict = {world.HullSection: hull_section, world.MooringChain: mooring_chain, world.QuayWall: quay_wall,
-                     world.WellheadPanel: wellhead_panel, world.Rov: rov, world.Anode: anode,
-                     world.FlangeJoint: flange_joint, world.HandWheel: hand_wheel,
-                     world.ConcreteBlock: concrete_block}
+_STRUCTURES: dict = {
+    world.HullSection: hull_section,
+    world.MooringChain: mooring_chain,
+    world.QuayWall: quay_wall,
+    world.WellheadPanel: wellhead_panel,
+    world.Rov: rov,
+    world.Anode: anode,
+    world.FlangeJoint: flange_joint,
+    world.HandWheel: hand_wheel,
+    world.ConcreteBlock: concrete_block,
+}
 
 
-def make_asset(block: world.ParametricObject, key: str = "object", *,
-               max_edge_m: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def make_asset(
+    block: world.ParametricObject, key: str = "object", *, max_edge_m: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Vertices float64 [V, 3] [m] and faces int32 [F, 3] of a parametric object, in its own axes, before its scale.
 
     Its triangles lie within ``chord_error_m`` of the true surface in the world, that is after its scale; absent:
@@ -66,8 +100,9 @@ def make_asset(block: world.ParametricObject, key: str = "object", *,
     return make_coloured(block, key, max_edge_m=max_edge_m)[:2]
 
 
-def make_coloured(block: world.ParametricObject, key: str = "object", *, max_edge_m: float | None = None
-                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def make_coloured(
+    block: world.ParametricObject, key: str = "object", *, max_edge_m: float | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Return what `make_asset` does, and the linear reflectances of the faces, float32 [F, 3]; None if it has none."""
     scale = float(np.max(block.scale))
     chord_error = (block.chord_error_m or default_chord_error(block, key)) / scale
@@ -90,8 +125,12 @@ def _pieces(block, key, detail):
         return [(_MAKERS[type(block)](block, key, detail), (0.0, 0.0, 0.0))]
     pieces = _STRUCTURES[type(block)](block, key, detail)
     if not pieces:
-        raise InputError("names nothing that this object has", key=f"{key}.only", value=getattr(block, "only", None),
-                         remedy="Name other pieces, or leave it out for all of them.")
+        raise InputError(
+            "names nothing that this object has",
+            key=f"{key}.only",
+            value=getattr(block, "only", None),
+            remedy="Name other pieces, or leave it out for all of them.",
+        )
     return [((piece.vertices, piece.faces), piece.colour) for piece in pieces]
 
 

@@ -24,21 +24,30 @@ def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
     x, z, black = aprilgrid(block) if block.pattern == "aprilgrid" else checkerboard(block)
     vertices, faces = _panel(x, z, block.thickness_m)
     colours = np.full(len(faces), WHITE, np.float32)
-    colours[:2 * black.size][black.ravel().repeat(2)] = BLACK
+    colours[: 2 * black.size][black.ravel().repeat(2)] = BLACK
     return vertices, faces, Skin(np.broadcast_to(colours[:, None, None], (len(faces), 3, 3)).copy())
 
 
 def chart(block: ColorChart) -> tuple[np.ndarray, np.ndarray, Skin]:
     """As `board`, of a colour chart; its skin has the spectra of the patches, and of the black board."""
     columns, rows = CHART
-    x, z = (np.cumsum([0.0, 0.5 * (size - n * block.patch_m - (n - 1) * block.gap_m), block.patch_m,
-                       *[block.gap_m, block.patch_m] * (n - 1)]) for size, n in zip(block.size_m, CHART, strict=True))
+    x, z = (
+        np.cumsum(
+            [
+                0.0,
+                0.5 * (size - n * block.patch_m - (n - 1) * block.gap_m),
+                block.patch_m,
+                *[block.gap_m, block.patch_m] * (n - 1),
+            ]
+        )
+        for size, n in zip(block.size_m, CHART, strict=True)
+    )
     x, z = (np.append(edges, size) for edges, size in zip((x, z), block.size_m, strict=True))
     cells = np.zeros((len(x) - 1, len(z) - 1), np.int32)
     cells[1::2, 1::2] = 1 + np.arange(columns * rows).reshape(rows, columns)[::-1].T  # rows from above
     vertices, faces = _panel(x, z, block.thickness_m)
     of_face = np.zeros(len(faces), np.int32)
-    of_face[:2 * cells.size] = cells.ravel().repeat(2)
+    of_face[: 2 * cells.size] = cells.ravel().repeat(2)
     curves = np.array([np.full(len(GRID), BLACK), *(patch.at(GRID) for patch in chart_reflectances().values())])
     colours = np.clip(np.concatenate([np.full((1, 3), BLACK), chart_colours()]), 0.0, 1.0).astype(np.float32)
     return vertices, faces, Skin(colours[of_face][:, None].repeat(3, axis=1), spectra=FaceSpectra(of_face, curves))

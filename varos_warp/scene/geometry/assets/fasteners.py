@@ -8,14 +8,31 @@ from varos_warp.scene.geometry.assets.lofts import Detail, arc_steps, divided, r
 
 DEFAULT = Detail(1e-4)
 HEX_SIZES_MM = {
-    "M3": (5.5, 2.0, 2.4, 0.5), "M3.5": (6.0, 2.4, 2.8, 0.6), "M4": (7.0, 2.8, 3.2, 0.7), "M5": (8.0, 3.5, 4.7, 0.8),
-    "M6": (10.0, 4.0, 5.2, 1.0), "M8": (13.0, 5.3, 6.8, 1.25), "M10": (16.0, 6.4, 8.4, 1.5),
-    "M12": (18.0, 7.5, 10.8, 1.75), "M14": (21.0, 8.8, 12.8, 2.0), "M16": (24.0, 10.0, 14.8, 2.0),
-    "M18": (27.0, 11.5, 15.8, 2.5), "M20": (30.0, 12.5, 18.0, 2.5), "M22": (34.0, 14.0, 19.4, 2.5),
-    "M24": (36.0, 15.0, 21.5, 3.0), "M27": (41.0, 17.0, 23.8, 3.0), "M30": (46.0, 18.7, 25.6, 3.5),
-    "M33": (50.0, 21.0, 28.7, 3.5), "M36": (55.0, 22.5, 31.0, 4.0), "M39": (60.0, 25.0, 33.4, 4.0),
-    "M42": (65.0, 26.0, 34.0, 4.5), "M45": (70.0, 28.0, 36.0, 4.5), "M48": (75.0, 30.0, 38.0, 5.0),
-    "M52": (80.0, 33.0, 42.0, 5.0), "M56": (85.0, 35.0, 45.0, 5.5), "M60": (90.0, 38.0, 48.0, 5.5),
+    "M3": (5.5, 2.0, 2.4, 0.5),
+    "M3.5": (6.0, 2.4, 2.8, 0.6),
+    "M4": (7.0, 2.8, 3.2, 0.7),
+    "M5": (8.0, 3.5, 4.7, 0.8),
+    "M6": (10.0, 4.0, 5.2, 1.0),
+    "M8": (13.0, 5.3, 6.8, 1.25),
+    "M10": (16.0, 6.4, 8.4, 1.5),
+    "M12": (18.0, 7.5, 10.8, 1.75),
+    "M14": (21.0, 8.8, 12.8, 2.0),
+    "M16": (24.0, 10.0, 14.8, 2.0),
+    "M18": (27.0, 11.5, 15.8, 2.5),
+    "M20": (30.0, 12.5, 18.0, 2.5),
+    "M22": (34.0, 14.0, 19.4, 2.5),
+    "M24": (36.0, 15.0, 21.5, 3.0),
+    "M27": (41.0, 17.0, 23.8, 3.0),
+    "M30": (46.0, 18.7, 25.6, 3.5),
+    "M33": (50.0, 21.0, 28.7, 3.5),
+    "M36": (55.0, 22.5, 31.0, 4.0),
+    "M39": (60.0, 25.0, 33.4, 4.0),
+    "M42": (65.0, 26.0, 34.0, 4.5),
+    "M45": (70.0, 28.0, 36.0, 4.5),
+    "M48": (75.0, 30.0, 38.0, 5.0),
+    "M52": (80.0, 33.0, 42.0, 5.0),
+    "M56": (85.0, 35.0, 45.0, 5.5),
+    "M60": (90.0, 38.0, 48.0, 5.5),
     "M64": (95.0, 40.0, 51.0, 6.0),
 }
 """Width across flats s (ISO 272), head height k of ISO 4014 bolts (nominal), height m of ISO 4032 nuts (maximum) and
@@ -43,12 +60,18 @@ def bolt(block: Bolt, key: str = "bolt", detail: Detail = DEFAULT):
     pitch = HEX_SIZES_MM[block.size][3] / 1e3
     angles, flats = _hexagon(s, d, detail)
     chamfer = min(0.6134 * pitch, 0.3 * length)
-    thread = _thread(d, pitch, -0.6134, k + max(length - _thread_length(d, length), pitch), k + length - chamfer,
-                     detail)
+    thread = _thread(
+        d, pitch, -0.6134, k + max(length - _thread_length(d, length), pitch), k + length - chamfer, detail
+    )
     step = _washer_face(d)
     washer = [(WASHER_FACE * s, k - step), (WASHER_FACE * s, k)] if step > detail.chord_error else [(0.5 * d, k)]
-    head = [(FACE * s, 0.0), (flats, (flats - FACE * s) * np.tan(np.pi / 6.0)), (flats, k - step * (len(washer) - 1)),
-            *washer, *([(0.5 * d, k)] if len(washer) == 2 else [])]
+    head = [
+        (FACE * s, 0.0),
+        (flats, (flats - FACE * s) * np.tan(np.pi / 6.0)),
+        (flats, k - step * (len(washer) - 1)),
+        *washer,
+        *([(0.5 * d, k)] if len(washer) == 2 else []),
+    ]
     shank = [*thread, (0.5 * d, k + length - chamfer), (0.5 * d - chamfer, k + length)]
     radii = [BEVEL * s] * len(head) + [0.0] * len(shank)
     profile = _profile([(0.0, 0.0), *head, *shank, (0.0, k + length)], len(angles))

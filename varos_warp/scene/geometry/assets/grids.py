@@ -34,7 +34,7 @@ def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.
     delaunay = Delaunay(points)
     a, b, c = np.moveaxis(points[delaunay.simplices], 1, 0)
     twice = cross(b - a, c - a)
-    flat = np.abs(twice) < FLAT * np.maximum(np.sum((b - a)**2, axis=1), np.sum((c - b)**2, axis=1))
+    flat = np.abs(twice) < FLAT * np.maximum(np.sum((b - a) ** 2, axis=1), np.sum((c - b) ** 2, axis=1))
     turned = twice < 0.0
     triangles = np.where(turned[:, None], delaunay.simplices[:, ::-1], delaunay.simplices)
     neighbours = np.where(turned[:, None], delaunay.neighbors[:, ::-1], delaunay.neighbors)
@@ -42,9 +42,9 @@ def fill(loops: list[np.ndarray], edge: float = np.inf) -> tuple[np.ndarray, np.
     triangles = triangles[inside]
     used = np.zeros(len(points), bool)
     used[triangles] = True
-    used[:len(outline)] = True
+    used[: len(outline)] = True
     number = np.cumsum(used) - 1
-    return inner[used[len(outline):]], number[triangles], missing
+    return inner[used[len(outline) :]], number[triangles], missing
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ def fill_between(loops: list[np.ndarray], edge: float, seen=lambda loops: loops)
         if not missing.any():
             return loops, inner, triangles
         starts = np.cumsum([0, *(len(loop) for loop in loops)])
-        loops = [_halved(loop, missing[start:start + len(loop)]) for loop, start in zip(loops, starts, strict=False)]
+        loops = [_halved(loop, missing[start : start + len(loop)]) for loop, start in zip(loops, starts, strict=False)]
     raise ValueError("outlines cross")
 
 
@@ -114,8 +114,9 @@ def split_long(vertices: np.ndarray, faces: np.ndarray, longest: float) -> tuple
 def _following(loops):
     """Number of the next point on the same outline, for every point of all outlines, one outline after the other."""
     starts = np.cumsum([0, *(len(loop) for loop in loops)])
-    return np.concatenate([start + np.roll(np.arange(len(loop)), -1)
-                           for loop, start in zip(loops, starts, strict=False)])
+    return np.concatenate(
+        [start + np.roll(np.arange(len(loop)), -1) for loop, start in zip(loops, starts, strict=False)]
+    )
 
 
 def _lattice(outline, following, edge):

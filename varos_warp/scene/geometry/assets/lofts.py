@@ -54,9 +54,12 @@ class Detail:
         """
         if triangles > MOST_TRIANGLES:
             key = "max_edge_m" if self.is_grid else "chord_error_m"
-            raise InputError(f"makes {triangles / 1e6:.4g} million triangles or more; an object has "
-                             f"{MOST_TRIANGLES // 10**6} million at most", key=f"{self.key}.{key}",
-                             remedy="Raise it, or make the object smaller.")
+            raise InputError(
+                f"makes {triangles / 1e6:.4g} million triangles or more; an object has "
+                f"{MOST_TRIANGLES // 10**6} million at most",
+                key=f"{self.key}.{key}",
+                remedy="Raise it, or make the object smaller.",
+            )
 
 
 def arc_steps(radius: float, angle: float, detail: Detail, least: int = 1) -> int:
@@ -94,8 +97,9 @@ def rounded(line, radius, detail: Detail, closed: bool = False) -> np.ndarray:
     if not closed:
         radius[[0, -1]] = 0.0
     before, after = line - np.roll(line, 1, axis=-2), np.roll(line, -1, axis=-2) - line
-    pieces = [_corner(line[..., i, :], before[..., i, :], after[..., i, :], radius[i], detail)
-              for i in range(line.shape[-2])]
+    pieces = [
+        _corner(line[..., i, :], before[..., i, :], after[..., i, :], radius[i], detail) for i in range(line.shape[-2])
+    ]
     return np.concatenate(pieces, axis=-2)
 
 

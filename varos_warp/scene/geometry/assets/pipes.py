@@ -30,12 +30,24 @@ RIM = 0.25
 """Radius of the rounded rims, as a share of the wall."""
 
 FLANGES_MM = {
-    15: (21.3, 95, 65, 14, 4, 14), 20: (26.9, 105, 75, 14, 4, 16), 25: (33.7, 115, 85, 14, 4, 16),
-    32: (42.4, 140, 100, 18, 4, 18), 40: (48.3, 150, 110, 18, 4, 18), 50: (60.3, 165, 125, 18, 4, 20),
-    65: (76.1, 185, 145, 18, 8, 20), 80: (88.9, 200, 160, 18, 8, 20), 100: (114.3, 220, 180, 18, 8, 22),
-    125: (139.7, 250, 210, 18, 8, 22), 150: (168.3, 285, 240, 22, 8, 24), 200: (219.1, 340, 295, 22, 12, 26),
-    250: (273.0, 405, 355, 26, 12, 29), 300: (323.9, 460, 410, 26, 12, 32), 350: (355.6, 520, 470, 26, 16, 35),
-    400: (406.4, 580, 525, 30, 16, 38), 500: (508.0, 715, 650, 33, 20, 46), 600: (610.0, 840, 770, 36, 20, 55),
+    15: (21.3, 95, 65, 14, 4, 14),
+    20: (26.9, 105, 75, 14, 4, 16),
+    25: (33.7, 115, 85, 14, 4, 16),
+    32: (42.4, 140, 100, 18, 4, 18),
+    40: (48.3, 150, 110, 18, 4, 18),
+    50: (60.3, 165, 125, 18, 4, 20),
+    65: (76.1, 185, 145, 18, 8, 20),
+    80: (88.9, 200, 160, 18, 8, 20),
+    100: (114.3, 220, 180, 18, 8, 22),
+    125: (139.7, 250, 210, 18, 8, 22),
+    150: (168.3, 285, 240, 22, 8, 24),
+    200: (219.1, 340, 295, 22, 12, 26),
+    250: (273.0, 405, 355, 26, 12, 29),
+    300: (323.9, 460, 410, 26, 12, 32),
+    350: (355.6, 520, 470, 26, 16, 35),
+    400: (406.4, 580, 525, 30, 16, 38),
+    500: (508.0, 715, 650, 33, 20, 46),
+    600: (610.0, 840, 770, 36, 20, 55),
 }
 """EN 1092-1, PN 16, type 01 (plate), by DN: outer diameters of pipe and flange, diameters of bolt circle and holes,
 number of holes, thickness [mm]."""
@@ -54,8 +66,12 @@ def elbow(block: Elbow, key: str = "elbow", detail: Detail = DEFAULT):
     """A tube bent in the xz plane from the origin along +z towards +x, with rounded rims; a full turn is a torus."""
     r, R, angle = block.radius, block.bend_radius, np.radians(block.angle_deg)
     if R <= r:
-        raise InputError(f"must exceed the pipe's radius of {r} m", key=f"{key}.bend_radius", value=R,
-                         remedy="The inside of the bend would cross itself.")
+        raise InputError(
+            f"must exceed the pipe's radius of {r} m",
+            key=f"{key}.bend_radius",
+            value=R,
+            remedy="The inside of the bend would cross itself.",
+        )
     wall = min(WALL * r if block.wall is None else block.wall, r)
     # half of the error around, half along: at the middle of a quad they add up; 25 degrees a step are smoothed over
     least = int(np.ceil(block.angle_deg / 25.0))
@@ -103,8 +119,12 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
     r = block.radius
     height = 2.0 * r if block.height is None else block.height
     if height < 1.15 * r:
-        raise InputError(f"the foot must lie at least {1.15 * r:.4g} m below the pipe's axis", key=f"{key}.height",
-                         value=height, remedy="Leave it out for twice the radius.")
+        raise InputError(
+            f"the foot must lie at least {1.15 * r:.4g} m below the pipe's axis",
+            key=f"{key}.height",
+            value=height,
+            remedy="Leave it out for twice the radius.",
+        )
     half, b = 0.6 * r, 0.03 * r
     cradle = CRADLE if block.cradle_deg is None else np.deg2rad(block.cradle_deg)
     outline, cap = _saddle(r, height, cradle, detail)
@@ -114,8 +134,14 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
     normals = mitred(outline)
     ends = rounded([(r, -half), (0.0, -half), (0.0, half), (r, half)], b, detail)[1:-1]
     rings = [outline - inset * normals for inset, _ in ends]
-    return loft([np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
-                 for ring, (_, y) in zip(rings, ends, strict=True)], detail, cap=cap)
+    return loft(
+        [
+            np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
+            for ring, (_, y) in zip(rings, ends, strict=True)
+        ],
+        detail,
+        cap=cap,
+    )
 
 
 def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
@@ -128,15 +154,25 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
         profile = [(0.0, low), (radius, low), (radius, high), (0.0, high)]
         return lathe(rounded(profile, bevel * min(radius, high - low), detail), detail, circle_points(radius, detail))
 
-    body = [(1.4 * r * np.sin(a), -1.2 * r * np.cos(a))
-            for a in np.linspace(0.0, np.pi, arc_steps(1.4 * r, np.pi, detail, 8) + 1)[1:-1]]
+    body = [
+        (1.4 * r * np.sin(a), -1.2 * r * np.cos(a))
+        for a in np.linspace(0.0, np.pi, arc_steps(1.4 * r, np.pi, detail, 8) + 1)[1:-1]
+    ]
     plate = flange(Flange(kind="flange", radius=r), key, detail)
     flip = np.array([1.0, -1.0, -1.0])
-    lying = [disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02), lathe(body, detail, circle_points(1.4 * r, detail)),
-             (plate[0] - [0.0, 0.0, 2.0 * r], plate[1]), ((plate[0] - [0.0, 0.0, 2.0 * r]) * flip, plate[1])]
+    lying = [
+        disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02),
+        lathe(body, detail, circle_points(1.4 * r, detail)),
+        (plate[0] - [0.0, 0.0, 2.0 * r], plate[1]),
+        ((plate[0] - [0.0, 0.0, 2.0 * r]) * flip, plate[1]),
+    ]
     upright = [disc(0.9 * r, r, 1.8 * r), disc(1.1 * r, 1.8 * r, 2.1 * r), disc(0.18 * r, 2.0 * r, 3.6 * r)]
-    wheel = trimesh.creation.torus(1.3 * r, 0.12 * r, major_sections=circle_points(1.42 * r, detail.finer(0.5)),
-                                   minor_sections=circle_points(0.12 * r, detail.finer(0.5)))
+    wheel = trimesh.creation.torus(
+        1.3 * r,
+        0.12 * r,
+        major_sections=circle_points(1.42 * r, detail.finer(0.5)),
+        minor_sections=circle_points(0.12 * r, detail.finer(0.5)),
+    )
     spoke = disc(0.07 * r, -1.3 * r, 1.3 * r)
     lift = np.array([0.0, 0.0, 3.45 * r])
     pieces = [(v @ along.T, f) for v, f in lying] + upright
@@ -181,8 +217,9 @@ def _wall(profile, centre, bevel, detail, longest):
 def _plate(walls):
     """A plate between two parallel faces from its walls: the outer one first, from the top down; holes upwards."""
     starts = np.cumsum([0] + [wall[..., 0].size for wall in walls])
-    numbers = [start + np.arange(wall[..., 0].size).reshape(wall.shape[:2])
-               for start, wall in zip(starts, walls, strict=False)]
+    numbers = [
+        start + np.arange(wall[..., 0].size).reshape(wall.shape[:2]) for start, wall in zip(starts, walls, strict=False)
+    ]
     faces = [band(number) for number in numbers]
     for low in (True, False):  # outer walls end below, holes begin there
         edges = [number[-1 if low == (i == 0) else 0] for i, number in enumerate(numbers)]
@@ -224,6 +261,10 @@ def _strip(lower, upper):
     l, u = lower[2:-2], upper[2:-2]
     left = np.concatenate([lower[1::-1], upper[:3]])
     right = np.concatenate([lower[-2:], upper[:-4:-1]])
-    triangles = [(l[:-1], l[1:], u[1:]), (l[:-1], u[1:], u[:-1]),
-                 (np.full(4, l[0]), left[1:], left[:-1]), (np.full(4, l[-1]), right[:-1], right[1:])]
+    triangles = [
+        (l[:-1], l[1:], u[1:]),
+        (l[:-1], u[1:], u[:-1]),
+        (np.full(4, l[0]), left[1:], left[:-1]),
+        (np.full(4, l[-1]), right[:-1], right[1:]),
+    ]
     return np.concatenate([np.column_stack(corners) for corners in triangles])

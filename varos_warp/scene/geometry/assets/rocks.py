@@ -63,6 +63,6 @@ def _between_joints(d: np.ndarray, rng: np.random.Generator, seed: int) -> np.nd
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = np.concatenate([rng.uniform(0.62, 0.95, 6), rng.uniform(0.82, 1.05, CHIPS)])
     bent = d + 0.10 * fbm_vector(d, 1.7, 3, seed)
-    faces = (np.maximum(bent @ normals.T / offsets, 0.0)**ROUNDING).sum(axis=1)
-    inverse = (faces + FARTHEST**-ROUNDING)**(1.0 / ROUNDING)  # as if a ball had been cut
+    faces = (np.maximum(bent @ normals.T / offsets, 0.0) ** ROUNDING).sum(axis=1)
+    inverse = (faces + FARTHEST**-ROUNDING) ** (1.0 / ROUNDING)  # as if a ball had been cut
     return d / inverse[:, None] * rng.uniform([0.85, 0.85, 0.6], [1.05, 1.05, 0.85])

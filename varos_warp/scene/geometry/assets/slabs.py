@@ -7,8 +7,9 @@ from varos_warp.scene.geometry.assets.grids import area, fill_between
 from varos_warp.scene.geometry.assets.lofts import SLENDER, Detail, band, circle_points, divided, outward, rounded
 
 
-def slab(loops, low: float, high: float, bevel: float, detail: Detail, lean: float = 0.0
-         ) -> tuple[np.ndarray, np.ndarray]:
+def slab(
+    loops, low: float, high: float, bevel: float, detail: Detail, lean: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """A solid between the planes z = low and z = high.
 
     Args:
@@ -32,13 +33,15 @@ def slab(loops, low: float, high: float, bevel: float, detail: Detail, lean: flo
     try:
         loops, inner, triangles = fill_between(loops, detail.edge, lambda loops: [inset(x, deepest) for x in loops])
     except ValueError:
-        raise InputError("its measures make no solid: outlines would cross", key=detail.key,
-                         remedy="Change its measures.") from None
+        raise InputError(
+            "its measures make no solid: outlines would cross", key=detail.key, remedy="Change its measures."
+        ) from None
     detail.allow(2 * len(triangles))
     walls = [_wall(loop, ends, detail) for loop in loops]
     starts = np.cumsum([0, *(wall[..., 0].size for wall in walls), len(inner)])
-    numbers = [start + np.arange(wall[..., 0].size).reshape(wall.shape[:2])
-               for start, wall in zip(starts, walls, strict=False)]
+    numbers = [
+        start + np.arange(wall[..., 0].size).reshape(wall.shape[:2]) for start, wall in zip(starts, walls, strict=False)
+    ]
     faces = [band(number) for number in numbers]
     for end, start, order in ((0, starts[-2], -1), (-1, starts[-1], 1)):
         points = np.concatenate([*(number[end] for number in numbers), start + np.arange(len(inner))])

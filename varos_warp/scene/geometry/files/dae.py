@@ -26,8 +26,9 @@ def read_dae(path: Path, with_colours: bool) -> MeshFile:
     try:
         root = ET.parse(path).getroot()
     except ET.ParseError as error:
-        raise InputError(f"is not valid XML: {error}", file=path,
-                         remedy="Export it anew from the program that made it.") from None
+        raise InputError(
+            f"is not valid XML: {error}", file=path, remedy="Export it anew from the program that made it."
+        ) from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
@@ -51,8 +52,13 @@ class _Reader:
             self.file.up_axis = "y"
         self.file.unit_m = float(unit.get("meter", 1.0)) if unit is not None else 1.0
         if not (np.isfinite(self.file.unit_m) and self.file.unit_m > 0.0):
-            raise InputError("is no length", file=self.file.path, key="asset.unit.meter", value=self.file.unit_m,
-                             remedy="Correct it, or export the model anew.")
+            raise InputError(
+                "is no length",
+                file=self.file.path,
+                key="asset.unit.meter",
+                value=self.file.unit_m,
+                remedy="Correct it, or export the model anew.",
+            )
         shown = self.root.find("scene/instance_visual_scene")
         scene = None if shown is None else self.target(shown.get("url"))
         if scene is not None:
@@ -86,8 +92,12 @@ class _Reader:
 
     def _node(self, node, matrix, above) -> None:
         if node in above:
-            raise InputError("is below itself", file=self.file.path, key=f"node {node.get('id')}",
-                             remedy="The file is damaged; export it again.")
+            raise InputError(
+                "is below itself",
+                file=self.file.path,
+                key=f"node {node.get('id')}",
+                remedy="The file is damaged; export it again.",
+            )
         self.file.count_copy()
         for child in node:
             if child.tag in ("matrix", "translate", "rotate", "scale", "lookat", "skew"):
@@ -118,8 +128,11 @@ class _Reader:
         if skin is not None and (bind := skin.find("bind_shape_matrix")) is not None:
             matrix = matrix @ numbers(bind).reshape(4, 4)
         source = self.target(inner.get("source"))
-        return (self._of_controller(source, matrix) if source is not None and source.tag == "controller"
-                else (source, matrix))
+        return (
+            self._of_controller(source, matrix)
+            if source is not None and source.tag == "controller"
+            else (source, matrix)
+        )
 
     # --------------------------------------------------------------------------------------------------- geometry
 
@@ -167,8 +180,10 @@ class _Reader:
         if chosen is None:
             return None
         if semantic == "TEXCOORD" and chosen[2] != number and len(sets) > 1:
-            self.file.note(f"a texture does not say which of the {len(sets)} sets of coordinates of its mesh it takes: "
-                           "the first is taken")
+            self.file.note(
+                f"a texture does not say which of the {len(sets)} sets of coordinates of its mesh it takes: "
+                "the first is taken"
+            )
         values, index = self.source(chosen[1], width), corners[..., chosen[0]]
         self.file.check(index, len(values), semantic)
         return values[index]
@@ -199,12 +214,13 @@ class _Reader:
         self.file.check(corners[:, offset], len(vertices), "vertex")
         if element.tag in ("tristrips", "trifans"):
             runs = [np.arange(*ends) for ends in itertools.pairwise(starts)]
-            return corners, np.concatenate([np.zeros((0, 3), int), *(
-                strip(run) if element.tag == "tristrips" else _fan(run) for run in runs)])
+            return corners, np.concatenate(
+                [np.zeros((0, 3), int), *(strip(run) if element.tag == "tristrips" else _fan(run) for run in runs)]
+            )
         places, crossed = vertices[corners[:, offset]], 0
-        triangles, polygon = self.file.triangulated(vertices, corners[:starts[-1], offset], starts)
+        triangles, polygon = self.file.triangulated(vertices, corners[: starts[-1], offset], starts)
         for number, rings in holes.items():
-            filled, sound = fill(places[starts[number]:starts[number + 1]], [places[ring] for ring in rings])
+            filled, sound = fill(places[starts[number] : starts[number + 1]], [places[ring] for ring in rings])
             ring = np.concatenate([np.arange(starts[number], starts[number + 1]), *rings])
             triangles = np.concatenate([triangles[polygon != number], ring[filled]])
             polygon = np.concatenate([polygon[polygon != number], np.full(len(filled), number)])
@@ -216,13 +232,16 @@ class _Reader:
         """Numbers [C, stride] of the corners, how many each polygon has, and rings of corners of holes by polygon."""
         if element.tag in ("triangles", "polylist"):
             flat = numbers(element.find("p"), int)
-            corners = flat[:len(flat) // stride * stride].reshape(-1, stride)
+            corners = flat[: len(flat) // stride * stride].reshape(-1, stride)
             if element.tag == "triangles":
-                return corners[:len(corners) // 3 * 3], np.full(len(corners) // 3, 3), {}
+                return corners[: len(corners) // 3 * 3], np.full(len(corners) // 3, 3), {}
             counts = numbers(element.find("vcount"), int)
             if (counts < 0).any() or counts.sum() > len(corners):
-                raise InputError(f"has a polylist of {counts.sum()} corners, of which {len(corners)} are there",
-                                 file=self.file.path, remedy="The file is damaged; export it again.")
+                raise InputError(
+                    f"has a polylist of {counts.sum()} corners, of which {len(corners)} are there",
+                    file=self.file.path,
+                    remedy="The file is damaged; export it again.",
+                )
             return corners, counts, {}
         outlines, inner = [], {}
         for child in element:
@@ -250,15 +269,19 @@ class _Reader:
             array = array if named is None or named.tag != "float_array" else named
         values = numbers(array)
         if accessor is None:
-            return values[:len(values) // width * width].reshape(-1, width)
+            return values[: len(values) // width * width].reshape(-1, width)
         stride, offset = int(accessor.get("stride", 1)), int(accessor.get("offset", 0))
         count = min(int(accessor.get("count", 0)), (len(values) - offset) // max(stride, 1))
         named = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
         columns = (named if len(named) >= width else list(range(stride)))[:width]
         if stride < 1 or offset < 0 or count < 0 or len(columns) < width or max(columns) >= stride:
-            raise InputError(f"has a source of {stride} numbers a row, {width} are needed", file=self.file.path,
-                             key=source.get("id"), remedy="The file is damaged; export it again.")
-        return values[offset:offset + count * stride].reshape(count, stride)[:, columns]
+            raise InputError(
+                f"has a source of {stride} numbers a row, {width} are needed",
+                file=self.file.path,
+                key=source.get("id"),
+                remedy="The file is damaged; export it again.",
+            )
+        return values[offset : offset + count * stride].reshape(count, stride)[:, columns]
 
 
 def _fan(corners):

@@ -10,9 +10,23 @@ import numpy as np
 from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Texture, in_words
 
 SHADERS = ("phong", "blinn", "lambert", "constant")
-UNMOVED = {"coverageU": 1, "coverageV": 1, "translateFrameU": 0, "translateFrameV": 0, "rotateFrame": 0, "repeatU": 1,
-           "repeatV": 1, "offsetU": 0, "offsetV": 0, "rotateUV": 0, "mirrorU": 0, "mirrorV": 0, "stagger": 0,
-           "wrapU": 1, "wrapV": 1}
+UNMOVED = {
+    "coverageU": 1,
+    "coverageV": 1,
+    "translateFrameU": 0,
+    "translateFrameV": 0,
+    "rotateFrame": 0,
+    "repeatU": 1,
+    "repeatV": 1,
+    "offsetU": 0,
+    "offsetV": 0,
+    "rotateUV": 0,
+    "mirrorU": 0,
+    "mirrorV": 0,
+    "stagger": 0,
+    "wrapU": 1,
+    "wrapV": 1,
+}
 """What Maya and programs after it write beside a texture, and the values that leave it where it is."""
 WRAPPING = {"WRAP": "repeat", "CLAMP": "clamp", "BORDER": "clamp", "MIRROR": "mirror", "MIRROR_ONCE": "mirror"}
 
@@ -43,8 +57,11 @@ class DaeMaterials:
         if effect is None:
             return None
         profile = effect.find("profile_COMMON")
-        shader = None if profile is None else next(
-            (found for name in SHADERS if (found := profile.find(f"technique/{name}")) is not None), None)
+        shader = (
+            None
+            if profile is None
+            else next((found for name in SHADERS if (found := profile.find(f"technique/{name}")) is not None), None)
+        )
         if shader is None:
             return None
         self._note(shader)
@@ -65,8 +82,11 @@ class DaeMaterials:
         if shader.find("transparent/texture") is not None or _opacity(shader) < 1.0:
             self.file.note("it has transparent materials, which are opaque here")
         glow = shader.find("emission")
-        if shader.tag != "constant" and glow is not None and (
-                glow.find("texture") is not None or any(_numbers(glow.find("color"))[:3])):
+        if (
+            shader.tag != "constant"
+            and glow is not None
+            and (glow.find("texture") is not None or any(_numbers(glow.find("color"))[:3]))
+        ):
             self.file.note("not modelled: emission")
 
     def _note_extra(self, texture):
@@ -103,18 +123,24 @@ class DaeMaterials:
         image = self._target(sid)
         sampler = self._parameter(profile, sid, "sampler2D")
         if sampler is not None:
-            wrap = tuple(WRAPPING.get((sampler.findtext(name) or "WRAP").strip(), "repeat")
-                         for name in ("wrap_s", "wrap_t"))
+            wrap = tuple(
+                WRAPPING.get((sampler.findtext(name) or "WRAP").strip(), "repeat") for name in ("wrap_s", "wrap_t")
+            )
             surface = self._parameter(profile, (sampler.findtext("source") or "").strip(), "surface")
-            named = surface.findtext("init_from") if surface is not None else (
-                _of(sampler, "instance_image"))
+            named = surface.findtext("init_from") if surface is not None else (_of(sampler, "instance_image"))
             image = self._target((named or "").strip())
         path = None if image is None else self._path(image)
         if path is None:
             self.file.note(f"the texture {sid} names no picture: it is grey")
             return None
-        coordinates = next((entry.get("input_set") for entry in bound.findall("bind_vertex_input")
-                            if entry.get("semantic") == texture.get("texcoord")), None)
+        coordinates = next(
+            (
+                entry.get("input_set")
+                for entry in bound.findall("bind_vertex_input")
+                if entry.get("semantic") == texture.get("texcoord")
+            ),
+            None,
+        )
         return Look(FileMaterial(texture=Texture(path, f"image {image.get('id')}", wrap)), coordinates)
 
     def _parameter(self, profile, sid, kind):
@@ -155,4 +181,5 @@ def _opacity(shader: ET.Element) -> float:
         return weight or 1.0
     *rgb, alpha = (_numbers(transparent.find("color")) + [1.0] * 4)[:4]
     return {"A_ZERO": 1.0 - alpha * weight, "RGB_ZERO": 1.0 - max(rgb) * weight, "RGB_ONE": min(rgb) * weight}.get(
-        transparent.get("opaque", "A_ONE"), alpha * weight)
+        transparent.get("opaque", "A_ONE"), alpha * weight
+    )

@@ -53,5 +53,8 @@ def _holes_within(holes, rows, cols):
     table = np.zeros((holes.shape[0] + 1, holes.shape[1] + 1), np.int32)
     np.cumsum(holes, axis=0, out=table[1:, 1:])
     np.cumsum(table[1:, 1:], axis=1, out=table[1:, 1:])
-    return sum(table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
-               for top, bottom in rows for left, right in cols)
+    return sum(
+        table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
+        for top, bottom in rows
+        for left, right in cols
+    )

@@ -23,9 +23,21 @@ FLAGS = {"-blendu", "-blendv", "-cc", "-clamp", "-imfchan", "-type", "-texres", 
 """Options of maps with one value."""
 VECTORS = {"-o", "-s", "-t"}
 """Options with one to three numbers."""
-IGNORED = {"map_bump": "bump maps", "bump": "bump maps", "norm": "normal maps", "disp": "displacement maps",
-           "map_disp": "displacement maps", "map_ke": "emission", "map_ks": "gloss maps", "map_ns": "gloss maps",
-           "refl": "reflection maps", "decal": "decals", "map_pm": "metal", "map_pr": "roughness", "map_ps": "sheen"}
+IGNORED = {
+    "map_bump": "bump maps",
+    "bump": "bump maps",
+    "norm": "normal maps",
+    "disp": "displacement maps",
+    "map_disp": "displacement maps",
+    "map_ke": "emission",
+    "map_ks": "gloss maps",
+    "map_ns": "gloss maps",
+    "refl": "reflection maps",
+    "decal": "decals",
+    "map_pm": "metal",
+    "map_pr": "roughness",
+    "map_ps": "sheen",
+}
 IDLE = ("map_ka", "map_aat")
 """Maps that change nothing of a Lambertian surface."""
 FACTORS = {"ke": "emission", "pm": "metal", "pr": "roughness", "ps": "sheen", "pc": "clear coat"}
@@ -108,8 +120,7 @@ class MtlMaterial:
         if self.colour is not None and base == (0.0, 0.0, 0.0):
             base = (1.0, 1.0, 1.0)
         source = None if self.colour is None else self.colour.of_tile(tile)
-        mask = None if self.mask is None else Mask(
-            self.mask.of_tile(tile), self.mask.channel, self.mask.inverted)
+        mask = None if self.mask is None else Mask(self.mask.of_tile(tile), self.mask.channel, self.mask.inverted)
         name = shown_map.name if tile is None else shown(shown_map.of_tile(tile).name)
         texture = Texture(source, name, (shown_map.wrap,) * 2, mask)
         return FileMaterial(base, 1.0, texture, None if mask is None else 0.5)
@@ -156,8 +167,12 @@ def read_mtl(path: Path, file: MeshFile) -> dict[str, MtlMaterial]:
             else:
                 _set(current, keyword, rest, path, file)
         except (ValueError, IndexError):
-            raise InputError(f"cannot be read: {keyword} {shown(rest[:60])}", file=path, line=number,
-                             remedy="Correct the line, or export the model anew.") from None
+            raise InputError(
+                f"cannot be read: {keyword} {shown(rest[:60])}",
+                file=path,
+                line=number,
+                remedy="Correct the line, or export the model anew.",
+            ) from None
     _note(materials, path, file)
     return materials
 
@@ -202,11 +217,19 @@ def _colour(rest, path, file):
     words = rest.split()
     if words[0] == "spectral":
         raise InputError("Kd spectral is not read", file=path, key="Kd", remedy="Give Kd as three numbers.")
-    values = [float(word) for word in words[words[0] == "xyz":][:3]]
+    values = [float(word) for word in words[words[0] == "xyz" :][:3]]
     values = values * 3 if len(values) == 1 else values
     if words[0] == "xyz":
-        values = (np.array([[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560],
-                            [0.0556434, -0.2040259, 1.0572252]]) @ values).tolist()
+        values = (
+            np.array(
+                [
+                    [3.2404542, -1.5371385, -0.4985314],
+                    [-0.9692660, 1.8760108, 0.0415560],
+                    [0.0556434, -0.2040259, 1.0572252],
+                ]
+            )
+            @ values
+        ).tolist()
     if len(values) != 3 or not all(np.isfinite(values)):
         raise ValueError(rest)
     if not all(0.0 <= value <= 1.0 for value in values):
@@ -227,9 +250,15 @@ def _map(keyword, rest, path, ignored) -> Map:
     if channel and channel not in MASK_CHANNELS:
         ignored.append(f"-imfchan {channel} of {keyword}")
         channel = ""
-    return Map(_beside(path.parent, name), f"{keyword} {shown(name)}", (*scale, 1.0, 1.0)[:2] if len(
-        scale) != 1 else (scale[0], 1.0), (*offset, 0.0, 0.0)[:2] if len(offset) != 1 else (offset[0], 0.0),
-               "clamp" if options.get("-clamp") == "on" else "repeat", channel, keyword == "map_Tr")
+    return Map(
+        _beside(path.parent, name),
+        f"{keyword} {shown(name)}",
+        (*scale, 1.0, 1.0)[:2] if len(scale) != 1 else (scale[0], 1.0),
+        (*offset, 0.0, 0.0)[:2] if len(offset) != 1 else (offset[0], 0.0),
+        "clamp" if options.get("-clamp") == "on" else "repeat",
+        channel,
+        keyword == "map_Tr",
+    )
 
 
 def _name_of_picture(folder, name):
@@ -281,11 +310,15 @@ def _note(materials, path, file):
     masked = {name: m for name, m in looks.items() if m.mask is not None}
     for keyword, inverted, where in (("map_d", False, "below 0.5"), ("map_Tr", True, "above 0.5, for Tr is 1 - d")):
         if any(m.mask.inverted == inverted for m in masked.values()):
-            file.note(f"{keyword} of {library} is read as a mask: holes where it (its alpha, or else its brightness, "
-                      f"if no -imfchan says otherwise) is {where}")
+            file.note(
+                f"{keyword} of {library} is read as a mask: holes where it (its alpha, or else its brightness, "
+                f"if no -imfchan says otherwise) is {where}"
+            )
     if other := [name for name, m in masked.items() if m.colour is not None and m.colour.placing != m.mask.placing]:
-        file.note(f"the options -s, -o, -clamp of map_d and map_Kd of {in_words(other)} differ: those of map_Kd are "
-                  "taken for both")
+        file.note(
+            f"the options -s, -o, -clamp of map_d and map_Kd of {in_words(other)} differ: those of map_Kd are "
+            "taken for both"
+        )
     dimmed = [name for name, m in looks.items() if m.colour is not None and m.kd not in (None, (1.0, 1.0, 1.0))]
     black = [name for name in dimmed if looks[name].kd == (0.0, 0.0, 0.0)]
     if black:

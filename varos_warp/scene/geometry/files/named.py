@@ -59,7 +59,7 @@ def _of_gltf(path: Path) -> list[Path]:
     """Images and buffers beside a glTF file; what is embedded needs none."""
     data = _beginning(path)
     if data[:4] == b"glTF":
-        data = data[20:20 + struct.unpack_from("<I", data, 12)[0]]
+        data = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
     document = json.loads(data)
     uris = [block.get("uri") for kind in ("images", "buffers") for block in document.get(kind, ())]
     return [path.parent / unquote(uri) for uri in uris if uri and not uri.startswith("data:")]

@@ -55,8 +55,12 @@ def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
     if painted is not None:
         plain = np.isnan(painted).all(axis=(1, 2))
         if look is not None and look.says_colour and plain.any():
-            return [piece for mine, own in ((~plain, colours), (plain, None)) if mine.any()
-                    for piece in _pieces(vertices, own, coordinates, corners, chosen[mine], look, file)]
+            return [
+                piece
+                for mine, own in ((~plain, colours), (plain, None))
+                if mine.any()
+                for piece in _pieces(vertices, own, coordinates, corners, chosen[mine], look, file)
+            ]
         painted = np.nan_to_num(painted, nan=0.5)
     if look is None or look.picture is None:
         return [Piece(vertices, faces, None if look is None else look.material(), None, painted)]
@@ -72,12 +76,21 @@ def _pieces(vertices, colours, coordinates, corners, chosen, look, file):
         uv = look.uv(coordinates[at])
         tile = tiles_of(uv) if look.has_tiles else np.zeros(len(uv), int)
         if look.has_tiles and outside_tiles(uv).any():
-            file.note(f"some faces with {look.picture.name} lie outside of the tiles (u of 0..10, v of 0..900): they "
-                      "have the nearest")
+            file.note(
+                f"some faces with {look.picture.name} lie outside of the tiles (u of 0..10, v of 0..900): they "
+                "have the nearest"
+            )
         for number in np.unique(tile):
             mine = tile == number
-            found.append(Piece(vertices, faces[has_uv][mine], look.material(number if look.has_tiles else None),
-                               uv[mine], None if painted is None else painted[has_uv][mine]))
+            found.append(
+                Piece(
+                    vertices,
+                    faces[has_uv][mine],
+                    look.material(number if look.has_tiles else None),
+                    uv[mine],
+                    None if painted is None else painted[has_uv][mine],
+                )
+            )
     return found
 
 
@@ -133,8 +146,12 @@ class _Text:
     def _note_capitals(self, keyword):
         """Keywords in capitals are not those of OBJ: told, and refused where nothing else makes a surface."""
         if not self._rows[b"f"]:
-            raise InputError("its keywords are in capitals, those of OBJ are small letters", file=self.path,
-                             value=keyword, remedy="Write v, vt, f, usemtl and mtllib, or export it anew.")
+            raise InputError(
+                "its keywords are in capitals, those of OBJ are small letters",
+                file=self.path,
+                value=keyword,
+                remedy="Write v, vt, f, usemtl and mtllib, or export it anew.",
+            )
         self.file.note(f"its lines that begin with {keyword} are left out: keywords of OBJ are small letters")
 
     def vertices(self, with_colours: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -160,20 +177,28 @@ class _Text:
             return 1.0
         if low >= 0.0 and high <= 255.0 and (colours == np.floor(colours)).all():
             return 255.0
-        raise InputError(f"has colours of vertices from {low:g} to {high:g}, which are neither within 0..1 nor whole "
-                         "numbers of 0..255", file=self.path, key="v",
-                         remedy="Export it with colours of 0 to 1, or give it a material of the scene.")
+        raise InputError(
+            f"has colours of vertices from {low:g} to {high:g}, which are neither within 0..1 nor whole "
+            "numbers of 0..255",
+            file=self.path,
+            key="v",
+            remedy="Export it with colours of 0 to 1, or give it a material of the scene.",
+        )
 
     def _note_widths(self, widths):
         """What of the numbers behind x, y, z is left out: weights that count, alpha, what OBJ does not have."""
         if (widths == 4).any() and (self.numbers(b"v", 4)[widths == 4, 3] != 1.0).any():
-            self.file.note("the fourth numbers of its vertices are weights, which count only in rational curves and "
-                           "surfaces: x, y, z are taken as they stand")
+            self.file.note(
+                "the fourth numbers of its vertices are weights, which count only in rational curves and "
+                "surfaces: x, y, z are taken as they stand"
+            )
         if (widths == 7).any():
             self.file.note("its vertices of 7 numbers are taken as x y z r g b a, without the alpha")
         if odd := sorted(width for width in {*widths.tolist()} if width == 5 or width > 7):
-            self.file.note(f"it has vertices of {odd[0]} numbers, of which the first "
-                           f"{'3 (x y z)' if odd[0] == 5 else '6 (x y z r g b)'} are taken")
+            self.file.note(
+                f"it has vertices of {odd[0]} numbers, of which the first "
+                f"{'3 (x y z)' if odd[0] == 5 else '6 (x y z r g b)'} are taken"
+            )
 
     def coordinates(self) -> np.ndarray:
         """Coordinates of textures, float64 [N, 2]; v may be missing and is 0, a third number counts in solids alone."""
@@ -190,9 +215,12 @@ class _Text:
         rows, widths = self._rows[keyword], self._widths_of(keyword)
         least, what = (3, "vertex") if keyword == b"v" else (1, "texture coordinate")
         if (short := np.flatnonzero(widths < least)).size:
-            raise InputError(f"has a {what} of {widths[short[0]]} numbers: "
-                             f"{rows[short[0]][:60].decode('utf-8', 'replace')}", file=self.path,
-                             key=keyword.decode(), remedy="The file is damaged; export it again.")
+            raise InputError(
+                f"has a {what} of {widths[short[0]]} numbers: {rows[short[0]][:60].decode('utf-8', 'replace')}",
+                file=self.path,
+                key=keyword.decode(),
+                remedy="The file is damaged; export it again.",
+            )
         values, starts, out = _flat(rows), np.cumsum(widths) - widths, np.zeros((len(rows), width))
         if values is not None:
             for k in range(width):
@@ -202,10 +230,13 @@ class _Text:
         for i, row in enumerate(rows):  # one word, perhaps behind what is read, is no number
             words = row.split()[:width]
             try:
-                out[i, :len(words)] = [float(word) for word in words]
+                out[i, : len(words)] = [float(word) for word in words]
             except ValueError:
-                raise InputError(f"has a line that is no numbers: {row[:60].decode('utf-8', 'replace')}",
-                                 file=self.path, remedy="The file is damaged; export it again.") from None
+                raise InputError(
+                    f"has a line that is no numbers: {row[:60].decode('utf-8', 'replace')}",
+                    file=self.path,
+                    remedy="The file is damaged; export it again.",
+                ) from None
         return out
 
     def _widths_of(self, keyword: bytes) -> np.ndarray:
@@ -252,8 +283,9 @@ class _Text:
         looks = {name: look for name in self.names[1:] if (look := _look(found, name)) is not None}
         unknown = [shown(name) for name in self.names[1:] if name not in looks]
         if unknown and not paths:
-            self.file.note(f"it names no material library (mtllib) for {in_words(unknown)}: what they colour is "
-                           f"{otherwise}")
+            self.file.note(
+                f"it names no material library (mtllib) for {in_words(unknown)}: what they colour is {otherwise}"
+            )
         elif unknown and any(map(is_file, paths)):
             self.file.note(f"no library has the material {in_words(unknown)}: what it colours is {otherwise}")
         bare = [shown(name) for name, look in looks.items() if not look.says_colour]
@@ -307,6 +339,7 @@ def _corners(rows, path):
         pairs = [(word.split(b"/") + [b""])[:2] for word in words]
         flat = np.array([number or b"0" for number in itertools.chain.from_iterable(pairs)], dtype=np.int64)
     except (ValueError, OverflowError):
-        raise InputError("has a face that is no numbers of vertices", file=path,
-                         remedy="The file is damaged; export it again.") from None
+        raise InputError(
+            "has a face that is no numbers of vertices", file=path, remedy="The file is damaged; export it again."
+        ) from None
     return flat.reshape(-1, 2), counts

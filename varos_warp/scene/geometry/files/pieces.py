@@ -123,8 +123,11 @@ class MeshFile:
         """
         if numbers.size and (numbers.min() < 0 or numbers.max() >= count):
             worst = numbers.min() if numbers.min() < 0 else numbers.max()
-            raise InputError(f"a face names {what} {worst} of {count}", file=self.path,
-                             remedy="The file is damaged; export it again.")
+            raise InputError(
+                f"a face names {what} {worst} of {count}",
+                file=self.path,
+                remedy="The file is damaged; export it again.",
+            )
 
     def triangulated(self, vertices: np.ndarray, corners: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
         """Triangles of many polygons; those that cross themselves are noted.

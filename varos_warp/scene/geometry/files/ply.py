@@ -13,9 +13,21 @@ from varos_warp.scene.geometry.files.wavefront import shown, text_of
 from varos_warp.scene.images import srgb_to_linear
 
 KINDS = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
     "double": "f8",
-    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
     "float64": "f8",
 }
 INDICES = ("vertex_indices", "vertex_index")
@@ -92,9 +104,12 @@ def _note_unread_colours(vertex, face, file):
     of_face, of_vertex = _colour_names(face) or (), _colour_names(vertex) or ()
     if of_face and of_vertex:
         file.note("the colours of its faces go before those of its vertices")
-    unread = {f"{element} {name.lower()}": None for element, rows, read in (
-        ("vertex", vertex, of_vertex), ("face", face, of_face)) for name in rows
-        if name.lower() not in read and COLOUR_LIKE.search(name.lower())}
+    unread = {
+        f"{element} {name.lower()}": None
+        for element, rows, read in (("vertex", vertex, of_vertex), ("face", face, of_face))
+        for name in rows
+        if name.lower() not in read and COLOUR_LIKE.search(name.lower())
+    }
     if unread:
         file.note(f"properties with names of colours are not read: {shown(in_words(unread))}")
 
@@ -127,11 +142,22 @@ def _add_textured(file, vertices, faces, uv, colours, number, textures):
             file.add(Piece(vertices, faces[mine], None, None, None if colours is None else colours[mine]))
             continue
         if not 0 <= k < len(textures):
-            raise InputError(f"a face has texture {k} of {len(textures)}", file=file.path, key="texnumber",
-                             remedy="The file is damaged; export it again.")
+            raise InputError(
+                f"a face has texture {k} of {len(textures)}",
+                file=file.path,
+                key="texnumber",
+                remedy="The file is damaged; export it again.",
+            )
         texture = Texture(file.path.parent / textures[k], f"TextureFile {shown(textures[k])}")
-        file.add(Piece(vertices, faces[mine], FileMaterial(texture=texture), uv[mine],
-                       None if colours is None else colours[mine]))
+        file.add(
+            Piece(
+                vertices,
+                faces[mine],
+                FileMaterial(texture=texture),
+                uv[mine],
+                None if colours is None else colours[mine],
+            )
+        )
 
 
 def _painted(vertex, face, faces, polygon, file):
@@ -157,13 +183,19 @@ def _colours(columns, file) -> np.ndarray | None:
         top, largest = float(np.iinfo(values.dtype).max), values.max(initial=0)
         for bits, white in ((8, 255.0), (16, 65535.0)):
             if 0 < largest <= white < top:
-                file.note(f"its colours are stored in {8 * values.dtype.itemsize} bits, but none is above {white:.0f}: "
-                          f"they are taken as such of {bits} bits")
+                file.note(
+                    f"its colours are stored in {8 * values.dtype.itemsize} bits, but none is above {white:.0f}: "
+                    f"they are taken as such of {bits} bits"
+                )
                 top = white
         return srgb_to_linear(np.maximum(values / top, 0.0)).astype(np.float32)
     if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
-        raise InputError("has colours in real numbers that are not within 0..1", file=file.path, key=names[0],
-                         remedy="Export colours of 8 bits.")
+        raise InputError(
+            "has colours in real numbers that are not within 0..1",
+            file=file.path,
+            key=names[0],
+            remedy="Export colours of 8 bits.",
+        )
     return values.astype(np.float32)
 
 
@@ -198,7 +230,7 @@ def read_header(data, path):
         raise InputError("has no PLY header", file=path, remedy="Export it anew from the program that made it.")
     end = found.start() + 1
     start = data.find(b"\n", end) + 1 or len(data)
-    if data[end + 10:end + 11] == b"\r" and data[end + 11:end + 12] != b"\n":
+    if data[end + 10 : end + 11] == b"\r" and data[end + 11 : end + 12] != b"\n":
         start = end + 11  # lines end as on old Macs
     form, elements, textures = None, [], []
     for line in text_of(data[:end]).decode("utf-8", "surrogateescape").split("\n"):
@@ -212,19 +244,31 @@ def read_header(data, path):
         elif words[:1] == ["property"]:
             elements[-1].properties.append(_property(words, path))
     if form is None:
-        raise InputError("is of a format that PLY does not have", file=path, key="format",
-                         remedy="Export it as binary_little_endian.")
+        raise InputError(
+            "is of a format that PLY does not have",
+            file=path,
+            key="format",
+            remedy="Export it as binary_little_endian.",
+        )
     if any(element.count < 0 for element in elements):
-        raise InputError("has an element of less than no rows", file=path, key="element",
-                         remedy="The file is damaged; export it again.")
+        raise InputError(
+            "has an element of less than no rows",
+            file=path,
+            key="element",
+            remedy="The file is damaged; export it again.",
+        )
     return form, elements, textures, start
 
 
 def _property(words, path) -> Property:
     kinds = words[2:4] if words[1] == "list" else [words[1]]
     if not all(kind in KINDS for kind in kinds):
-        raise InputError(f"has a type that PLY does not have: {' '.join(words)}", file=path, key="property",
-                         remedy="Export it anew from the program that made it.")
+        raise InputError(
+            f"has a type that PLY does not have: {' '.join(words)}",
+            file=path,
+            key="property",
+            remedy="Export it anew from the program that made it.",
+        )
     if len(kinds) == 2:
         return Property(words[4], KINDS[kinds[1]], KINDS[kinds[0]])
     return Property(words[2], KINDS[kinds[0]])
@@ -244,14 +288,18 @@ def _read_body(data, start, form, elements, file) -> dict[str, dict]:
             found[element.name], at = _read_binary(data, at, form, element, file.path)
     rest = len(data[at:] if data[at:].strip() else b"") if words is None else len(words.words) - words.at
     if rest:
-        file.note(f"{counted(rest, 'byte' if words is None else 'word')} behind the rows that its header counts are "
-                  "left out")
+        file.note(
+            f"{counted(rest, 'byte' if words is None else 'word')} behind the rows that its header counts are left out"
+        )
     return found
 
 
 def _cut_off(path, element):
-    return InputError(f"ends within its {element.count} rows of '{element.name}'", file=path,
-                      remedy="Copy or export it again; the transfer may have broken off.")
+    return InputError(
+        f"ends within its {element.count} rows of '{element.name}'",
+        file=path,
+        remedy="Copy or export it again; the transfer may have broken off.",
+    )
 
 
 def _read_binary(data, at, order, element, path):
@@ -300,8 +348,10 @@ def _read_even(data, at, order, element):
 
 def _read_uneven(data, at, order, element, path):
     """Return what `_read_binary` does, reading row by row."""
-    kinds = [(np.dtype(order + p.kind), None if p.count_kind is None else np.dtype(order + p.count_kind))
-             for p in element.properties]
+    kinds = [
+        (np.dtype(order + p.kind), None if p.count_kind is None else np.dtype(order + p.count_kind))
+        for p in element.properties
+    ]
     pieces, lengths = [[] for _ in kinds], [[] for _ in kinds]
     for _ in range(element.count):
         for k, (kind, head) in enumerate(kinds):
@@ -357,7 +407,7 @@ class _AsciiBody:
         if self.at + count > len(self.words):
             raise _cut_off(self.path, element)
         self.at += count
-        return self.words[self.at - count:self.at]
+        return self.words[self.at - count : self.at]
 
     def _length(self, word, element):
         try:
@@ -365,8 +415,11 @@ class _AsciiBody:
         except ValueError:
             length = -1
         if length < 0:
-            raise InputError(f"has a row of '{element.name}' whose length is {word[:20]!r}", file=self.path,
-                             remedy="The file is damaged; export it again.")
+            raise InputError(
+                f"has a row of '{element.name}' whose length is {word[:20]!r}",
+                file=self.path,
+                remedy="The file is damaged; export it again.",
+            )
         return length
 
     def _numbers(self, words, p):
@@ -374,12 +427,16 @@ class _AsciiBody:
         try:
             numbers = np.array(words, dtype=np.float64) if words else np.zeros(0)
         except ValueError:
-            raise InputError(f"has a '{p.name}' that is no number", file=self.path,
-                             remedy="The file is damaged; export it again.") from None
+            raise InputError(
+                f"has a '{p.name}' that is no number", file=self.path, remedy="The file is damaged; export it again."
+            ) from None
         if p.kind[0] == "f":
             return numbers
         low, high = np.iinfo(p.kind).min, np.iinfo(p.kind).max
         if not ((numbers >= low) & (numbers <= high)).all():
-            raise InputError(f"has a '{p.name}' that its type does not hold", file=self.path,
-                             remedy="The file is damaged; export it again.")
+            raise InputError(
+                f"has a '{p.name}' that its type does not hold",
+                file=self.path,
+                remedy="The file is damaged; export it again.",
+            )
         return numbers.astype(p.kind)

@@ -50,8 +50,11 @@ class Skins:
                 self.file.note("its materials make it black all over: give it a material, if that is not meant")
             return pieces, Skin(np.concatenate(corners))
         plain = [np.ones((len(c), 3, 4), np.float32) for c in corners]
-        tints = None if all(tint is None for tint in tints) else np.concatenate([
-            white if tint is None else tint for tint, white in zip(tints, plain, strict=True)])
+        tints = (
+            None
+            if all(tint is None for tint in tints)
+            else np.concatenate([white if tint is None else tint for tint, white in zip(tints, plain, strict=True)])
+        )
         numbers = np.concatenate([np.full(len(c), page, np.int32) for c, page in zip(corners, pages, strict=True)])
         values = np.concatenate([c if c.shape[-1] == 3 else np.pad(c, ((0, 0), (0, 0), (0, 1))) for c in corners])
         only = len(self.pages) == 1 and not numbers.any()
@@ -59,8 +62,13 @@ class Skins:
         for k, page in enumerate(self.pages):
             if page.masks:
                 self.pages[k] = self._cut_by(page, np.flatnonzero(numbers == k), values, tints, cut)
-        return pieces, Skin(values[..., :2] if only else values, tuple(self.pages), None if only else numbers, tints,
-                            cut if cut.any() else None)
+        return pieces, Skin(
+            values[..., :2] if only else values,
+            tuple(self.pages),
+            None if only else numbers,
+            tints,
+            cut if cut.any() else None,
+        )
 
     def _cut_by(self, page, faces, values, tints, cut) -> Page:
         """A page that masks; without its mask if that cuts nothing. Marks those of its faces that it may cut."""
@@ -72,8 +80,12 @@ class Skins:
         """Corner values [F, 3, 2 or 3], page (-1: none) and tints [F, 3, 4] or None of a piece."""
         piece = self._without_lost_picture(piece)
         material = piece.material if self.file.colours_multiply else self._only_colours_of_vertices(piece)
-        fades = material is not None and material.cutoff is not None and piece.colours is not None and (
-            piece.colours.shape[-1] == 4)
+        fades = (
+            material is not None
+            and material.cutoff is not None
+            and piece.colours is not None
+            and (piece.colours.shape[-1] == 4)
+        )
         if material is not None and (material.texture is not None or fades):
             page = self._page(material)
             if page >= 0:
@@ -224,9 +236,17 @@ def check_finite(pieces: list[Piece], file: MeshFile, key: str | None) -> None:
     """Refuse texture coordinates that are not finite, or so far away that no texels can be told apart."""
     for piece in pieces:
         if piece.uv is not None and not np.isfinite(piece.uv).all():
-            raise InputError("has texture coordinates that are not finite", file=file.path, key=key,
-                             remedy="Unwrap it again, or give it a material of the scene.")
+            raise InputError(
+                "has texture coordinates that are not finite",
+                file=file.path,
+                key=key,
+                remedy="Unwrap it again, or give it a material of the scene.",
+            )
         if piece.uv is not None and np.abs(piece.uv).max(initial=0.0) > FARTHEST_UV:
-            raise InputError(f"has texture coordinates beyond {FARTHEST_UV:g}", file=file.path, key=key,
-                             value=float(np.abs(piece.uv).max()),
-                             remedy="Unwrap it again, or give it a material of the scene.")
+            raise InputError(
+                f"has texture coordinates beyond {FARTHEST_UV:g}",
+                file=file.path,
+                key=key,
+                value=float(np.abs(piece.uv).max()),
+                remedy="Unwrap it again, or give it a material of the scene.",
+            )

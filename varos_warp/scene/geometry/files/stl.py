@@ -26,7 +26,7 @@ def read_stl(path: Path, with_colours: bool) -> MeshFile:
         count = _count_facets(data, path)
     else:
         count = _count_triangles(data, file)
-        data = data[:HEADER + TRIANGLE * count]
+        data = data[: HEADER + TRIANGLE * count]
     loaded = trimesh.load_scene(io.BytesIO(data), file_type="stl", process=False)
     for node in loaded.graph.nodes_geometry:
         matrix, name = loaded.graph[node]
@@ -36,8 +36,11 @@ def read_stl(path: Path, with_colours: bool) -> MeshFile:
             if with_colours and np.any(mesh.face_attributes.get("stl", 0)):
                 file.note("the colours of binary STL files, which differ between programs, are not read: it is grey")
     if file.triangles != count:
-        raise InputError(f"has {counted(count, 'triangle')}, of which {file.triangles} can be read", file=path,
-                         remedy="The file is damaged; export it again.")
+        raise InputError(
+            f"has {counted(count, 'triangle')}, of which {file.triangles} can be read",
+            file=path,
+            remedy="The file is damaged; export it again.",
+        )
     return file
 
 
@@ -50,18 +53,20 @@ def _is_text(data):
 
 def _stated(data):
     """How many triangles the beginning of a binary file says that it has; None of one that ends before that."""
-    return int.from_bytes(data[HEADER - 4:HEADER], "little") if len(data) >= HEADER else None
+    return int.from_bytes(data[HEADER - 4 : HEADER], "little") if len(data) >= HEADER else None
 
 
 def _count_triangles(data, file):
     """Triangles of a binary file, which are there."""
     count, found = _stated(data), (len(data) - HEADER) // TRIANGLE
     if count is None:
-        raise InputError("begins neither with 'solid' nor with the 84 bytes of a binary STL", file=file.path,
-                         remedy=AGAIN)
+        raise InputError(
+            "begins neither with 'solid' nor with the 84 bytes of a binary STL", file=file.path, remedy=AGAIN
+        )
     if found < count:
-        raise InputError(f"says that it has {count} triangles, of which {found} are there", file=file.path,
-                         remedy=AGAIN)
+        raise InputError(
+            f"says that it has {count} triangles, of which {found} are there", file=file.path, remedy=AGAIN
+        )
     rest = len(data) - HEADER - TRIANGLE * count
     if rest and not count:
         raise InputError(f"says that it has 0 triangles, but {rest} bytes follow", file=file.path, remedy=AGAIN)
@@ -74,10 +79,14 @@ def _count_facets(text, path):
     """Facets of a text in small letters and without names, in which all that begins also ends."""
     ends = [bool(match[1]) for match in SOLID.finditer(text)]
     bare = SOLID.sub(b"", text)
-    facets, ended, loops, closed = (len(re.findall(rb"\b" + word + rb"\b", bare)) for word in (
-        b"facet", b"endfacet", b"loop", b"endloop"))
-    for what, begun, over in (("solid", ends.count(False), ends.count(True)), ("facet", facets, ended),
-                              ("loop", loops, closed)):
+    facets, ended, loops, closed = (
+        len(re.findall(rb"\b" + word + rb"\b", bare)) for word in (b"facet", b"endfacet", b"loop", b"endloop")
+    )
+    for what, begun, over in (
+        ("solid", ends.count(False), ends.count(True)),
+        ("facet", facets, ended),
+        ("loop", loops, closed),
+    ):
         if begun != over:
             raise InputError(f"begins {counted(begun, what)} and ends {over}", file=path, remedy=AGAIN)
     outside, *corners = (part.count(b"vertex") for part in re.split(rb"\bfacet\b", bare))

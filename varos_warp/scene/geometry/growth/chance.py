@@ -140,8 +140,9 @@ class Crowding:
         return weight / clumps.mean, clumps.depth(noise)
 
 
-def crowding(least_peak: float, wavelength: float, own: np.uint64, host: np.uint64 | None, territory: float = 0.0
-             ) -> Crowding:
+def crowding(
+    least_peak: float, wavelength: float, own: np.uint64, host: np.uint64 | None, territory: float = 0.0
+) -> Crowding:
     """Of a kind on a host.
 
     Args:
@@ -157,8 +158,11 @@ def crowding(least_peak: float, wavelength: float, own: np.uint64, host: np.uint
     else:
         some.append((field_of(mixed(host, np.uint64(1)), TERRITORY_M, territory), TERRITORY))
     norm = np.sqrt(sum(share * share for _, share in some))
-    return Crowding(max(min(least_peak, MOST_CROWDED), 1.0), tuple((field, share / norm) for field, share in some),
-                    None if host is None else field_of(host, 0.7))
+    return Crowding(
+        max(min(least_peak, MOST_CROWDED), 1.0),
+        tuple((field, share / norm) for field, share in some),
+        None if host is None else field_of(host, 0.7),
+    )
 
 
 @dataclass(frozen=True)

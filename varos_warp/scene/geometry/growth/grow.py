@@ -50,10 +50,14 @@ def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
 
 def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> tuple[list[str], Rooted]:
     """Names of the hosts of a block, and its copies; from the user's cache where they were placed before."""
-    depends_on = {"block": wanted.block.model_dump(mode="json"), "seed": wanted.seed,
-                  "surface_depth_m": wanted.surface_depth_m, "hosts": [carrier.digest for carrier in carriers],
-                  "cameras": near.digest,
-                  "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh"))}
+    depends_on = {
+        "block": wanted.block.model_dump(mode="json"),
+        "seed": wanted.seed,
+        "surface_depth_m": wanted.surface_depth_m,
+        "hosts": [carrier.digest for carrier in carriers],
+        "cameras": near.digest,
+        "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh")),
+    }
     kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
     return kept["names"].tolist(), Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))
 
@@ -69,16 +73,20 @@ def _place(wanted, carriers, near):
     priority = np.argsort(np.lexsort([copies.keys, copies.size])).astype(np.uint64)
     copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, priority))
     return {"names": np.array(names, str), "too_small": np.array(copies.too_small)} | {
-        name: getattr(copies, name) for name in COLUMNS}
+        name: getattr(copies, name) for name in COLUMNS
+    }
 
 
 def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
     """The copies of one block, by their shapes and tints, and by how fine they are."""
     if not len(copies.size):
-        why = ("its per_m2 is 0" if wanted.per_m2 == 0.0 else
-               f"all of about {copies.too_small:.0f} would be smaller than {LEAST_PIXELS:g} pixels"
-               if copies.too_small >= 1.0 else
-               f"no surface of its hosts within {REACH_M:g} m of the course is as it asks, or chance leaves none")
+        why = (
+            "its per_m2 is 0"
+            if wanted.per_m2 == 0.0
+            else f"all of about {copies.too_small:.0f} would be smaller than {LEAST_PIXELS:g} pixels"
+            if copies.too_small >= 1.0
+            else f"no surface of its hosts within {REACH_M:g} m of the course is as it asks, or chance leaves none"
+        )
         warn(f"{wanted.key}: no {wanted.block.kind} is placed: {why}")
         return []
     shapes, groups, first = prototypes(wanted.block.kind), [], 0
@@ -87,9 +95,21 @@ def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
     for k, fine in itertools.product(range(len(shapes)), range(len(LEVELS) + 1)):
         chosen, solid = np.flatnonzero((which == k) & (level == fine)), shapes[k][fine]
         if len(chosen):
-            groups.append(Grown(wanted.key, solid.vertices, solid.faces, Diffuse(), poses[chosen],
-                                first + np.arange(len(chosen)), smooth_angle=np.pi, smooth_shading=True,
-                                skin=Skin(solid.corners), hosts=tuple(names), host=copies.host[chosen]))
+            groups.append(
+                Grown(
+                    wanted.key,
+                    solid.vertices,
+                    solid.faces,
+                    Diffuse(),
+                    poses[chosen],
+                    first + np.arange(len(chosen)),
+                    smooth_angle=np.pi,
+                    smooth_shading=True,
+                    skin=Skin(solid.corners),
+                    hosts=tuple(names),
+                    host=copies.host[chosen],
+                )
+            )
             first += len(chosen)
     facts = _facts(wanted, names, copies, sum(len(group) * len(group.faces) for group in groups))
     return [replace(groups[0], facts=facts), *groups[1:]]
@@ -98,15 +118,23 @@ def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
 def _facts(wanted: Wanted, names: list[str], copies: Rooted, triangles: int) -> dict:
     """What there is to say of a block: how many copies, how fine, on what, and how many are too small to be seen."""
     if triangles > MANY_TRIANGLES:
-        warn(f"{wanted.key}: {len(copies.size)} copies of {wanted.block.kind} have {triangles / 1e6:.1f} million "
-             f"triangles, which take memory and time; lower per_m2 ({wanted.per_m2:g}), or raise the least of size_m "
-             f"({wanted.size_m[0]:g} m), and they have fewer")
+        warn(
+            f"{wanted.key}: {len(copies.size)} copies of {wanted.block.kind} have {triangles / 1e6:.1f} million "
+            f"triangles, which take memory and time; lower per_m2 ({wanted.per_m2:g}), or raise the least of size_m "
+            f"({wanted.size_m[0]:g} m), and they have fewer"
+        )
     by_name = dict.fromkeys(wanted.block.on, 0)
     for host, count in zip(names, np.bincount(copies.host, minlength=len(names)).tolist(), strict=True):
         by_name[next(name for name in by_name if f"{host}.".startswith(f"{name}."))] += count
-    return {"name": wanted.key, "kind": wanted.block.kind, "copies": len(copies.size),
-            "by_level": np.bincount(level_of(copies.pixels), minlength=len(LEVELS) + 1).tolist(),
-            "triangles": triangles, "on": by_name, "too_small": round(copies.too_small)}
+    return {
+        "name": wanted.key,
+        "kind": wanted.block.kind,
+        "copies": len(copies.size),
+        "by_level": np.bincount(level_of(copies.pixels), minlength=len(LEVELS) + 1).tolist(),
+        "triangles": triangles,
+        "on": by_name,
+        "too_small": round(copies.too_small),
+    }
 
 
 def _poses(copies: Rooted, kind: Kind) -> np.ndarray:
@@ -128,8 +156,9 @@ def _poses(copies: Rooted, kind: Kind) -> np.ndarray:
 
 def _across(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors [N, 3] across directions [N, 3], which x, y and z make a right-handed system with."""
-    axis = np.where((np.abs(z[:, :1]) < 0.7 * np.linalg.norm(z, axis=1, keepdims=True)), [[1.0, 0.0, 0.0]],
-                    [[0.0, 1.0, 0.0]])
+    axis = np.where(
+        (np.abs(z[:, :1]) < 0.7 * np.linalg.norm(z, axis=1, keepdims=True)), [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]
+    )
     x = np.cross(axis, z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     y = np.cross(z, x)

@@ -18,8 +18,17 @@ REACH_M = 25.0
 """Farther from the course there is no growth [m]."""
 LARGEST_M = 1.0
 """Edges of triangles [m]; larger ones are cut in four until they are not, or lie beyond reach."""
-QUARTERS = np.array([[[2, 0, 0], [1, 1, 0], [1, 0, 1]], [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
-                     [[1, 0, 1], [0, 1, 1], [0, 0, 2]], [[0, 1, 1], [1, 0, 1], [1, 1, 0]]]) / 2.0
+QUARTERS = (
+    np.array(
+        [
+            [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+            [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+            [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+            [[0, 1, 1], [1, 0, 1], [1, 1, 0]],
+        ]
+    )
+    / 2.0
+)
 """Corners of a triangle's quarters in its barycentric coordinates."""
 
 
@@ -96,8 +105,11 @@ class Carrier:
         normals = part.normals
         if normals is None:
             normals = kept_corner_normals(part.vertices, part.faces, part.smooth_angle)
-        return part.faces[chosen], np.arange(len(part.faces), dtype=np.uint64)[chosen], normals[chosen].astype(
-            np.float32)
+        return (
+            part.faces[chosen],
+            np.arange(len(part.faces), dtype=np.uint64)[chosen],
+            normals[chosen].astype(np.float32),
+        )
 
     @cached_property
     def _own(self):
@@ -133,13 +145,15 @@ class Carrier:
             rest = self._quartered(rest.of(large))
         if len(done) <= 1:
             return done[0] if done else rest
-        return replace(rest, **{column: np.concatenate([getattr(each, column) for each in done])
-                                for column in PER_FACE})
+        return replace(
+            rest, **{column: np.concatenate([getattr(each, column) for each in done]) for column in PER_FACE}
+        )
 
     def _quartered(self, host: Host) -> Host:
         """Of four triangles for each those that are within reach."""
-        corners, normals = (np.einsum("qij,fjk->fqik", QUARTERS, x).reshape(-1, 3, 3)
-                            for x in (host.corners, host.normals))
+        corners, normals = (
+            np.einsum("qij,fjk->fqik", QUARTERS, x).reshape(-1, 3, 3) for x in (host.corners, host.normals)
+        )
         keys = mixed(host.keys[:, None], np.arange(1, 5, dtype=np.uint64)).ravel()
         gap = _gaps(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), self._footprint)
         return replace(host, corners=corners, normals=normals, keys=keys, gap=gap).of(np.flatnonzero(gap <= REACH_M))

@@ -109,14 +109,17 @@ class Rooted:
 
 
 COLUMNS = ("host", "points", "normals", "size", "keys", "pixels")
-NOTHING = Rooted(np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint64),
-                 np.zeros(0))
+NOTHING = Rooted(
+    np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint64), np.zeros(0)
+)
 
 
 def joined(some: list[Rooted]) -> Rooted:
     """All copies of several hosts."""
-    return Rooted(*(np.concatenate([getattr(each, name) for each in [NOTHING, *some]]) for name in COLUMNS),
-                  sum(each.too_small for each in some))
+    return Rooted(
+        *(np.concatenate([getattr(each, name) for each in [NOTHING, *some]]) for name in COLUMNS),
+        sum(each.too_small for each in some),
+    )
 
 
 def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Rooted:
@@ -133,9 +136,13 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
     least = LEAST_PIXELS * footprint.angle * host.gap[may]
     shows = least <= wanted.size_m[1]
     if (expected := (mean * wanted.share_above(least))[shows].sum()) > MOST_COPIES:
-        raise InputError(f"puts about {expected:.3g} copies on {host.name} within {REACH_M:g} m of the course; "
-                         f"{MOST_COPIES} are the most", key=f"{wanted.key}.per_m2", value=wanted.per_m2,
-                         remedy="Lower it, or choose a smaller surface, a range of depth_m or of up.")
+        raise InputError(
+            f"puts about {expected:.3g} copies on {host.name} within {REACH_M:g} m of the course; "
+            f"{MOST_COPIES} are the most",
+            key=f"{wanted.key}.per_m2",
+            value=wanted.per_m2,
+            remedy="Lower it, or choose a smaller surface, a range of depth_m or of up.",
+        )
     small = mean[~shows].sum()
     may, mean = may[shows], mean[shows]
     face_keys = mixed(own, host.keys[may])
@@ -146,8 +153,17 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
     for begin, end in zip(starts, [*starts[1:], len(may)], strict=True):
         faces = np.repeat(np.arange(begin, end), counts[begin:end])
         turn = np.arange(len(faces)) - np.repeat(np.cumsum(counts[begin:end]) - counts[begin:end], counts[begin:end])
-        some.append(_kept(wanted, host, number, may[faces], mixed(face_keys[faces], turn.astype(np.uint64) + np.uint64(
-            1)), crowd, footprint))
+        some.append(
+            _kept(
+                wanted,
+                host,
+                number,
+                may[faces],
+                mixed(face_keys[faces], turn.astype(np.uint64) + np.uint64(1)),
+                crowd,
+                footprint,
+            )
+        )
     found = joined(some)
     return replace(found, too_small=found.too_small + small)
 
@@ -172,8 +188,15 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
     pixels = size / footprint(points[kept])
     wide = pixels >= LEAST_PIXELS
     few = kept[wide]
-    return Rooted(np.full(len(few), number, np.int32), points[few], normals[few], size[wide], keys[few],
-                  pixels[wide], too_small + np.count_nonzero(~wide))
+    return Rooted(
+        np.full(len(few), number, np.int32),
+        points[few],
+        normals[few],
+        size[wide],
+        keys[few],
+        pixels[wide],
+        too_small + np.count_nonzero(~wide),
+    )
 
 
 def _normals(host, faces, weights):
@@ -181,7 +204,8 @@ def _normals(host, faces, weights):
     a, b, c = np.moveaxis(host.corners[faces], 1, 0)
     flat = np.cross(b - a, c - a)  # where corners' normals cancel
     return np.einsum("ni,nij->nj", weights, host.normals[faces]) + 1e-6 * flat / np.linalg.norm(
-        flat, axis=1, keepdims=True)
+        flat, axis=1, keepdims=True
+    )
 
 
 def _liking(wanted, host, points, normals):

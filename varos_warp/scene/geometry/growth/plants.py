@@ -24,8 +24,14 @@ def kelp(rng: np.random.Generator) -> Form:
         turn = (0.7 * u * np.sin(9.0 * u + rng.uniform(0.0, 6.3)))[:, None]  # straps are wavy
         width = 0.032 * np.sin(np.pi * (0.1 + 0.895 * u)) ** 0.6
         shade = rng.uniform(0.8, 1.2) * (0.75 + 0.4 * u)
-        strips.append(Strip(path, width, np.outer(shade, [0.06, 0.047, 0.022]),
-                            np.cos(turn) * across + np.sin(turn) * np.cross(out, across)))
+        strips.append(
+            Strip(
+                path,
+                width,
+                np.outer(shade, [0.06, 0.047, 0.022]),
+                np.cos(turn) * across + np.sin(turn) * np.cross(out, across),
+            )
+        )
     return Form(None, tuple(strips))
 
 

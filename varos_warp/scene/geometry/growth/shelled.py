@@ -15,7 +15,7 @@ def barnacle(rng: np.random.Generator) -> Form:
     z = np.concatenate([[-0.06], height * s, [0.92 * height, 0.45 * height, 0.55 * height, 0.62 * height]])
     phase = rng.uniform(0.0, 2.0 * np.pi)
     oval = 1.0 + rng.uniform(0.03, 0.1) * np.cos(2.0 * t + phase)
-    seam = np.exp(-(np.sin(0.5 * PLATES * t + phase) / 0.3) ** 2)
+    seam = np.exp(-((np.sin(0.5 * PLATES * t + phase) / 0.3) ** 2))
     ribs = 0.05 * np.cos(2.5 * PLATES * t + 1.0)
     outside = np.array([1, 1, 1, 1, 0.7, 0.3, 0, 0, 0, 0])[:, None]
     girth = oval * (1.0 + outside * (ribs - 0.14 * seam))
@@ -80,7 +80,7 @@ def mussel(rng: np.random.Generator) -> Form:
     rings = 1.0 + 0.16 * np.sin(np.hypot(x, 1.1 * y) * rng.uniform(55.0, 75.0)) * np.clip(2.0 * y, 0.0, 1.0)
     shade = (rings * rng.uniform(0.85, 1.15, rows * sides))[:, None] * [0.032, 0.031, 0.035]
     worn = np.clip(1.0 - y / rng.uniform(0.12, 0.4), 0.0, 1.0)[:, None] * rng.uniform(0.2, 1.0)  # down to the chalk
-    seam = np.repeat(0.5 * np.exp(-(np.sin(t) / 0.2) ** 2)[None], rows, axis=0).reshape(-1, 1)
+    seam = np.repeat(0.5 * np.exp(-((np.sin(t) / 0.2) ** 2))[None], rows, axis=0).reshape(-1, 1)
     colours = shade + worn * [0.13, 0.11, 0.10] + seam * [0.04, 0.03, 0.018]
     lean, turn = rng.uniform(0.35, 1.2), rng.uniform(-0.9, 0.9)
     x, z = x * np.cos(turn) - z * np.sin(turn), x * np.sin(turn) + z * np.cos(turn)

@@ -41,8 +41,12 @@ def _tentacle(rng):
     t, start = rng.uniform(0.0, 2.0 * np.pi), 0.3 * np.sqrt(rng.uniform(0.15, 1.0))
     length, out = rng.uniform(0.2, 0.36), rng.uniform(0.4, 1.1) * start / 0.3
     s, outwards = np.linspace(0.0, 1.0, 5)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
-    path = [0.0, 0.0, 0.69] + outwards * (start + length * out * s) + UP * (
-        length * (s - 0.6 * out * s**2)) + 0.012 * np.cumsum(rng.standard_normal((5, 3)), axis=0)
+    path = (
+        [0.0, 0.0, 0.69]
+        + outwards * (start + length * out * s)
+        + UP * (length * (s - 0.6 * out * s**2))
+        + 0.012 * np.cumsum(rng.standard_normal((5, 3)), axis=0)
+    )
     colours = np.tile([0.2, 0.155, 0.11], (5, 1)) * rng.uniform(0.8, 1.15)
     return Strip(path, np.linspace(0.02, 0.006, 5), colours, sides=4)
 
@@ -78,8 +82,9 @@ def turf(rng: np.random.Generator) -> Form:
         path[1:] += 0.05 * rng.standard_normal((2, 3))
         across = np.cross(path[-1] - path[0], rng.standard_normal(3))
         colours = rng.uniform(0.7, 1.25) * (np.array([0.058, 0.052, 0.037]) + s**1.5 * [0.075, 0.068, 0.051])
-        strips.append(Strip(path, np.array([0.05, 0.042, 0.012]), colours,
-                            np.tile(across / np.linalg.norm(across), (3, 1))))
+        strips.append(
+            Strip(path, np.array([0.05, 0.042, 0.012]), colours, np.tile(across / np.linalg.norm(across), (3, 1)))
+        )
     return Form(None, tuple(strips))
 
 
@@ -88,8 +93,12 @@ def _blade(path, half_width, tone, rng):
     across = np.cross(path[-1] - path[0], rng.standard_normal(3))
     across /= max(np.linalg.norm(across), 1e-9)
     s = np.linspace(0.0, 1.0, len(path))
-    return Strip(path, half_width * (1.0 - 0.7 * s), np.outer(tone * (0.55 + 0.6 * s), [0.105, 0.085, 0.056]),
-                 np.tile(across, (len(path), 1)))
+    return Strip(
+        path,
+        half_width * (1.0 - 0.7 * s),
+        np.outer(tone * (0.55 + 0.6 * s), [0.105, 0.085, 0.056]),
+        np.tile(across, (len(path), 1)),
+    )
 
 
 def starfish(rng: np.random.Generator) -> Form:
@@ -109,8 +118,13 @@ def starfish(rng: np.random.Generator) -> Form:
     whole = solid(vertices, grid_faces(rings, len(t))[:, ::-1], shade * [0.13, 0.07, 0.045] + pale)
     tips, notches = np.arange(half - 1, len(t), 2 * half), np.arange(2 * half - 1, len(t), 2 * half)
     corners, flanks = np.union1d(tips, notches), np.union1d(tips - 6, tips + 6)
-    return Form(whole, coarser=tuple(_some(whole, len(t), [0, rings // 2, rings - 1], columns)
-                                     for columns in (np.union1d(corners, flanks), corners)))
+    return Form(
+        whole,
+        coarser=tuple(
+            _some(whole, len(t), [0, rings // 2, rings - 1], columns)
+            for columns in (np.union1d(corners, flanks), corners)
+        ),
+    )
 
 
 def _some(whole, sides, rows, columns):

@@ -42,8 +42,9 @@ def together(solids: list[Solid]) -> Solid:
     """Several meshes as one."""
     starts = np.cumsum([0] + [len(each.vertices) for each in solids[:-1]])
     faces = np.concatenate([each.faces + start for each, start in zip(solids, starts, strict=True)])
-    return solid(np.concatenate([each.vertices for each in solids]), faces,
-                 np.concatenate([each.colours for each in solids]))
+    return solid(
+        np.concatenate([each.vertices for each in solids]), faces, np.concatenate([each.colours for each in solids])
+    )
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ def revolved(radius: np.ndarray, height: np.ndarray, girth: np.ndarray) -> np.nd
     t = around(np.shape(girth)[-1])
     wide = radius[:, None] * np.broadcast_to(girth, (len(radius), len(t)))
     return np.stack([wide * np.cos(t), wide * np.sin(t), np.broadcast_to(height[:, None], wide.shape)], -1).reshape(
-        -1, 3)
+        -1, 3
+    )
 
 
 def tube(path: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray, np.ndarray]:

@@ -45,8 +45,13 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
     if not any(isinstance(part.material, Layered) for part in parts):
         return parts
     seen = footprint(scene, parts)
-    parts = [some for part in parts for some in (_by_detail(part, seen) if isinstance(part, Instances) and isinstance(
-        part.material, Layered) else [part])]
+    parts = [
+        some
+        for part in parts
+        for some in (
+            _by_detail(part, seen) if isinstance(part, Instances) and isinstance(part.material, Layered) else [part]
+        )
+    ]
     unformed = {i: Unformed(scene, part, seen) for i, part in enumerate(parts) if isinstance(part.material, Layered)}
     most = scene.render.max_triangles or MOST_TRIANGLES
     with ThreadPoolExecutor(usable_cores()) as pool:
@@ -55,8 +60,10 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
         factor = _factor(alike, seen, most, pool)
         done = _all_formed(scene, parts, unformed, seen, factor, pool)
     if factor > TOLD_FACTOR:
-        warn(f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
-             "times as long as asked, so the finest forms are missing; raise it")
+        warn(
+            f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
+            "times as long as asked, so the finest forms are missing; raise it"
+        )
     return [done.get(i, part) for i, part in enumerate(parts)]
 
 
@@ -124,8 +131,13 @@ class Ground:
 
 def _factor(surfaces, seen, most, pool):
     """By how much all edges are longer than asked; kept, as it takes seconds."""
-    depends_on = {"meshes": [each.digest for each in surfaces], "places": [each.places for each in surfaces],
-                  "most": most, "cameras": seen.digest, "code": _code()}
+    depends_on = {
+        "meshes": [each.digest for each in surfaces],
+        "places": [each.places for each in surfaces],
+        "most": most,
+        "cameras": seen.digest,
+        "code": _code(),
+    }
 
     def build():
         return {"factor": np.array(factor_for(list(pool.map(Unformed.rough, surfaces)), most))}
@@ -192,33 +204,53 @@ def _formed(scene, unformed, parts, ground, seen, factor):
     around = _around(scene, others) if part.name == "terrain" else None
     stands, banked = ground.under(part), bool(scene.terrain and scene.terrain.around_objects)
     tint = tint_of(ground.part.material if stands else part.material)
-    depends_on = {"mesh": unformed.digest, "factor": factor, "look": look.model_dump(mode="json"),
-                  "cameras": seen.digest, "code": _code(), "places": unformed.places, "tint": tint.tolist(),
-                  "stands": [banked, ground.digest] if stands else None,
-                  "ground": around and [digest(*_standing(other)) for other in others],
-                  "around": around and banked and list(scene.current.velocity)}
+    depends_on = {
+        "mesh": unformed.digest,
+        "factor": factor,
+        "look": look.model_dump(mode="json"),
+        "cameras": seen.digest,
+        "code": _code(),
+        "places": unformed.places,
+        "tint": tint.tolist(),
+        "stands": [banked, ground.digest] if stands else None,
+        "ground": around and [digest(*_standing(other)) for other in others],
+        "around": around and banked and list(scene.current.velocity),
+    }
 
     def build():
         base, pixels = unformed.base, unformed.pixels()
         foot = foot_of(part, ground.surface if stands else None, base.middle, banked, scene.seed)
-        made = formed(base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around, foot,
-                      tint)
+        made = formed(
+            base, look, lambda points, normals: longest_edge(pixels(points, normals), factor), around, foot, tint
+        )
         return {**made, "middle": base.middle, "doubts": np.array([*_doubts(part, base), *_held(made)], str)}
 
-    made = cached("relief", depends_on, build,
-                  what=f"the relief of {part.name}" if len(part.faces) > TOLD_FACES else None)
+    made = cached(
+        "relief", depends_on, build, what=f"the relief of {part.name}" if len(part.faces) > TOLD_FACES else None
+    )
     vertices, faces = made["vertices"].astype(float) + made["middle"], made["faces"]
     facts = {"triangles": len(faces), "edge_factor": round(factor, 3)}
-    return replace(part, vertices=vertices, faces=faces, normals=made["normals"][faces], smooth_shading=True,
-                   smooth_angle=np.pi, skin=Skin(made["colours"][faces]), relief=facts, before=part,
-                   doubts=(*part.doubts, *made["doubts"].tolist()))
+    return replace(
+        part,
+        vertices=vertices,
+        faces=faces,
+        normals=made["normals"][faces],
+        smooth_shading=True,
+        smooth_angle=np.pi,
+        skin=Skin(made["colours"][faces]),
+        relief=facts,
+        before=part,
+        doubts=(*part.doubts, *made["doubts"].tolist()),
+    )
 
 
 def _held(made):
     """That a part is too thin for its form, if it is."""
     if made["held"] > TOLD_SHARE:
-        yield (f"it is {1000.0 * float(made['thinnest']):.3g} mm thin at the least: its form goes inwards by a third "
-               f"of the thickness at most, which holds it back on {100.0 * float(made['held']):.0f} % of its surface")
+        yield (
+            f"it is {1000.0 * float(made['thinnest']):.3g} mm thin at the least: its form goes inwards by a third "
+            f"of the thickness at most, which holds it back on {100.0 * float(made['held']):.0f} % of its surface"
+        )
 
 
 def _doubts(part, base):
@@ -226,19 +258,27 @@ def _doubts(part, base):
     open_edges, crossed = (len(keys) for keys in edge_uses(base.faces))
     corners = base.vertices[base.faces]
     if not open_edges and np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) < 0.0:
-        yield ("its faces look inwards: silt lies below and growth stands inside; turn them around in the program that "
-               "made the mesh")
+        yield (
+            "its faces look inwards: silt lies below and growth stands inside; turn them around in the program that "
+            "made the mesh"
+        )
     elif not is_consistent(base.faces):
         yield "some of its faces look inwards, others outwards: relief and silt are torn there; make them agree"
     if _back_to_back(base) > TOLD_SHARE:
-        yield ("faces of it lie back to back, so that it has no outside there: relief cannot move them; give it a "
-               "thickness, or leave out one side")
+        yield (
+            "faces of it lie back to back, so that it has no outside there: relief cannot move them; give it a "
+            "thickness, or leave out one side"
+        )
     if open_edges and part.name != "terrain" and part.material.relief != "none":
-        yield (f"its mesh has holes ({open_edges} open edges): relief moves their rims, and what is thin may cross "
-               "itself; close them, or choose relief: none")
+        yield (
+            f"its mesh has holes ({open_edges} open edges): relief moves their rims, and what is thin may cross "
+            "itself; close them, or choose relief: none"
+        )
     if crossed:
-        yield (f"{crossed} edges of its mesh have more than two faces: relief moves all of them one way; divide it "
-               "into closed meshes, or choose relief: none")
+        yield (
+            f"{crossed} edges of its mesh have more than two faces: relief moves all of them one way; divide it "
+            "into closed meshes, or choose relief: none"
+        )
 
 
 def _back_to_back(base):

@@ -51,8 +51,9 @@ class Foot:
         return 1.0 - smoothstep(0.0, thin, self.height(points) - self.bank(points) + thin * ragged)
 
 
-def foot_of(part: Part | Instances, ground: Surface | None, middle: np.ndarray, banked: bool, seed: int = 0
-            ) -> Foot | None:
+def foot_of(
+    part: Part | Instances, ground: Surface | None, middle: np.ndarray, banked: bool, seed: int = 0
+) -> Foot | None:
     """How a part stands in the ground; None: it does not, or there is none, or it moves.
 
     Copies of one mesh share what lies on it, by the mean of where they stand.
@@ -78,6 +79,7 @@ def foot_of(part: Part | Instances, ground: Surface | None, middle: np.ndarray, 
 
         def height(points):
             return points[:, 2] + middle[2] - _ground_under(ground, points + middle)
+
     top = part.vertices[:, 2].max()
     if not part.vertices[:, 2].min() <= level <= top:
         return None

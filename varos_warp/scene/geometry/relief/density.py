@@ -66,8 +66,9 @@ class Footprint:
         """All of it, as plain types."""
         return [digest(self.eyes, self.axes, self.halves), self.aside, self.angle]
 
-    def distance(self, points: np.ndarray, normals: np.ndarray | None = None, radius: np.ndarray | float = 0.0
-                 ) -> np.ndarray:
+    def distance(
+        self, points: np.ndarray, normals: np.ndarray | None = None, radius: np.ndarray | float = 0.0
+    ) -> np.ndarray:
         """Least distance [N] [m] of any camera that sees points [N, 3], on the safe side.
 
         Where none does, `UNSEEN` times that of the nearest. With ``normals`` [N, 3], zero where they are not known,
@@ -77,16 +78,24 @@ class Footprint:
         """
         middle = self.eyes.mean(axis=0)
         nearest, seen = (wp.empty(len(points), dtype=wp.float32, device="cpu") for _ in range(2))
-        launch(find_nearest_view, len(points), {
-            "eyes": upload((self.eyes - middle).astype(np.float32), wp.vec3, "cpu"),
-            "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
-            "halves": upload(self.halves.astype(np.float32), wp.float32, "cpu"),
-            "cosines": upload(np.cos(self.halves).astype(np.float32), wp.float32, "cpu"),
-            "radius": upload(np.broadcast_to(np.float32(radius), len(points)).copy(), wp.float32, "cpu"),
-            "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
-            "normals": upload(np.asarray(np.zeros(points.shape) if normals is None else normals, np.float32), wp.vec3,
-                              "cpu"),
-            "distance": nearest, "seen": seen}, "cpu")
+        launch(
+            find_nearest_view,
+            len(points),
+            {
+                "eyes": upload((self.eyes - middle).astype(np.float32), wp.vec3, "cpu"),
+                "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
+                "halves": upload(self.halves.astype(np.float32), wp.float32, "cpu"),
+                "cosines": upload(np.cos(self.halves).astype(np.float32), wp.float32, "cpu"),
+                "radius": upload(np.broadcast_to(np.float32(radius), len(points)).copy(), wp.float32, "cpu"),
+                "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
+                "normals": upload(
+                    np.asarray(np.zeros(points.shape) if normals is None else normals, np.float32), wp.vec3, "cpu"
+                ),
+                "distance": nearest,
+                "seen": seen,
+            },
+            "cpu",
+        )
         found = np.minimum(seen.numpy(), UNSEEN * nearest.numpy()).astype(float)
         return np.maximum(found - self.aside, NEAREST_M)
 
@@ -117,7 +126,8 @@ def footprint(scene: Scene, parts: list[Part | Instances], but: str | None = Non
         aside = max(aside, ASIDE_M + 0.5 * float(_steps(poses).max(initial=0.0)))
         angles += [camera_model(camera).pixel_angle for camera in seen.vehicle.cameras]
         views += [_view(camera, poses) for camera in seen.vehicle.cameras] or [
-            (poses[:, :3, 3], poses[:, :3, 1], np.full(len(poses), np.pi))]
+            (poses[:, :3, 3], poses[:, :3, 1], np.full(len(poses), np.pi))
+        ]
     return Footprint(*map(np.concatenate, zip(*views, strict=True)), aside, min(angles, default=WITHOUT_CAMERA))
 
 

@@ -36,8 +36,9 @@ TURNS = 36
 """Directions in which the width of a body is measured."""
 
 
-def surroundings(points: np.ndarray, parts: list[Part | Instances], current: np.ndarray, seed: int = 0
-                 ) -> tuple[np.ndarray, np.ndarray]:
+def surroundings(
+    points: np.ndarray, parts: list[Part | Instances], current: np.ndarray, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """What the ground knows of all that stands near: objects and copies, by their surfaces.
 
     Args:

@@ -60,8 +60,13 @@ def _flip_once(vertices, faces, needles):
     agree = faces.ravel()[two] == b
     plane = _cosine(normals[one // 3], normals[two // 3]) > PLANE
     excess = _angle(vertices, c, a, b) + _angle(vertices, d, a, b) - np.pi
-    wanted = np.flatnonzero(agree & plane & (excess > 1e-6) & _convex(vertices, a, b, c, d, normals[one // 3])
-                            & ~np.isin(_key(c, d), edge_keys(faces)))
+    wanted = np.flatnonzero(
+        agree
+        & plane
+        & (excess > 1e-6)
+        & _convex(vertices, a, b, c, d, normals[one // 3])
+        & ~np.isin(_key(c, d), edge_keys(faces))
+    )
     if not len(wanted):
         return None
     chosen = wanted[_first_of_each(one[wanted] // 3, two[wanted] // 3, _key(c, d)[wanted], excess[wanted], len(faces))]

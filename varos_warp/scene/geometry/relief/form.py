@@ -75,8 +75,14 @@ def base_of(shape: Shape) -> Base:
     return Base(vertices, faces, normals, middle)
 
 
-def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None, foot: Foot | None = None,
-           tint: np.ndarray = WHITE) -> dict[str, np.ndarray]:
+def formed(
+    base: Base,
+    look: Layered,
+    wanted: Lengths,
+    around: Around | None,
+    foot: Foot | None = None,
+    tint: np.ndarray = WHITE,
+) -> dict[str, np.ndarray]:
     """A surface with its relief, as arrays of plain types.
 
     Args:
@@ -103,10 +109,17 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None, fo
         normals = vertex_normals(x, faces)
     middle, spread = _spread(base)
     size = float(np.ptp(base.vertices, axis=0).max())
-    sites = Sites(p=p, n=normals, edge=edge * MEAN_EDGE, size=size if around is None else min(size, LARGEST_FORM_M),
-                  height=_heights(x, foot) if around is None else np.zeros(len(x)),
-                  clear=clear, middle=middle, spread=spread,
-                  sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity)
+    sites = Sites(
+        p=p,
+        n=normals,
+        edge=edge * MEAN_EDGE,
+        size=size if around is None else min(size, LARGEST_FORM_M),
+        height=_heights(x, foot) if around is None else np.zeros(len(x)),
+        clear=clear,
+        middle=middle,
+        spread=spread,
+        sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity,
+    )
     surfaces = _blended(sites, look, up)
     room = Room(base, x, faces, normals) if around is None else None
     for step in ("coarse", "fine"):
@@ -126,9 +139,14 @@ def formed(base: Base, look: Layered, wanted: Lengths, around: Around | None, fo
         colour = settled(colour, beside(clear, pattern), pattern, tint)
     colour = np.clip(colour * _grain(len(x), look.seed)[:, None], DARKEST, PALEST)
     x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
-    return {"vertices": x.astype(np.float32), "faces": faces, "normals": vertex_normals(x, faces).astype(np.float32),
-            "colours": colour.astype(np.float32), "held": np.array(room.held if room else 0.0),
-            "thinnest": np.array(room.thinnest if room else np.inf)}
+    return {
+        "vertices": x.astype(np.float32),
+        "faces": faces,
+        "normals": vertex_normals(x, faces).astype(np.float32),
+        "colours": colour.astype(np.float32),
+        "held": np.array(room.held if room else 0.0),
+        "thinnest": np.array(room.thinnest if room else np.inf),
+    }
 
 
 class Room:
@@ -217,7 +235,8 @@ def _bounded(h, x, normals, faces):
         a, b = faces[:, i], faces[:, (i + 1) % 3]
         way = x[b] - x[a]
         hollow = -np.einsum("ij,ij->i", normals[b] - normals[a], way) / np.maximum(
-            np.einsum("ij,ij->i", way, way), 1e-18)
+            np.einsum("ij,ij->i", way, way), 1e-18
+        )
         for ends in (a, b):
             np.maximum.at(bend, ends, hollow)
     return np.minimum(h, MOST_OF_RADIUS / np.maximum(bend, 1e-9))

@@ -20,8 +20,9 @@ Lengths = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The longest edge [N] [m] that is wanted at points [N, 3] with normals [N, 3], zero where they are not known."""
 
 
-def refine(vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np.ndarray | None = None
-           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def refine(
+    vertices: np.ndarray, faces: np.ndarray, wanted: Lengths, normals: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Halve edges until none is longer than is wanted at either of its ends.
 
     Args:

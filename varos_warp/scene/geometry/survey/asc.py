@@ -30,10 +30,17 @@ def read_asc(request: Request) -> Raster:
         values = _heights(file, rows * columns)
         more = bool(file.read(64).strip())
     if values is None or values.size != rows * columns or more:
-        what = ("not all can be read" if values is None else "more follow" if values.size == rows * columns
-                else f"{values.size} are there")
-        raise request.error(f"its header says {rows} x {columns} heights, but {what}",
-                            "The file may be cut off, or have decimal commas; export it again.")
+        what = (
+            "not all can be read"
+            if values is None
+            else "more follow"
+            if values.size == rows * columns
+            else f"{values.size} are there"
+        )
+        raise request.error(
+            f"its header says {rows} x {columns} heights, but {what}",
+            "The file may be cut off, or have decimal commas; export it again.",
+        )
     T = _transform(header, rows, request)
     middle = tuple(T @ (0.5 * (columns - 1), 0.5 * (rows - 1), 1.0))
     heights = to_heights(values.reshape(rows, columns), header.get("nodata_value", -9999.0), request, measured=True)
@@ -63,8 +70,10 @@ def _header(file, request) -> tuple[dict[str, float], int]:
         try:
             header[name] = float(words[1].replace(",", "."))
         except (IndexError, ValueError):
-            raise request.error(f"the line '{line[:40].decode('latin-1').strip()}' of its header is no name and number",
-                                "Give an ESRI ASCII grid.") from None
+            raise request.error(
+                f"the line '{line[:40].decode('latin-1').strip()}' of its header is no name and number",
+                "Give an ESRI ASCII grid.",
+            ) from None
         if name not in NAMES:
             raise request.error(f"its header has '{words[0]}'", f"Known are {', '.join(NAMES)}.")
     _check_header(header, request)
@@ -82,16 +91,19 @@ def _check_header(header, request) -> None:
         if not (1.0 <= header[name] < 1e9 and header[name].is_integer()):
             raise request.error(f"its {name} is {header[name]:g}", "Give a whole number of at least 2.")
     sizes = [header[name] for name in ("dx", "dy", "cellsize") if name in header]
-    if not (all(size > 0.0 for size in sizes) and np.isfinite([v for k, v in header.items() if k != "nodata_value"]
-                                                              ).all()):
+    if not (
+        all(size > 0.0 for size in sizes) and np.isfinite([v for k, v in header.items() if k != "nodata_value"]).all()
+    ):
         raise request.error("a number of its header is not positive and finite", "Give an ESRI ASCII grid.")
 
 
 def _transform(header, rows, request) -> np.ndarray:
     """The places of the nodes, the middles of the cells; the first row is the northernmost."""
     dx, dy = (header.get(name, header.get("cellsize")) for name in ("dx", "dy"))
-    x, y = (header[f"{axis}llcenter"] if f"{axis}llcenter" in header else header[f"{axis}llcorner"] + 0.5 * size
-            for axis, size in (("x", dx), ("y", dy)))
+    x, y = (
+        header[f"{axis}llcenter"] if f"{axis}llcenter" in header else header[f"{axis}llcorner"] + 0.5 * size
+        for axis, size in (("x", dx), ("y", dy))
+    )
     return np.array([[dx, 0.0, x], [0.0, -dy, y + dy * (rows - 1)]])
 
 
@@ -121,8 +133,13 @@ def _of_lines(text: str, name: str, request: Request, middle: tuple[float, float
     height = words.get("zunits", "no").lower()
     known, known_height = _metres(unit), _metres(height)
     said = None if known_height or height in ("no", "none") else f"{name} gives '{height}'"
-    return Reference(words.get("projection", name), known, known_height,
-                     unknown_unit=None if known else f"{name} gives '{unit}'", unknown_height_unit=said)
+    return Reference(
+        words.get("projection", name),
+        known,
+        known_height,
+        unknown_unit=None if known else f"{name} gives '{unit}'",
+        unknown_height_unit=said,
+    )
 
 
 def _metres(unit: str) -> float | None:

@@ -34,7 +34,8 @@ COMMENTS = ("#", "//", "%", "!")
 NAMES = (
     ("x", "e", "east", "easting", "eastings", "utm_x", "utm_e", "x_utm", "point_x", "x_coord", "xcoord"),
     ("y", "n", "north", "northing", "northings", "utm_y", "utm_n", "y_utm", "point_y", "y_coord", "ycoord"),
-    ("z", "h", "height", "elev", "elevation", "alt", "altitude", "point_z", "z_coord", "zcoord", "depth"))
+    ("z", "h", "height", "elev", "elevation", "alt", "altitude", "point_z", "z_coord", "zcoord", "depth"),
+)
 """What columns of x, y and height are called, without their units."""
 FEET = re.compile(r"(?<![a-z])(ft|feet|foot|ftus|us_ft)(?![a-z])")
 MISSING = ("", "na", "n/a", "null", "none", "nodata")
@@ -56,7 +57,7 @@ class Table:
         with request.path.open(encoding="utf-8-sig", errors="replace") as file:
             for number, line in enumerate(iter(lambda: file.readline(MOST_LINE), ""), 1):
                 if line.lstrip().startswith(COMMENTS):
-                    self.remarks = [*self.remarks[1 - MOST_REMARKS:], (number, line)]
+                    self.remarks = [*self.remarks[1 - MOST_REMARKS :], (number, line)]
                 elif not line.strip():
                     continue
                 elif number == 1 and SEPARATOR_LINE.fullmatch(line.strip()):
@@ -79,8 +80,10 @@ class Table:
         self.delimiter = ";" if ";" in line else "\t" if "\t" in line else "," if "," in line and not spaced else None
         self.comma = self.delimiter != "," and "," in line
         if self.delimiter == "," and "." not in line and ", " in line and re.search(r"\d,\d", line):
-            raise self.request.error("its commas may be decimal commas or stand between columns",
-                                     "Write decimal points, or ; between columns.")
+            raise self.request.error(
+                "its commas may be decimal commas or stand between columns",
+                "Write decimal points, or ; between columns.",
+            )
 
     def _read_remarks(self) -> None:
         """Take the units of the columns from the last remark that has a row of them."""
@@ -94,8 +97,9 @@ class Table:
         """The name of a column, with its unit where a row of units has one."""
         name = self.names[i] if self.names else f"column {i + 1}"
         if (named := with_unit(name, self.units[i] if self.units else "")) is None:
-            raise self.request.error(f"column '{name}' is in '{self.units[i]}' by a remark",
-                                     "Leave one of the two out.")
+            raise self.request.error(
+                f"column '{name}' is in '{self.units[i]}' by a remark", "Leave one of the two out."
+            )
         return named
 
     def _names_of_header(self, line: str, file) -> list[str]:
@@ -116,13 +120,19 @@ class Table:
         asked = self.request.asked.columns
         if asked is not None and all(isinstance(column, int) for column in asked):
             return []
-        raise self.request.error(f"its header '{header[:80]}' does not name {self.width} columns, as many as the rows "
-                                 "have", "Give the numbers of the columns from 1, such as [1, 2, 3].", "columns")
+        raise self.request.error(
+            f"its header '{header[:80]}' does not name {self.width} columns, as many as the rows have",
+            "Give the numbers of the columns from 1, such as [1, 2, 3].",
+            "columns",
+        )
 
     def _are_names_of_rows(self, lines: list[str]) -> bool:
         """Whether first cells are names of rows, as R writes them: quoted, or words, or 1, 2, 3 and so on."""
-        cells = [line.strip(" \r\n").split(self.delimiter)[0].strip() for line in lines
-                 if line.strip() and not line.lstrip().startswith(COMMENTS)]
+        cells = [
+            line.strip(" \r\n").split(self.delimiter)[0].strip()
+            for line in lines
+            if line.strip() and not line.lstrip().startswith(COMMENTS)
+        ]
         counted = all(cell == str(i) for i, cell in enumerate(cells, 1))
         return counted or all(re.fullmatch(r"\".*\"|'.*'|[^\W\d]\S*", cell) for cell in cells)
 
@@ -135,7 +145,8 @@ class Table:
             for names in names_in_remark(remark, self.width, self.delimiter):
                 bare = _bare(names)
                 if (wanted and {*wanted} <= {*bare, *map(str.lower, names)}) or (
-                        not wanted and (None not in _places(bare) or any(map(is_geographic, names)))):
+                    not wanted and (None not in _places(bare) or any(map(is_geographic, names)))
+                ):
                     del remarks[place]
                     return names
                 found = found or (place, names)
@@ -147,15 +158,18 @@ class Table:
             words = re.split(r"[\s,;]+", remark.strip().lstrip(MARKS))
             places = [place for name in _bare(words) for place, known in enumerate(NAMES) if name in known]
             if len({*places}) == 3 and places[:3] != [0, 1, 2]:
-                raise self.request.error(f"the remark '{remark.strip()[:80]}' may name its columns, which are not x, y "
-                                         "and height in this order", "Give their numbers from 1, such as [2, 1, 3].",
-                                         "columns")
+                raise self.request.error(
+                    f"the remark '{remark.strip()[:80]}' may name its columns, which are not x, y "
+                    "and height in this order",
+                    "Give their numbers from 1, such as [2, 1, 3].",
+                    "columns",
+                )
         return []
 
     def words(self, line: str) -> list[str]:
         """The columns of a line."""
         cells = line.strip(" \r\n").split(self.delimiter)
-        return [word.strip().strip('"\'') for word in cells]
+        return [word.strip().strip("\"'") for word in cells]
 
     def lines(self, file):
         """The lines with numbers, with decimal points.
@@ -168,8 +182,9 @@ class Table:
                 continue
             if self.delimiter and '"' not in line:
                 count = line.count(self.delimiter) + 1
-                if count != self.width and not (abs(count - self.width) == 1
-                                                and line.rstrip(" \r\n").endswith(self.delimiter)):
+                if count != self.width and not (
+                    abs(count - self.width) == 1 and line.rstrip(" \r\n").endswith(self.delimiter)
+                ):
                     raise ValueError(f"the line '{line.strip()[:60]}' has {count} columns, the first {self.width}")
             yield line.replace(",", ".") if self.comma else line
 
@@ -236,15 +251,22 @@ def _checked_remarks(reference: Reference, table: Table, columns: list[int], mid
         degrees = ["degrees"] * bool(words & {"lon", "lng", "longitude"} and words & {"lat", "latitude"})
         degrees += [one.word for one in units_said(remark) if one.word in ANGLES and not one.is_doubtful]
         if degrees and may_be_degrees and not stated:
-            raise request.error(f"{where}{degrees[0]}", "Project degrees to metres; or if x and y are lengths, give "
-                                "their unit: m, ft or us_ft.", "unit")
+            raise request.error(
+                f"{where}{degrees[0]}",
+                "Project degrees to metres; or if x and y are lengths, give their unit: m, ft or us_ft.",
+                "unit",
+            )
         for one, surely in other_units(remark, lambda one: fits(one, 1e-8), lambda one: fits(one, 1e-5)):
             if stated or one.word not in LENGTHS:
                 continue
             if surely and not in_part:
-                raise request.error(f"{where}{one.word}, which is not followed", "Give the unit of the file, m, ft or "
-                                    "us_ft, and height_scale if heights have another; or write it behind the names of "
-                                    "the columns: x [mm].", "unit")
+                raise request.error(
+                    f"{where}{one.word}, which is not followed",
+                    "Give the unit of the file, m, ft or "
+                    "us_ft, and height_scale if heights have another; or write it behind the names of "
+                    "the columns: x [mm].",
+                    "unit",
+                )
             notes.append(f"{where}{one.word}, which is not followed; unit: and height_scale: state it")
     return [*dict.fromkeys(notes)]
 
@@ -264,18 +286,27 @@ def _with_units_of_header(reference: Reference, table: Table, columns: list[int]
     if reference.unit_m is not None and sizes:
         sizes.add(reference.unit_m)
     if len(sizes) > 1 and request.asked.unit is None:
-        raise request.error(f"the units of {named[0]} and {named[1]} are not the same, or not that of the .prj file",
-                            "Give the unit of the file: m, ft or us_ft.", "unit")
+        raise request.error(
+            f"the units of {named[0]} and {named[1]} are not the same, or not that of the .prj file",
+            "Give the unit of the file: m, ft or us_ft.",
+            "unit",
+        )
     if z.unit and LENGTHS[z.unit] != 1.0 and request.asked.height_scale and request.asked.height_unit is None:
-        raise request.error(f"the heights are in {z.unit} by the name of their column, {named[2]}, and would be scaled "
-                            "besides", "Leave it out, or give height_unit.", "height_scale", request.asked.height_scale)
+        raise request.error(
+            f"the heights are in {z.unit} by the name of their column, {named[2]}, and would be scaled besides",
+            "Leave it out, or give height_unit.",
+            "height_scale",
+            request.asked.height_scale,
+        )
     if sizes:
         reference = replace(reference, unit_m=sizes.pop(), unknown_unit=None)
     if z.unit:
         reference = replace(reference, height_unit_m=LENGTHS[z.unit], unknown_height_unit=None)
-    return replace(reference, unknown_unit=(unknown and f"a column has '{unknown}'") or reference.unknown_unit,
-                   unknown_height_unit=(unknown_height and f"{named[2]} has '{unknown_height}'")
-                   or reference.unknown_height_unit)
+    return replace(
+        reference,
+        unknown_unit=(unknown and f"a column has '{unknown}'") or reference.unknown_unit,
+        unknown_height_unit=(unknown_height and f"{named[2]} has '{unknown_height}'") or reference.unknown_height_unit,
+    )
 
 
 def _with_hidden_unit(name: str) -> Name:
@@ -296,8 +327,10 @@ def _numbers(table: Table, columns: list[int]) -> np.ndarray:
         except ValueError:  # perhaps of an empty cell; readers in Python are ten times slower
             return _loaded(table, columns, {columns[2]: _height})
     except (ValueError, IndexError, OverflowError) as error:
-        raise request.error(f"a line cannot be read: {error} (rows count from 0 after the header)",
-                            "Give numbers in all lines; those that begin with # are passed over.") from error
+        raise request.error(
+            f"a line cannot be read: {error} (rows count from 0 after the header)",
+            "Give numbers in all lines; those that begin with # are passed over.",
+        ) from error
 
 
 def _height(cell: str) -> float:
@@ -305,12 +338,21 @@ def _height(cell: str) -> float:
 
 
 def _loaded(table: Table, columns: list[int], converters) -> np.ndarray:
-    with (table.request.path.open(encoding="utf-8-sig", errors="replace") as file,
-          warnings.catch_warnings(action="ignore", category=UserWarning)):  # of no lines
+    with (
+        table.request.path.open(encoding="utf-8-sig", errors="replace") as file,
+        warnings.catch_warnings(action="ignore", category=UserWarning),
+    ):  # of no lines
         for _ in range(table.skip):
             file.readline()
-        return np.loadtxt(table.lines(file), delimiter=table.delimiter, usecols=columns, comments=None, ndmin=2,
-                          quotechar='"', converters=converters)
+        return np.loadtxt(
+            table.lines(file),
+            delimiter=table.delimiter,
+            usecols=columns,
+            comments=None,
+            ndmin=2,
+            quotechar='"',
+            converters=converters,
+        )
 
 
 def _columns(table: Table) -> list[int]:
@@ -327,8 +369,11 @@ def _columns(table: Table) -> list[int]:
     if degrees := [name for name in named[:2] if is_geographic(name)]:
         refuse_degrees(request, f"a column is called {degrees[0]}")
     if table.names and "depth" in bare[columns[2]] and asked.positive is None:
-        raise request.error("its heights are called depth, which may grow up or down", "Give down if they are positive "
-                            "below the surface, or up.", "positive")
+        raise request.error(
+            "its heights are called depth, which may grow up or down",
+            "Give down if they are positive below the surface, or up.",
+            "positive",
+        )
     if (feet := [name for name in named if FEET.search(name)]) and asked.unit is None and asked.height_unit is None:
         raise request.error(f"a column is called {feet[0]}", "Give the unit of the file: m, ft or us_ft.", "unit")
     return columns
@@ -343,7 +388,9 @@ def _known_columns(table: Table, bare: list[str]) -> list[int]:
         refuse_degrees(table.request, f"a column is called {degrees[0].lower()}")
     raise table.request.error(
         f"its header '{', '.join(table.names)[:80]}' does not tell which columns are x, y and height",
-        "Name them or give their numbers from 1, such as [x, y, z] or [1, 2, 3].", "columns")
+        "Name them or give their numbers from 1, such as [x, y, z] or [1, 2, 3].",
+        "columns",
+    )
 
 
 def _column(column, i, names, bare, request) -> int:
@@ -354,5 +401,9 @@ def _column(column, i, names, bare, request) -> int:
         if known.count(column.lower()) == 1:
             return known.index(column.lower())
     there = f"there are: {', '.join(names)}" if names else "it has no header"
-    raise request.error(f"no column of the file is called so ({there})",
-                        "Give a name of its header, or a number from 1.", f"columns.{i}", column)
+    raise request.error(
+        f"no column of the file is called so ({there})",
+        "Give a name of its header, or a number from 1.",
+        f"columns.{i}",
+        column,
+    )

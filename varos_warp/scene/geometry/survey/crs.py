@@ -18,9 +18,36 @@ UNITS = {"m": 1.0, "ft": FOOT, "us_ft": US_FOOT}
 """Metres in a unit of scene files."""
 EPSG_UNITS = {9001: 1.0, 9002: FOOT, 9003: US_FOOT, 9014: 6 * FOOT, 9036: 1000.0}
 """Metres in a unit of length by its EPSG code."""
-DEPTHS = (5336, 5612, 5614, 5706, 5715, 5734, 5739, 5789, 5831, *range(5861, 5868), 5873, *range(6357, 6360), 7976,
-          8051, 8053, 8358, 9287, 9288, 9672, 10150, 10151, 10349, 10364, *range(10370, 10380), *range(10547, 10553),
-          10649, 10650, 10678)
+DEPTHS = (
+    5336,
+    5612,
+    5614,
+    5706,
+    5715,
+    5734,
+    5739,
+    5789,
+    5831,
+    *range(5861, 5868),
+    5873,
+    *range(6357, 6360),
+    7976,
+    8051,
+    8053,
+    8358,
+    9287,
+    9288,
+    9672,
+    10150,
+    10151,
+    10349,
+    10364,
+    *range(10370, 10380),
+    *range(10547, 10553),
+    10649,
+    10650,
+    10678,
+)
 """EPSG codes of vertical systems that count downwards."""
 MERCATORS = (3857, 3785, 3395, 900913, 102100, 102113, 54004)
 """Codes of Mercator projections whose scale is that of the equator, of EPSG, Google and Esri."""
@@ -48,8 +75,10 @@ def refuse_mercator(request: Request, name: str, middle: tuple[float, float] | N
         latitude = math.degrees(math.atan(math.sinh(middle[1] / EARTH_M)))
         by = f": {math.cosh(middle[1] / EARTH_M):.3g} times too long at its latitude of {latitude:.1f} degrees"
         target = _utm(math.degrees(middle[0] / EARTH_M), latitude) or target
-    raise request.error(f"its coordinates are in the Mercator projection of maps ({name}), which are no lengths on the "
-                        f"ground{by}", _project(request, target))
+    raise request.error(
+        f"its coordinates are in the Mercator projection of maps ({name}), which are no lengths on the ground{by}",
+        _project(request, target),
+    )
 
 
 def _utm(longitude: float, latitude: float) -> str | None:
@@ -63,8 +92,10 @@ def _utm(longitude: float, latitude: float) -> str | None:
 
 def _project(request: Request, target: str) -> str:
     code = target.partition(" ")[0]
-    return (f"Project it to metres, {target}: gdalwarp -t_srs {code} {request.path.name} utm.tif for grids, pdal or "
-            "QGIS for points.")
+    return (
+        f"Project it to metres, {target}: gdalwarp -t_srs {code} {request.path.name} utm.tif for grids, pdal or "
+        "QGIS for points."
+    )
 
 
 # ----------------------------------------------------------------------------------------------------- keys of GeoTIFF
@@ -142,7 +173,7 @@ def geokeys(directory, doubles, text: str) -> dict[int, object]:
         elif place == 34736 and value < len(doubles):
             keys[key] = float(doubles[value])
         elif place == 34737:
-            keys[key] = text[value:value + count].rstrip("|\0 ")
+            keys[key] = text[value : value + count].rstrip("|\0 ")
     return keys
 
 
@@ -202,8 +233,9 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
         if geographic := next(root.find("GEOGCS", "GEOGCRS", "GEOGRAPHICCRS"), None):
             refuse_degrees(request, (geographic.values or ["a geographic system"])[0], middle)
         if next(root.find("GEOCCS", "GEODCRS", "GEODETICCRS"), None):
-            raise request.error("its coordinates are geocentric or degrees", "Project it to metres, to a zone of UTM "
-                                "for example.")
+            raise request.error(
+                "its coordinates are geocentric or degrees", "Project it to metres, to a zone of UTM for example."
+            )
         return Reference(unknown_unit="its projection is of no kind that is known")
     system = projected or local
     method = " ".join(node.values[0] for node in system.find("PROJECTION", "METHOD") if node.values)
@@ -212,8 +244,10 @@ def of_wkt(text: str, request: Request, middle: tuple[float, float] | None) -> R
     unit, unknown = _unit_of_node(system)
     vertical = next(root.find("VERT_CS", "VERTCS", "VERTCRS", "VERTICALCRS"), None)
     height, unknown_height = _unit_of_node(vertical) if vertical else (None, None)
-    down = vertical is not None and (_is_depth(" ".join(vertical.values[:1])) or any(
-        value.upper() == "DOWN" for axis in vertical.find("AXIS") for value in axis.values))
+    down = vertical is not None and (
+        _is_depth(" ".join(vertical.values[:1]))
+        or any(value.upper() == "DOWN" for axis in vertical.find("AXIS") for value in axis.values)
+    )
     return Reference(_name_of_node(system), unit, height, down, unknown, unknown_height)
 
 
@@ -227,8 +261,9 @@ def _name_of_node(node: Node) -> str | None:
 
 def _unit_of_node(node: Node) -> tuple[float | None, str | None]:
     """The metres in the unit of a system, and its name if that is no number."""
-    units = node.inside("UNIT", "LENGTHUNIT") or [unit for axis in node.inside("AXIS")
-                                                  for unit in axis.inside("UNIT", "LENGTHUNIT")]
+    units = node.inside("UNIT", "LENGTHUNIT") or [
+        unit for axis in node.inside("AXIS") for unit in axis.inside("UNIT", "LENGTHUNIT")
+    ]
     name = (node.values or ["its system"])[0]
     try:
         size = float(units[0].values[1])

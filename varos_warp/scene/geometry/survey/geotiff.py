@@ -64,10 +64,14 @@ def read_geotiff(request: Request) -> Raster:
 
 def _unread(error: Exception, request: Request) -> InputError:
     if "imagecodecs" in str(error) or isinstance(error, ImportError):
-        return request.error(f"its pixels are packed in a way that needs one more package ({error})",
-                             'Install it: pip install "varos_warp[survey]".')
-    return request.error(f"cannot be read as a TIFF: {str(error).strip() or type(error).__name__}",
-                         "The file may be damaged; copy or export it again.")
+        return request.error(
+            f"its pixels are packed in a way that needs one more package ({error})",
+            'Install it: pip install "varos_warp[survey]".',
+        )
+    return request.error(
+        f"cannot be read as a TIFF: {str(error).strip() or type(error).__name__}",
+        "The file may be damaged; copy or export it again.",
+    )
 
 
 # -------------------------------------------------------------------------------------------------------------- pixels
@@ -82,8 +86,9 @@ def _pages(file, request):
             mask = other
         others += not kind & 5
     if others:
-        raise request.error(f"holds {others + 1} images",
-                            "Give one of them: gdal_translate GTIFF_DIR:1:in.tif out.tif.")
+        raise request.error(
+            f"holds {others + 1} images", "Give one of them: gdal_translate GTIFF_DIR:1:in.tif out.tif."
+        )
     return page, mask
 
 
@@ -92,8 +97,10 @@ def _pixels(page, request) -> np.ndarray:
     _check_pixels(page, request)
     if page.samplesperpixel != 1 or page.imagedepth != 1 or page.photometric not in (0, 1):
         what = "a palette" if page.photometric == 3 else f"{page.samplesperpixel} bands"
-        raise request.error(f"is a picture, not heights: it has {what}", "Give a file with one band of heights: "
-                            "gdal_translate -b 1 in.tif out.tif.")
+        raise request.error(
+            f"is a picture, not heights: it has {what}",
+            "Give a file with one band of heights: gdal_translate -b 1 in.tif out.tif.",
+        )
     white = page.photometric == 0 and request.asked.height_range_m is not None
     if white or page.tags.valueof(274, 1) != 1:
         raise request.error("is turned, or its zero is white", REWRITE)
@@ -123,8 +130,9 @@ def _mask_beside(request: Request, shape: tuple[int, ...]) -> np.ndarray:
     except Exception as error:  # tifffile raises many kinds
         raise _unread(error, request) from error
     if mask.shape != shape:
-        raise request.error("is a mask of another size than the heights beside it",
-                            "Write both anew: gdal_translate in.tif out.tif.")
+        raise request.error(
+            "is a mask of another size than the heights beside it", "Write both anew: gdal_translate in.tif out.tif."
+        )
     return mask
 
 
@@ -200,10 +208,18 @@ def _transform(tags, request) -> np.ndarray | None:
             raise request.error("its ModelTransformation tilts or scales heights", REWRITE)
         T = M[:2][:, [0, 1, 3]]
     elif scale is not None and tie is not None:
-        if tie.size > 6 or scale[0] <= 0.0 or scale[1] <= 0.0 or tie[2] or tie[5] or (
-                scale.size > 2 and scale[2] not in (0.0, 1.0)):
-            raise request.error("it has more than one tie point, or scales heights or rows backwards",
-                                "Write it anew: gdalwarp in.tif out.tif.")
+        if (
+            tie.size > 6
+            or scale[0] <= 0.0
+            or scale[1] <= 0.0
+            or tie[2]
+            or tie[5]
+            or (scale.size > 2 and scale[2] not in (0.0, 1.0))
+        ):
+            raise request.error(
+                "it has more than one tie point, or scales heights or rows backwards",
+                "Write it anew: gdalwarp in.tif out.tif.",
+            )
         (column, row), (x, y) = tie[:2], tie[3:5]
         T = np.array([[scale[0], 0.0, x - column * scale[0]], [0.0, -scale[1], y + row * scale[1]]])
     elif tie is not None:

@@ -50,7 +50,7 @@ def window(raster: Raster, region: tuple[float, float, float, float]) -> Raster:
     inside = np.linalg.solve(raster.T[:, :2], (corners - raster.T[:, 2]).T)  # columns, rows
     first = np.clip(np.ceil(inside.min(axis=1) - 1e-9), 0, raster.values.shape[::-1]).astype(int)
     last = np.clip(np.floor(inside.max(axis=1) + 1e-9) + 1, first, raster.values.shape[::-1]).astype(int)
-    values = raster.values[first[1]:last[1], first[0]:last[0]]
+    values = raster.values[first[1] : last[1], first[0] : last[0]]
     T = np.column_stack([raster.T[:, :2], places(raster.T, first[1], first[0])])
     if T[0, 1] or T[1, 0]:  # turned against the region
         xy = places(T, np.arange(values.shape[0])[:, None], np.arange(values.shape[1]))
@@ -73,8 +73,12 @@ def mosaic(rasters: list[Raster], names: list[str], key: str) -> Raster:
         start = np.linalg.solve(A, raster.T[:, 2] - first.T[:, 2])
         drift = np.abs(np.linalg.solve(A, raster.T[:, :2]) - np.eye(2)).max() * max(raster.values.shape)
         if max(drift, np.abs(start - np.rint(start)).max()) > ON_A_NODE:
-            raise InputError(f"its nodes are not those of the grid of {names[0]}", file=name, key=f"{key}.file",
-                             remedy="Lay the tiles on one grid: gdalwarp -tap, or gdalbuildvrt and gdal_translate.")
+            raise InputError(
+                f"its nodes are not those of the grid of {names[0]}",
+                file=name,
+                key=f"{key}.file",
+                remedy="Lay the tiles on one grid: gdalwarp -tap, or gdalbuildvrt and gdal_translate.",
+            )
         starts.append(np.rint(start).astype(int))
     low = np.min(starts, axis=0)
     high = np.max([start + raster.values.shape[::-1] for start, raster in zip(starts, rasters, strict=True)], axis=0)
@@ -82,7 +86,7 @@ def mosaic(rasters: list[Raster], names: list[str], key: str) -> Raster:
     check_limit("HEIGHTS", int(columns) * int(rows), key=f"{key}.file")
     values = np.full((rows, columns), np.nan)
     for (column, row), raster in zip(starts - low, rasters, strict=True):
-        part = values[row:row + raster.values.shape[0], column:column + raster.values.shape[1]]
+        part = values[row : row + raster.values.shape[0], column : column + raster.values.shape[1]]
         np.copyto(part, raster.values, where=np.isnan(part))
     T = np.column_stack([A, places(first.T, low[1], low[0])])
     return Raster(values, T, first.reference, [note for raster in rasters for note in raster.notes])
@@ -94,11 +98,13 @@ def thinned(raster: Raster, resolution: float) -> tuple[Raster, tuple[int, int]]
     A block has a mean if at least half of its nodes have heights. Nodes beyond the last whole block are left out.
     """
     rows, columns = raster.values.shape
-    n, m = (max(1, min(round(resolution / size), count)) for size, count in zip(spacing(raster.T), (columns, rows),
-                                                                               strict=True))
+    n, m = (
+        max(1, min(round(resolution / size), count))
+        for size, count in zip(spacing(raster.T), (columns, rows), strict=True)
+    )
     if n == m == 1:
         return raster, (1, 1)
-    blocks = raster.values[:rows // m * m, :columns // n * n].reshape(rows // m, m, columns // n, n)
+    blocks = raster.values[: rows // m * m, : columns // n * n].reshape(rows // m, m, columns // n, n)
     there = ~np.isnan(blocks)
     count = there.sum(axis=(1, 3))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -131,8 +137,9 @@ def mesh_of(raster: Raster, key: str) -> tuple[np.ndarray, np.ndarray, Holes]:
     a, b, c, d = (number[row + i, column + j] for i, j in ((0, 0), (0, 1), (1, 1), (1, 0)))
     vertices = np.column_stack([places(T, *np.nonzero(used)), z[used]])
     level = [np.square(T[:, 0] + sign * T[:, 1]).sum() for sign in (1.0, -1.0)]  # of the diagonals ac and bd
-    other = (level[0] + np.square(vertices[a, 2] - vertices[c, 2])
-             > level[1] + np.square(vertices[b, 2] - vertices[d, 2]))
+    other = level[0] + np.square(vertices[a, 2] - vertices[c, 2]) > level[1] + np.square(
+        vertices[b, 2] - vertices[d, 2]
+    )
     faces = np.stack([a, d, np.where(other, b, c), np.where(other, d, a), c, b], axis=1).reshape(-1, 3)
     if np.linalg.det(T[:, :2]) > 0.0:  # rows run north
         faces = faces[:, ::-1]

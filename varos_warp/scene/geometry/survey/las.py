@@ -37,15 +37,21 @@ def read_las(request: Request) -> Cloud:
     except BaseException as error:  # laspy and lazrs raise many kinds, and Rust's panics are no exceptions
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise
-        raise request.error(f"cannot be read as a LAS file: {str(error).strip() or type(error).__name__}",
-                            DAMAGED) from error
+        raise request.error(
+            f"cannot be read as a LAS file: {str(error).strip() or type(error).__name__}", DAMAGED
+        ) from error
     if counts["read"] != told or not np.isfinite(points).all():
-        raise request.error(f"its header says {told} points, but there are {counts['read']}, or some lie nowhere",
-                            "The transfer may have broken off; copy it again.")
+        raise request.error(
+            f"its header says {told} points, but there are {counts['read']}, or some lie nowhere",
+            "The transfer may have broken off; copy it again.",
+        )
     if len(points) == 0:
-        raise request.error("there are no such points in it" if request.asked.classes else "there are no points in it",
-                            "Look at its classes.", "classes" if request.asked.classes else "file",
-                            request.asked.classes)
+        raise request.error(
+            "there are no such points in it" if request.asked.classes else "there are no points in it",
+            "Look at its classes.",
+            "classes" if request.asked.classes else "file",
+            request.asked.classes,
+        )
     notes = [f"{counts['noise']} of its {told} points are noise or withheld, and left out"] * bool(counts["noise"])
     return Cloud(points, _reference(vlrs, points, request), notes)
 
@@ -81,9 +87,15 @@ def _check_sizes(request: Request) -> bool:
             more, count = struct.unpack_from("<IQ", head, 243)
         packed = bool(form & 0xC0)
         check_limit("HEIGHTS", count, file=request.path, key=f"{request.key}.file")
-        whole = start <= size and records + more <= MOST_RECORDS and (
-            count <= MOST_PACKED * size and _chunks(file, start, size) <= count + 1 if packed
-            else start + count * length <= size)
+        whole = (
+            start <= size
+            and records + more <= MOST_RECORDS
+            and (
+                count <= MOST_PACKED * size and _chunks(file, start, size) <= count + 1
+                if packed
+                else start + count * length <= size
+            )
+        )
     if not whole:
         raise request.error("it is shorter than its header says", "The transfer may have broken off; copy it again.")
     return packed
@@ -119,11 +131,12 @@ def _reference(vlrs, points, request) -> Reference:
     if wkt := records.get(2112, b"").decode("utf-8", "replace").strip("\0 \n"):
         return of_wkt(wkt, request, (middle[0], middle[1]))
     numbers = records.get(34736, b"")
-    keys = geokeys(_words(records.get(34735, b""), "<u2"), _words(numbers, "<f8"), records.get(34737, b"").decode(
-        "latin-1"))
+    keys = geokeys(
+        _words(records.get(34735, b""), "<u2"), _words(numbers, "<f8"), records.get(34737, b"").decode("latin-1")
+    )
     return of_geokeys(keys, request, (middle[0], middle[1])) if keys else Reference()
 
 
 def _words(data: bytes, kind: str) -> list:
     size = np.dtype(kind).itemsize
-    return np.frombuffer(data[:len(data) // size * size], kind).tolist()
+    return np.frombuffer(data[: len(data) // size * size], kind).tolist()

@@ -18,8 +18,10 @@ def read_picture(request: Request) -> Raster:
     try:
         with open_image(request.path, f"{request.key}.file", limit="HEIGHTS", formats=("PNG",)) as image:
             if image.mode not in ("L", "I;16", "I;16B", "I"):
-                raise request.error(f"is a coloured picture (mode {image.mode}), not heights",
-                                    "Give a grey PNG of 8 or 16 bits, a GeoTIFF or an NPY file.")
+                raise request.error(
+                    f"is a coloured picture (mode {image.mode}), not heights",
+                    "Give a grey PNG of 8 or 16 bits, a GeoTIFF or an NPY file.",
+                )
             values = np.asarray(image)
             clear = image.info.get("transparency")  # of the chunk tRNS: the grey that is not there
     except InputError:
@@ -43,13 +45,19 @@ def read_array(request: Request) -> Raster:
     except Exception as error:  # its header is Python's own text
         raise request.error(f"cannot be read as an NPY file: {error}", "Write it with numpy.save.") from error
     if not isinstance(values, np.ndarray) or values.ndim != 2 or values.dtype.kind not in "iuf":
-        what = f"an array of shape {list(values.shape)} and type {values.dtype}" if isinstance(
-            values, np.ndarray) else "an archive of arrays"
+        what = (
+            f"an array of shape {list(values.shape)} and type {values.dtype}"
+            if isinstance(values, np.ndarray)
+            else "an archive of arrays"
+        )
         raise request.error(f"is {what}, not heights on a grid", "Save one array of numbers [rows, columns].")
     check_limit("HEIGHTS", values.size, file=request.path, key=f"{request.key}.file")
     if request.asked.first_row is None:
-        raise request.error("an NPY file does not say which of its rows is north",
-                            "Give north, or south if y grows with the row.", "first_row")
+        raise request.error(
+            "an NPY file does not say which of its rows is north",
+            "Give north, or south if y grows with the row.",
+            "first_row",
+        )
     T = centred(values.shape, request)
     return Raster(to_heights(np.asarray(values), None, request, measured=True), T)
 
@@ -87,8 +95,10 @@ def world_file(request: Request) -> np.ndarray | None:
             if not (np.isfinite(T).all() and abs(np.linalg.det(T[:, :2])) > 0.0):
                 raise ValueError
         except ValueError:
-            raise request.error(f"its world file {path.name} does not hold six numbers that span an area",
-                                "Mend it, or take it away and give pixel_m.") from None
+            raise request.error(
+                f"its world file {path.name} does not hold six numbers that span an area",
+                "Mend it, or take it away and give pixel_m.",
+            ) from None
         return T
     return None
 
@@ -97,16 +107,21 @@ def centred(shape: tuple[int, ...], request: Request) -> np.ndarray:
     """The places of nodes about the middle of their grid, float64 [2, 3], as the keys of the block say."""
     asked = request.asked
     if asked.pixel_m is None:
-        raise request.error("the file does not say where it lies", "Give the distance of neighbouring nodes in metres, "
-                            "such as 0.25; the middle of the grid is then the origin.", "pixel_m")
+        raise request.error(
+            "the file does not say where it lies",
+            "Give the distance of neighbouring nodes in metres, "
+            "such as 0.25; the middle of the grid is then the origin.",
+            "pixel_m",
+        )
     dx, dy = asked.pixel_m if isinstance(asked.pixel_m, tuple) else (asked.pixel_m,) * 2
     down = 1.0 if asked.first_row == "south" else -1.0
     rows, columns = shape
     return np.array([[dx, 0.0, -0.5 * dx * (columns - 1)], [0.0, down * dy, -0.5 * down * dy * (rows - 1)]])
 
 
-def to_heights(values: np.ndarray, nodata: float | None, request: Request, *, measured: bool,
-               mask: np.ndarray | None = None) -> np.ndarray:
+def to_heights(
+    values: np.ndarray, nodata: float | None, request: Request, *, measured: bool, mask: np.ndarray | None = None
+) -> np.ndarray:
     """Values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
 
     Args:
@@ -119,14 +134,23 @@ def to_heights(values: np.ndarray, nodata: float | None, request: Request, *, me
     asked = request.asked
     nodata = asked.nodata if asked.nodata is not None else nodata
     whole = values.dtype.kind in "iu"
-    if whole and (not measured or values.dtype.itemsize == 1) and (
-            asked.height_scale is None and asked.height_range_m is None):
-        raise request.error(f"its values are whole numbers of {8 * values.dtype.itemsize} bits, which may be grey or "
-                            "heights", "Give height_range_m: [LOW, HIGH] for the heights of black and white, or "
-                            "height_scale for metres in a step (1 if they are heights).", "height_scale")
+    if (
+        whole
+        and (not measured or values.dtype.itemsize == 1)
+        and (asked.height_scale is None and asked.height_range_m is None)
+    ):
+        raise request.error(
+            f"its values are whole numbers of {8 * values.dtype.itemsize} bits, which may be grey or heights",
+            "Give height_range_m: [LOW, HIGH] for the heights of black and white, or "
+            "height_scale for metres in a step (1 if they are heights).",
+            "height_scale",
+        )
     if asked.height_range_m is not None and (values.dtype.kind != "u" or values.dtype.itemsize > 2):
-        raise request.error(f"is for pictures of 8 or 16 bits; these values are {values.dtype}",
-                            "Leave it out; height_scale multiplies.", "height_range_m")
+        raise request.error(
+            f"is for pictures of 8 or 16 bits; these values are {values.dtype}",
+            "Leave it out; height_scale multiplies.",
+            "height_range_m",
+        )
     heights = values.astype(np.float64)
     none = ~np.isfinite(heights)
     if nodata is not None and not np.isnan(nodata):

@@ -21,8 +21,13 @@ from varos_warp.scene.geometry.survey.las import read_las
 from varos_warp.scene.geometry.survey.pictures import read_array, read_picture
 
 READERS: dict[str, Callable[[Request], Raster | Cloud]] = {
-    **dict.fromkeys(GEOTIFFS, read_geotiff), ".asc": read_asc, ".png": read_picture, ".npy": read_array,
-    **dict.fromkeys(TEXTS, read_points), **dict.fromkeys(CLOUDS, read_las)}
+    **dict.fromkeys(GEOTIFFS, read_geotiff),
+    ".asc": read_asc,
+    ".png": read_picture,
+    ".npy": read_array,
+    **dict.fromkeys(TEXTS, read_points),
+    **dict.fromkeys(CLOUDS, read_las),
+}
 FILLS = (-9999.0, -99999.0, -32768.0, -32767.0, 32767.0, 9999.0, 99999.0, 1e5, -1e5)
 """Numbers that many programs write where they know no height."""
 MANY_ZEROS = 0.1
@@ -72,12 +77,20 @@ def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str 
 def _joined(found: list, paths: list[Path], key: str) -> tuple[Raster | Cloud, str | None]:
     """What files hold as one grid or as points, and the name of their system or None."""
     if len({type(each) for each in found}) > 1:
-        raise InputError("grids and points cannot be joined", file=paths[0], key=f"{key}.file",
-                         remedy="Name files of one kind, or join meshes with `varos-warp preprocess`.")
+        raise InputError(
+            "grids and points cannot be joined",
+            file=paths[0],
+            key=f"{key}.file",
+            remedy="Name files of one kind, or join meshes with `varos-warp preprocess`.",
+        )
     crs = list(dict.fromkeys(each.reference.name for each in found if each.reference.name))
     if len(crs) > 1:
-        raise InputError(f"the files lie in different systems: {', '.join(crs)}", file=paths[0], key=f"{key}.file",
-                         remedy="Project them to one.")
+        raise InputError(
+            f"the files lie in different systems: {', '.join(crs)}",
+            file=paths[0],
+            key=f"{key}.file",
+            remedy="Project them to one.",
+        )
     system = crs[0] if crs else None
     if isinstance(found[0], Raster):
         return grid.mosaic(found, [str(path) for path in paths], key), system
@@ -86,17 +99,22 @@ def _joined(found: list, paths: list[Path], key: str) -> tuple[Raster | Cloud, s
 
 
 def _read(request: Request) -> Raster | Cloud:
-    require_file(request.path, "survey file", "Paths are relative to the scene file; correct the path.",
-                 f"{request.key}.file")
+    require_file(
+        request.path, "survey file", "Paths are relative to the scene file; correct the path.", f"{request.key}.file"
+    )
     if request.path.stat().st_size == 0:
         raise request.error("the file is empty (0 bytes)", "Copy or export it again.")
     suffix = ending(request.path.name)
     if suffix in READERS:
         return READERS[suffix](request)
-    remedy = ("A mesh needs no kind: leave out kind, or give kind: file" if suffix in FORMATS else
-              REMEDIES.get(suffix, "Export it in another format"))
-    raise request.error(f"unknown survey format '{request.path.suffix}'",
-                        f"{remedy}. Surveys are {', '.join(READERS)}.")
+    remedy = (
+        "A mesh needs no kind: leave out kind, or give kind: file"
+        if suffix in FORMATS
+        else REMEDIES.get(suffix, "Export it in another format")
+    )
+    raise request.error(
+        f"unknown survey format '{request.path.suffix}'", f"{remedy}. Surveys are {', '.join(READERS)}."
+    )
 
 
 def _unread(path: Path) -> list[str]:
@@ -134,9 +152,12 @@ def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
     heights = read.values if isinstance(read, Raster) else read.points[:, 2]
     if not heights.size or np.isnan(heights).all():
         where = " in the region" * (asked.region is not None)
-        raise request.error(f"there are no heights{where}",
-                            "Look at its extent, and at the value that stands for none.",
-                            "region" if asked.region else "file", asked.region and list(asked.region))
+        raise request.error(
+            f"there are no heights{where}",
+            "Look at its extent, and at the value that stands for none.",
+            "region" if asked.region else "file",
+            asked.region and list(asked.region),
+        )
     common = [fill for fill in FILLS if fill in (float(np.nanmin(heights)), float(np.nanmax(heights)))]
     if common and asked.nodata is None:
         read.notes.append(f"values of {common[0]:g} look as if they stood for none; if so give nodata: {common[0]:g}")
@@ -164,8 +185,10 @@ def _steep(read: Raster, factor: float, asked: Heights) -> list[str]:
     given = asked.height_scale is not None or asked.height_range_m is not None
     if given or tall <= STEEPEST * wide or not (np.isnan(read.values) | (read.values % 1.0 == 0.0)).all():
         return []
-    return [f"its heights are whole numbers and differ by {tall:.3g} m over {wide:.3g} m; if they are in cm give "
-            "height_scale: 0.01"]
+    return [
+        f"its heights are whole numbers and differ by {tall:.3g} m over {wide:.3g} m; if they are in cm give "
+        "height_scale: 0.01"
+    ]
 
 
 def _cut(read: Raster | Cloud, region) -> Raster | Cloud:
@@ -203,21 +226,28 @@ def _units(reference, request) -> tuple[float, float]:
     if asked.height_unit is not None:
         return unit, UNITS[asked.height_unit]
     if reference.unknown_height_unit:
-        raise request.error(f"the unit of its heights is not known ({reference.unknown_height_unit})", choices,
-                            "height_unit")
+        raise request.error(
+            f"the unit of its heights is not known ({reference.unknown_height_unit})", choices, "height_unit"
+        )
     if reference.height_unit_m is not None:
         return unit, reference.height_unit_m
     if asked.unit is None and unit != 1.0:
-        raise request.error(f"its coordinates are in units of {unit:.7g} m, and it does not say in which its heights "
-                            "are", choices, "height_unit")
+        raise request.error(
+            f"its coordinates are in units of {unit:.7g} m, and it does not say in which its heights are",
+            choices,
+            "height_unit",
+        )
     return unit, unit
 
 
 def _downwards(reference, request) -> bool:
     """Tell whether values grow downwards."""
     if reference.downwards and request.asked.positive is None:
-        raise request.error("its heights are depths by its coordinate system, but many programs write them negative",
-                            "Give down if they are positive below the surface, or up.", "positive")
+        raise request.error(
+            "its heights are depths by its coordinate system, but many programs write them negative",
+            "Give down if they are positive below the surface, or up.",
+            "positive",
+        )
     return request.asked.positive == "down"
 
 
@@ -231,15 +261,32 @@ def _surface_of_grid(raster: Raster, asked: Heights, path: Path, key: str):
         raster, block = grid.thinned(raster, asked.resolution_m)
     if min(raster.values.shape) < 2:
         size, thin = " x ".join(map(str, raster.values.shape)), " after it was thinned" * (block != (1, 1))
-        raise InputError(f"has {size} nodes{thin}", file=path, key=f"{key}.{'resolution_m' if thin else 'file'}",
-                         remedy="A surface takes at least two rows and two columns.")
+        raise InputError(
+            f"has {size} nodes{thin}",
+            file=path,
+            key=f"{key}.{'resolution_m' if thin else 'file'}",
+            remedy="A surface takes at least two rows and two columns.",
+        )
     vertices, faces, holes = grid.mesh_of(raster, key)
     if len(faces) == 0:
-        raise InputError("no four neighbouring nodes have heights", file=path, key=f"{key}.file",
-                         remedy="Look at the value that stands for none.")
-    return vertices, faces, _facts(vertices, holes) | {
-        "grid": True, "size": list(read.values.shape), "spacing_m": list(grid.spacing(read.T)),
-        "block": list(block), "missing": int(np.isnan(raster.values).sum())}
+        raise InputError(
+            "no four neighbouring nodes have heights",
+            file=path,
+            key=f"{key}.file",
+            remedy="Look at the value that stands for none.",
+        )
+    return (
+        vertices,
+        faces,
+        _facts(vertices, holes)
+        | {
+            "grid": True,
+            "size": list(read.values.shape),
+            "spacing_m": list(grid.spacing(read.T)),
+            "block": list(block),
+            "missing": int(np.isnan(raster.values).sum()),
+        },
+    )
 
 
 def _surface_of_points(cloud: Cloud, asked: Heights, path: Path, key: str):
@@ -250,14 +297,22 @@ def _surface_of_points(cloud: Cloud, asked: Heights, path: Path, key: str):
         vertices, faces, holes, median = scattered.triangulate(alone, asked.longest_edge_m, key)
     except InputError as error:
         raise InputError(error.problem, file=path, key=error.key, value=error.value, remedy=error.remedy) from None
-    return vertices, faces, _facts(vertices, holes) | {
-        "grid": False, "size": len(cloud.points), "spacing_m": [median], "stacked": len(points) - len(alone)}
+    return (
+        vertices,
+        faces,
+        _facts(vertices, holes)
+        | {"grid": False, "size": len(cloud.points), "spacing_m": [median], "stacked": len(points) - len(alone)},
+    )
 
 
 def _facts(vertices, holes) -> dict:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    return {"extent_m": [*low[:2].tolist(), *high[:2].tolist()], "heights_m": [float(low[2]), float(high[2])],
-            "holes": holes.count, "hole_area_m2": holes.area_m2}
+    return {
+        "extent_m": [*low[:2].tolist(), *high[:2].tolist()],
+        "heights_m": [float(low[2]), float(high[2])],
+        "holes": holes.count,
+        "hole_area_m2": holes.area_m2,
+    }
 
 
 def _doubts(facts: dict, asked: Heights) -> list[str]:
@@ -265,15 +320,19 @@ def _doubts(facts: dict, asked: Heights) -> list[str]:
     found, (xmin, ymin, xmax, ymax), (low, high) = [], facts["extent_m"], facts["heights_m"]
     wide = max(xmax - xmin, ymax - ymin)
     if max(abs(xmin), abs(xmax)) <= 360.0 and max(abs(ymin), abs(ymax)) <= 90.0 and high - low > 5.0 * wide:
-        found.append(f"its heights differ by {high - low:.3g} m over {wide:.3g} m: its coordinates may be degrees, "
-                     "which must be projected to metres, or its heights have another unit")
+        found.append(
+            f"its heights differ by {high - low:.3g} m over {wide:.3g} m: its coordinates may be degrees, "
+            "which must be projected to metres, or its heights have another unit"
+        )
     stated = asked.positive or asked.height_range_m or (asked.origin and asked.origin[2])
     if low > 0.0 and not stated:
-        found.append(f"its heights are all above 0, {low:.3g} to {high:.3g} m; if they are depths, give "
-                     "positive: down")
+        found.append(f"its heights are all above 0, {low:.3g} to {high:.3g} m; if they are depths, give positive: down")
     if facts["holes"]:
-        what = "preprocess fills those that are narrow enough" if asked.preprocess else (
-            "they are left open (preprocess: {fill_holes_m: WIDTH} fills them)")
+        what = (
+            "preprocess fills those that are narrow enough"
+            if asked.preprocess
+            else ("they are left open (preprocess: {fill_holes_m: WIDTH} fills them)")
+        )
         count, area = counted(facts["holes"], "hole"), facts["hole_area_m2"]
         found.append(f"{count} without heights, {area:.4g} m2 in all; {what}")
     if stacked := facts.get("stacked"):

@@ -101,9 +101,12 @@ def triangulate(points: np.ndarray, longest: float | None, key: str) -> tuple[np
     """
     if len(points) > (most := limit("SCATTERED_POINTS")):
         wide = float(np.sqrt(2.0 * np.ptp(points[:, :2], axis=0).prod() / most))
-        raise InputError(f"{len(points)} scattered points are more than the limit of {most}", key=f"{key}.resolution_m",
-                         remedy=f"Thin them: resolution_m: {wide:.2g}; or raise the limit: "
-                                f"VAROS_WARP_MAX_SCATTERED_POINTS={len(points)}.")
+        raise InputError(
+            f"{len(points)} scattered points are more than the limit of {most}",
+            key=f"{key}.resolution_m",
+            remedy=f"Thin them: resolution_m: {wide:.2g}; or raise the limit: "
+            f"VAROS_WARP_MAX_SCATTERED_POINTS={len(points)}.",
+        )
     local = points[:, :2] - np.round(points[:, :2].mean(axis=0))
     faces, neighbours = _delaunay(local, key)
     corners = local[faces]
@@ -114,8 +117,11 @@ def triangulate(points: np.ndarray, longest: float | None, key: str) -> tuple[np
     longest = MEDIAN_EDGES * median if longest is None else longest
     kept = (sides.max(axis=1) <= longest) & (np.abs(area) > 0.0)
     if not kept.any():
-        raise InputError(f"no triangle has edges as short as {longest:.3g} m", key=f"{key}.longest_edge_m",
-                         remedy=f"Half of the edges are longer than {median:.3g} m.")
+        raise InputError(
+            f"no triangle has edges as short as {longest:.3g} m",
+            key=f"{key}.longest_edge_m",
+            remedy=f"Half of the edges are longer than {median:.3g} m.",
+        )
     vertices, faces = compact(points, faces[kept])
     return vertices, faces, _holes(kept, neighbours, np.abs(area)), median
 
@@ -128,19 +134,27 @@ def _areas(corners: np.ndarray) -> np.ndarray:
 
 def _delaunay(local: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
     """Faces int32 [F, 3] and for each side of them the face beyond it, -1 for none, [F, 3]."""
+
     def compute():
         try:
             found = Delaunay(local)
         except (QhullError, ValueError) as error:
-            raise InputError(f"{counted(len(local), 'point')} make no surface", key=f"{key}.file",
-                             remedy="There are too few, or they lie on a line.") from error
+            raise InputError(
+                f"{counted(len(local), 'point')} make no surface",
+                key=f"{key}.file",
+                remedy="There are too few, or they lie on a line.",
+            ) from error
         return {"faces": found.simplices.astype(np.int32), "neighbours": found.neighbors.astype(np.int32)}
 
     if len(local) < KEPT_POINTS:
         made = compute()
     else:
-        made = cached("survey", {"points": digest(local), "code": code_hash(__name__, (__name__,))}, compute,
-                      what=f"the surface of {len(local)} points")
+        made = cached(
+            "survey",
+            {"points": digest(local), "code": code_hash(__name__, (__name__,))},
+            compute,
+            what=f"the surface of {len(local)} points",
+        )
     return made["faces"], made["neighbours"]
 
 
@@ -152,8 +166,9 @@ def _holes(kept: np.ndarray, neighbours: np.ndarray, area: np.ndarray) -> Holes:
     beyond = neighbours[out]
     face = np.repeat(out, 3)[(beyond.ravel() >= 0) & ~kept[beyond.ravel()]]
     other = beyond.ravel()[(beyond.ravel() >= 0) & ~kept[beyond.ravel()]]
-    count, label = connected_components(coo_matrix((np.ones(len(face), bool), (face, other)), (len(kept),) * 2),
-                                        directed=False)
+    count, label = connected_components(
+        coo_matrix((np.ones(len(face), bool), (face, other)), (len(kept),) * 2), directed=False
+    )
     inner = np.zeros(count, bool)
     inner[label[out]] = True
     inner[label[out[(beyond < 0).any(axis=1)]]] = False

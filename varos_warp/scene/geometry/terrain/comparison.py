@@ -17,11 +17,16 @@ def mesh_facts(vertices: np.ndarray, faces: np.ndarray) -> dict:
     """
     once, many = edge_uses(faces)
     label = pieces(faces, len(vertices)) if len(faces) else np.zeros(0, int)
-    return {"vertices": len(vertices), "triangles": len(faces),
-            "bounds_m": [vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()],
-            "area_m2": mesh_area(vertices, faces),
-            "pieces": len(np.unique(label)), "watertight": len(once) == 0 and len(many) == 0,
-            "boundary_edges": len(once), "edges_of_many_faces": len(many)}
+    return {
+        "vertices": len(vertices),
+        "triangles": len(faces),
+        "bounds_m": [vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()],
+        "area_m2": mesh_area(vertices, faces),
+        "pieces": len(np.unique(label)),
+        "watertight": len(once) == 0 and len(many) == 0,
+        "boundary_edges": len(once),
+        "edges_of_many_faces": len(many),
+    }
 
 
 def mesh_area(vertices, faces) -> float:
@@ -62,9 +67,13 @@ def one_sided_distance(source, target, samples: int = DISTANCE_SAMPLES, *, devic
     n, m = area_normals(source[0], source[1][face]), area_normals(target[0], target[1][nearest])
     sine = np.linalg.norm(np.cross(n, m), axis=1)
     angle = np.degrees(np.arctan2(sine, np.einsum("ij,ij->i", n, m)))
-    return {"samples": len(points), "rms": float(np.sqrt(np.mean(d**2))), "p95": float(np.quantile(d, 0.95)),
-            "max": float(d.max()), "normal_deg": {"mean": float(angle.mean()), "p95": float(np.quantile(angle, 0.95)),
-                                                  "max": float(angle.max())}}
+    return {
+        "samples": len(points),
+        "rms": float(np.sqrt(np.mean(d**2))),
+        "p95": float(np.quantile(d, 0.95)),
+        "max": float(d.max()),
+        "normal_deg": {"mean": float(angle.mean()), "p95": float(np.quantile(angle, 0.95)), "max": float(angle.max())},
+    }
 
 
 def compare(original, result, samples: int = DISTANCE_SAMPLES, *, device: str = "cpu", region=None) -> dict:
@@ -78,5 +87,8 @@ def compare(original, result, samples: int = DISTANCE_SAMPLES, *, device: str = 
     back = one_sided_distance(result, original, samples, device=device)
     weights = [there["samples"], back["samples"]]
     rms = float(np.sqrt(np.average([there["rms"] ** 2, back["rms"] ** 2], weights=weights)))
-    return {"distance_to_result_m": there, "distance_to_original_m": back,
-            "symmetric_m": {"hausdorff": max(there["max"], back["max"]), "rms": rms}}
+    return {
+        "distance_to_result_m": there,
+        "distance_to_original_m": back,
+        "symmetric_m": {"hausdorff": max(there["max"], back["max"]), "rms": rms},
+    }

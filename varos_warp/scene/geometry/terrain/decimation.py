@@ -89,8 +89,9 @@ def _simplify(vertices, faces, target, **options):
     """At most about ``target`` triangles."""
     for aggressiveness in AGGRESSIVENESS:
         if target < len(faces):
-            vertices, faces = fast_simplification.simplify(vertices, faces, target_count=target, agg=aggressiveness,
-                                                           **options)
+            vertices, faces = fast_simplification.simplify(
+                vertices, faces, target_count=target, agg=aggressiveness, **options
+            )
     return vertices, np.asarray(faces, np.int32)
 
 

@@ -61,6 +61,8 @@ class Model:
         off = float(np.median(self.surface.nearest(sample_surface(vertices, faces, SAMPLES)[0])[0]))
         if far <= MOST_LOST and area >= LEAST_AREA and off <= near:
             return None, False
-        return (f"loses much of the model: {100 * far:.0f} % of what is seen of it is more than {near * side:.3g} m "
-                f"away from the result, {100 * area:.0f} % of its area is left, half of the result is more than "
-                f"{off * side:.3g} m away from the model; {extents} m"), far > RUIN or area < LEAST_AREA or off > near
+        return (
+            f"loses much of the model: {100 * far:.0f} % of what is seen of it is more than {near * side:.3g} m "
+            f"away from the result, {100 * area:.0f} % of its area is left, half of the result is more than "
+            f"{off * side:.3g} m away from the model; {extents} m"
+        ), far > RUIN or area < LEAST_AREA or off > near

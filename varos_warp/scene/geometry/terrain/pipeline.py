@@ -51,6 +51,7 @@ class Log:
     @contextlib.contextmanager
     def step(self, name: str):
         """Time a step; yields a function that takes the share that is done."""
+
         def share(done):
             if self.progress is not None:
                 self.progress(name, done)
@@ -90,8 +91,12 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
         asked = Preprocess(**options)
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(first["msg"].removeprefix("Value error, "), key=".".join(map(str, (key, *first["loc"]))),
-                         value=first["input"], remedy="docs/terrain.md tells of the options.") from None
+        raise InputError(
+            first["msg"].removeprefix("Value error, "),
+            key=".".join(map(str, (key, *first["loc"]))),
+            value=first["input"],
+            remedy="docs/terrain.md tells of the options.",
+        ) from None
     if log is None:
         result = preprocess(vertices, faces, key=key, device=device, log=(log := Log()), **options)
         for text in log.warnings:
@@ -106,10 +111,15 @@ def preprocess(vertices, faces, *, key="preprocess", device="cpu", log=None, **o
             sheet = is_sheet(vertices, faces)
             vertices, faces = _wrap(vertices, faces, asked, sheet, device=device, key=key, share=share)
             log.counts["vertices_of_the_shrinkwrap"] = len(vertices)
-            _refuse_loss(model, (vertices, faces), log, key=f"{key}.shrinkwrap_resolution",
-                         value=asked.shrinkwrap_resolution,
-                         remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
-                                "than it can tell, or in pieces; or give it one side of a shell only")
+            _refuse_loss(
+                model,
+                (vertices, faces),
+                log,
+                key=f"{key}.shrinkwrap_resolution",
+                value=asked.shrinkwrap_resolution,
+                remedy="Leave the shrinkwrap out (--shrinkwrap none, or no such key): the model is thinner "
+                "than it can tell, or in pieces; or give it one side of a shell only",
+            )
     how = asked.close if sheet else "none"
     if decimates:
         vertices, faces = _decimate(vertices, faces, asked, how, sheet, model=model, key=key, log=log)
@@ -140,8 +150,10 @@ def _decimate(vertices, faces, asked, how, sheet, *, model, key, log):
     """The surface with as many vertices as asked, closed as ``how`` says; as it is if it has fewer."""
     target, count = asked.target_vertices, len(close(vertices, faces, how)[0])
     if target > count:
-        log.warnings.append(f"{target} vertices were asked for, but the surface has only {count}, and decimation adds "
-                            "none; a larger --shrinkwrap N (shrinkwrap_resolution) makes it finer")
+        log.warnings.append(
+            f"{target} vertices were asked for, but the surface has only {count}, and decimation adds "
+            "none; a larger --shrinkwrap N (shrinkwrap_resolution) makes it finer"
+        )
     if target >= count:
         return vertices, faces
     with log.step("decimate") as share:
@@ -150,19 +162,20 @@ def _decimate(vertices, faces, asked, how, sheet, *, model, key, log):
         remedy = "Raise it or leave the decimation out"
         if len(faces) == 0 or len(close(vertices, faces, how)[0]) > target:
             raise InputError("nothing is left of the mesh with so few vertices", **wrong, remedy=f"{remedy}.")
-        _refuse_loss(model, (vertices, faces), log, **wrong,
-                     remedy=f"{remedy}; smooth a rough survey first ({SMOOTH})")
+        _refuse_loss(model, (vertices, faces), log, **wrong, remedy=f"{remedy}; smooth a rough survey first ({SMOOTH})")
     return vertices, faces
 
 
 def _wrap(vertices, faces, asked, sheet, *, device, key, share):
     """The model shrinkwrapped; a refusal names the key."""
     try:
-        return shrinkwrap(vertices, faces, asked.shrinkwrap_resolution, asked.region, sheet=sheet, device=device,
-                          progress=share)
+        return shrinkwrap(
+            vertices, faces, asked.shrinkwrap_resolution, asked.region, sheet=sheet, device=device, progress=share
+        )
     except InputError as error:
-        raise InputError(error.problem, key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution,
-                         remedy=error.remedy) from None
+        raise InputError(
+            error.problem, key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution, remedy=error.remedy
+        ) from None
 
 
 def _refuse_loss(model, mesh, log, *, key, value, remedy):
@@ -189,8 +202,11 @@ def _repair(vertices, faces, asked, key, device, log):
     with log.step("repair"):
         vertices, faces = log.count(repair.drop_useless(vertices, faces))
         if len(faces) == 0:
-            raise InputError("no triangles are left", key=key,
-                             remedy="All were degenerate: look at the mesh, and lower merge_tolerance_m.")
+            raise InputError(
+                "no triangles are left",
+                key=key,
+                remedy="All were degenerate: look at the mesh, and lower merge_tolerance_m.",
+            )
         vertices, faces = log.count(repair.orient(vertices, faces, device))
         widest = repair.HOLE_EDGES * median_edge(vertices, faces) if asked.fill_holes_m is None else asked.fill_holes_m
         vertices, faces = log.count(repair.fill_holes(vertices, faces, widest))
@@ -199,14 +215,26 @@ def _repair(vertices, faces, asked, key, device, log):
             vertices = smooth(vertices, faces, asked.smoothing_rounds)
         rough = roughness_deg(vertices, faces) if asked.target_vertices is not None else 0.0
         if rough > ROUGH_DEG and is_sheet(vertices, faces):
-            log.warnings.append(f"the survey is rough: neighbouring faces differ by {rough:.0f} degrees on average, "
-                                f"and fewer of them will be shards; smooth it first ({SMOOTH})")
+            log.warnings.append(
+                f"the survey is rough: neighbouring faces differ by {rough:.0f} degrees on average, "
+                f"and fewer of them will be shards; smooth it first ({SMOOTH})"
+            )
     return vertices, faces, origin
 
 
-def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0, up_axis: str | None = None,
-                      region=None, samples: int = DISTANCE_SAMPLES, device: str = "cpu", progress=None,
-                      survey: dict | None = None, **options):
+def preprocess_meshes(
+    files,
+    vertices: int | None = None,
+    *,
+    scale: float = 1.0,
+    up_axis: str | None = None,
+    region=None,
+    samples: int = DISTANCE_SAMPLES,
+    device: str = "cpu",
+    progress=None,
+    survey: dict | None = None,
+    **options,
+):
     """Join mesh and survey files and make one terrain of them; what ``varos-warp preprocess`` does.
 
     Args:
@@ -248,31 +276,50 @@ def preprocess_meshes(files, vertices: int | None = None, *, scale: float = 1.0,
     with log.step("compare"):
         surface = without_skirt(*result, result[0][:, 2].min()) if log.closed else result
         compared = original if region is None else crop(*original, region, "preprocess")
-        report = {"files": [str(file) for file in files], "before": mesh_facts(*original),
-                  "after": mesh_facts(*result), **compare(compared, surface, samples, device=device, region=region)}
+        report = {
+            "files": [str(file) for file in files],
+            "before": mesh_facts(*original),
+            "after": mesh_facts(*result),
+            **compare(compared, surface, samples, device=device, region=region),
+        }
     if read:
         report["survey"] = read.facts
-    return result, {**report, "counts": dict(log.counts), "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
-                    "peak_memory_gb": _peak_gb(), "warnings": log.warnings}
+    return result, {
+        **report,
+        "counts": dict(log.counts),
+        "seconds": {k: round(v, 3) for k, v in log.seconds.items()},
+        "peak_memory_gb": _peak_gb(),
+        "warnings": log.warnings,
+    }
 
 
 def _read_survey(files, keys: dict | None) -> Survey | None:
     """Return the surface of survey files; None if there are none."""
     if not files:
         if keys:
-            raise InputError("is for survey files, and none is given", key="survey",
-                             remedy=f"Leave it out; survey files are {', '.join(ENDINGS)}.")
+            raise InputError(
+                "is for survey files, and none is given",
+                key="survey",
+                remedy=f"Leave it out; survey files are {', '.join(ENDINGS)}.",
+            )
         return None
     if other := sorted(set(keys or ()) & {*Placed.model_fields, *NOT_READING}):
-        raise InputError("does not tell how survey files are read", key=f"survey.{other[0]}",
-                         remedy="Leave it out; a scene that names the result can have it.")
+        raise InputError(
+            "does not tell how survey files are read",
+            key=f"survey.{other[0]}",
+            remedy="Leave it out; a scene that names the result can have it.",
+        )
     block = {**(keys or {}), "kind": "heights", "file": [str(file) for file in files]}
     try:
         asked = Heights(**block)
     except ValidationError as error:
         found = input_error(error, Source(block, Heights))
-        raise InputError(found.problem, key=f"survey.{found.key}", value=found.value, remedy=(
-            f"{found.remedy or ''} `varos-warp schema terrain.heights` tells of the keys.").strip()) from None
+        raise InputError(
+            found.problem,
+            key=f"survey.{found.key}",
+            value=found.value,
+            remedy=(f"{found.remedy or ''} `varos-warp schema terrain.heights` tells of the keys.").strip(),
+        ) from None
     return read_survey(asked, key="survey")
 
 

@@ -39,8 +39,11 @@ def drop_useless(vertices, faces):
     rows = np.column_stack([corners[:, 0] << 32 | corners[:, 1], corners[:, 2]])
     single = kept[topology.first_equal(rows) == np.arange(len(kept))]
     result = topology.compact(vertices, single)
-    return result, {"degenerate_faces": len(faces) - len(kept), "repeated_faces": len(kept) - len(single),
-                    "unused_vertices": len(vertices) - len(result[0])}
+    return result, {
+        "degenerate_faces": len(faces) - len(kept),
+        "repeated_faces": len(kept) - len(single),
+        "unused_vertices": len(vertices) - len(result[0]),
+    }
 
 
 def clean(vertices, faces):
@@ -111,8 +114,9 @@ def _disagreeing(faces):
     one, other = topology.paired_edges(faces)
     f, g, agree = one // 3, other // 3, forward[one] != forward[other]
     as_is, turned = np.where(agree, g, g + count), np.where(agree, g + count, g)
-    label = topology.groups(np.concatenate([np.column_stack([f, as_is]), np.column_stack([f + count, turned])]),
-                            2 * count)
+    label = topology.groups(
+        np.concatenate([np.column_stack([f, as_is]), np.column_stack([f + count, turned])]), 2 * count
+    )
     as_is, mirrored = label[:count], label[count:]
     votes = np.bincount(as_is, minlength=label.max() + 1)
     fewer = (votes[as_is] < votes[mirrored]) | ((votes[as_is] == votes[mirrored]) & (as_is > mirrored))
@@ -142,6 +146,8 @@ def suspicious_size(vertices) -> str | None:
     if longer > LARGEST_M:
         return f"the model is {longer:.4g} m long: if it is in millimetres, give scale 0.001"
     if longer < SMALLEST_M:
-        return f"the model is only {longer:.3g} m long: if it is in kilometres or metres taken for millimetres, " \
-               f"give scale 1000"
+        return (
+            f"the model is only {longer:.3g} m long: if it is in kilometres or metres taken for millimetres, "
+            f"give scale 1000"
+        )
     return None

@@ -79,8 +79,16 @@ def is_height_field(vertices, faces) -> bool:
     return all((area_normals(vertices, faces[part])[:, 2] > 0.0).all() for part in chunks(len(faces)))
 
 
-def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bool | None = None, device: str = "cpu",
-               progress=lambda share: None):
+def shrinkwrap(
+    vertices,
+    faces,
+    resolution: int | str,
+    region=None,
+    *,
+    sheet: bool | None = None,
+    device: str = "cpu",
+    progress=lambda share: None,
+):
     """A new surface on a model, about as fine as ``resolution`` vertices along the longer side.
 
     A height field is draped with a regular grid. Anything else is wrapped: a sheet over its bounding rectangle, so
@@ -103,9 +111,12 @@ def shrinkwrap(vertices, faces, resolution: int | str, region=None, *, sheet: bo
     if sheet and region is not None:  # its top and bottom stay the model's
         low[:2], high[:2] = np.maximum(low[:2], region[:2]), np.minimum(high[:2], region[2:])
     if sheet and not (high > low)[:2].all():
-        raise InputError("nothing is seen from above", key="shrinkwrap_resolution",
-                         remedy="Only surfaces that can be seen from above can be shrinkwrapped; check up_axis.")
-    side = float((high - low)[:2 if sheet else 3].max())
+        raise InputError(
+            "nothing is seen from above",
+            key="shrinkwrap_resolution",
+            remedy="Only surfaces that can be seen from above can be shrinkwrapped; check up_axis.",
+        )
+    side = float((high - low)[: 2 if sheet else 3].max())
     if resolution == "auto":
         resolution = natural_resolution(vertices, faces, side)
     if sheet and is_height_field(vertices, faces):
@@ -132,8 +143,11 @@ def _sound(vertices, faces):
     if not all((area_normals(vertices, faces[part]) != 0.0).any(axis=1).all() for part in chunks(len(faces))):
         vertices, faces = clean(*merge_equal(vertices, faces))
     if len(faces) == 0:
-        raise InputError("nothing of the model is left within its outline", key="shrinkwrap_resolution",
-                         remedy="Raise it: the model, or what is whole of it, is narrower than a cell.")
+        raise InputError(
+            "nothing of the model is left within its outline",
+            key="shrinkwrap_resolution",
+            remedy="Raise it: the model, or what is whole of it, is narrower than a cell.",
+        )
     return vertices, faces
 
 
@@ -170,8 +184,11 @@ def first_surface(model: Surface, low, high, step: float, sheet: bool) -> Wrap:
         axes.append(np.linspace(a, b, cells + 1) - model.origin[axis])
     value = _grid_values(model, axes, step, 0.0 if sheet else 0.5)
     if value.min() > 0.0 or value.max() < 0.0:
-        raise InputError("the model has no inside", key="shrinkwrap_resolution",
-                         remedy="Raise it, or mend the orientation of the faces in a mesh editor.")
+        raise InputError(
+            "the model has no inside",
+            key="shrinkwrap_resolution",
+            remedy="Raise it, or mend the orientation of the faces in a mesh editor.",
+        )
     nodes, faces, _, _ = marching_cubes(value, 0.0)
     last = np.array(value.shape) - 1
     lock = np.where(nodes == last, 1, np.where(nodes == 0.0, -1, 0)).astype(np.int8)
@@ -229,8 +246,9 @@ def _jumps(value, distance):
 
 def _block_middles(axes, block, size):
     """Middles float32 [N, 3] of blocks [N, 3] of ``size`` nodes along each side."""
-    return np.column_stack([axis[0] + (axis[1] - axis[0]) * (block[:, i] * size + 0.5 * (size - 1))
-                            for i, axis in enumerate(axes)]).astype(np.float32)
+    return np.column_stack(
+        [axis[0] + (axis[1] - axis[0]) * (block[:, i] * size + 0.5 * (size - 1)) for i, axis in enumerate(axes)]
+    ).astype(np.float32)
 
 
 def _part_of(wrap, faces):
@@ -264,9 +282,12 @@ def refine(wrap: Wrap) -> Wrap:
     a, b = edges.T
     lock_a, lock_b = wrap.lock[a], wrap.lock[b]
     # an edge across a corner of the region joins two sides and lies on neither
-    return Wrap(np.concatenate([wrap.points, 0.5 * (wrap.points[a] + wrap.points[b])]), faces,
-                np.concatenate([wrap.lock, np.where(lock_a == lock_b, lock_a, np.int8(0))]),
-                np.concatenate([wrap.held, wrap.held[a] & wrap.held[b]]))
+    return Wrap(
+        np.concatenate([wrap.points, 0.5 * (wrap.points[a] + wrap.points[b])]),
+        faces,
+        np.concatenate([wrap.lock, np.where(lock_a == lock_b, lock_a, np.int8(0))]),
+        np.concatenate([wrap.held, wrap.held[a] & wrap.held[b]]),
+    )
 
 
 def project_rounds(model: Surface, wrap: Wrap, step: float, rounds: int) -> None:
@@ -277,12 +298,29 @@ def project_rounds(model: Surface, wrap: Wrap, step: float, rounds: int) -> None
     points = upload(wrap.points, wp.vec3, device)
     moved, held = wp.empty_like(points), wp.empty(count, dtype=wp.int8, device=device)
     for _ in range(rounds):
-        launch(project.move_vertices, count, {
-            "mesh": model.mesh.id, "points": points, "faces": faces, "first": first, "incident": incident, "lock": lock,
-            "step": step, "moved": moved, "held": held}, device)
+        launch(
+            project.move_vertices,
+            count,
+            {
+                "mesh": model.mesh.id,
+                "points": points,
+                "faces": faces,
+                "first": first,
+                "incident": incident,
+                "lock": lock,
+                "step": step,
+                "moved": moved,
+                "held": held,
+            },
+            device,
+        )
         after = wp.empty_like(points)
-        launch(project.undo_folds, count, {"before": points, "moved": moved, "faces": faces, "first": first,
-                                           "incident": incident, "after": after}, device)
+        launch(
+            project.undo_folds,
+            count,
+            {"before": points, "moved": moved, "faces": faces, "first": first, "incident": incident, "after": after},
+            device,
+        )
         points = after
     wrap.points, wrap.held = points.numpy(), held.numpy().astype(bool)
 

@@ -34,6 +34,7 @@ class FournierForand(PhaseFunction):
     @classmethod
     def from_backscatter_fraction(cls, fraction: float) -> "FournierForand":
         """The member with B = ``fraction``, 0.0001 to 0.15, of the family n = 1.01 + 0.1542 (mu - 3)."""
+
         def member(mu):
             return cls(1.01 + 0.1542 * (mu - 3.0), mu)
 

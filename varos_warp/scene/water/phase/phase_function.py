@@ -53,8 +53,11 @@ class PhaseFunction(ABC):
 
     def describe(self) -> dict:
         """Its facts in plain JSON types."""
-        return {"kind": self.kind, "g": float(self.mean_cosine),
-                "backscatter_fraction": float(self.backscatter_fraction)}
+        return {
+            "kind": self.kind,
+            "g": float(self.mean_cosine),
+            "backscatter_fraction": float(self.backscatter_fraction),
+        }
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}{self.key[1:]}"
@@ -178,8 +181,9 @@ class PhaseFunction(ABC):
         device = str(device)
         if device not in self._on_devices:
             density = () if self.is_henyey_greenstein else (self.table.log_p, self.table.cdf)
-            self._on_devices[device] = [wp.array(values.astype(np.float32), dtype=float, device=device)
-                                        for values in (*self._beam, *density)]
+            self._on_devices[device] = [
+                wp.array(values.astype(np.float32), dtype=float, device=device) for values in (*self._beam, *density)
+            ]
         record.angle, record.angle_integral, record.angle_density, *density = self._on_devices[device]
         record.angle_log_step = float(ANGLE_LOG_STEP)
         if density:

@@ -67,8 +67,13 @@ class Tabulated(PhaseFunction):
     def describe(self) -> dict:
         """Its facts in plain JSON types, the table's own integral over the sphere, and the light beyond its rows."""
         ahead, up_to_last = self.cdf(np.sin(0.5 * np.exp(self._log_angle[[0, -1]])) ** 2)
-        return {**super().describe(), "file": self.name, "integral": self.integral,
-                "share_ahead_of_first_row": float(ahead), "share_behind_last_row": float(max(1.0 - up_to_last, 0.0))}
+        return {
+            **super().describe(),
+            "file": self.name,
+            "integral": self.integral,
+            "share_ahead_of_first_row": float(ahead),
+            "share_behind_last_row": float(max(1.0 - up_to_last, 0.0)),
+        }
 
     def density(self, s) -> np.ndarray:
         """Density, in the scale of the table."""
@@ -77,8 +82,12 @@ class Tabulated(PhaseFunction):
         return np.exp(np.interp(log_angle, self._log_angle, self._log_p) + self._slope * ahead)
 
 
-TABLE = AngleTable("table of a phase function", "p", "A density is 0 or more; leave the row out.",
-                   "Some light must be scattered somewhere.")
+TABLE = AngleTable(
+    "table of a phase function",
+    "p",
+    "A density is 0 or more; leave the row out.",
+    "Some light must be scattered somewhere.",
+)
 
 
 def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
@@ -89,6 +98,12 @@ def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
     """
     angle_deg, p, lines = TABLE.read(path, key)
     if angle_deg[1] <= SMALLEST_DEG:
-        raise InputError(f"has two angles up to {SMALLEST_DEG:g} degrees, which are one here", file=path, key=key,
-                         line=lines[1], value=float(angle_deg[1]), remedy="Leave the smaller ones out.")
+        raise InputError(
+            f"has two angles up to {SMALLEST_DEG:g} degrees, which are one here",
+            file=path,
+            key=key,
+            line=lines[1],
+            value=float(angle_deg[1]),
+            remedy="Leave the smaller ones out.",
+        )
     return angle_deg, p

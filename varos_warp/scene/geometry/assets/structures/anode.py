@@ -38,8 +38,10 @@ def _bar(block, detail) -> tuple[list[Mesh], list[Mesh]]:
     zinc = slab([outline], 0.004, thick, 0.06 * thick, detail, lean=lean)
     wide, reach = min(0.5 * STRAP, 0.4 * block.width_m), half[0] + STRAP_REACH
     straps = [box((-reach, -wide, -0.001), (reach, wide, STRAP_THICK), 0.0015, detail)]
-    straps += [box((x - 0.008, -wide - 0.006, -0.004), (x + 0.008, wide + 0.006, STRAP_THICK - 0.001), 0.004, detail)
-               for x in (-reach, reach)]
+    straps += [
+        box((x - 0.008, -wide - 0.006, -0.004), (x + 0.008, wide + 0.006, STRAP_THICK - 0.001), 0.004, detail)
+        for x in (-reach, reach)
+    ]
     return [placed(zinc, FACING)], [placed(mesh, FACING) for mesh in straps]
 
 
@@ -50,14 +52,20 @@ def _bracelet(block, detail) -> tuple[list[Mesh], list[Mesh]]:
     lean = min(TAPER * block.thick_m, 0.4 * half)
     corners = np.array([(inner, -half), (outer, lean - half), (outer, half - lean), (inner, half)])
     away = 0.5 * GAP / inner
-    shells = [_shell(corners, middle - 0.5 * np.pi + away, middle + 0.5 * np.pi - away, 0.08 * block.thick_m, detail)
-              for middle in (0.0, np.pi)]
+    shells = [
+        _shell(corners, middle - 0.5 * np.pi + away, middle + 0.5 * np.pi - away, 0.08 * block.thick_m, detail)
+        for middle in (0.0, np.pi)
+    ]
     low = inner + 0.35 * block.thick_m
-    flat = np.array([(low, -0.5 * STRAP), (low + STRAP_THICK, -0.5 * STRAP), (low + STRAP_THICK, 0.5 * STRAP),
-                     (low, 0.5 * STRAP)])
+    flat = np.array(
+        [(low, -0.5 * STRAP), (low + STRAP_THICK, -0.5 * STRAP), (low + STRAP_THICK, 0.5 * STRAP), (low, 0.5 * STRAP)]
+    )
     reach = away + 0.03 / low
-    straps = [_shell(flat + [0.0, z], middle - reach, middle + reach, 0.0015, detail)
-              for middle in (-0.5 * np.pi, 0.5 * np.pi) for z in (-0.5 * half, 0.5 * half)]
+    straps = [
+        _shell(flat + [0.0, z], middle - reach, middle + reach, 0.0015, detail)
+        for middle in (-0.5 * np.pi, 0.5 * np.pi)
+        for z in (-0.5 * half, 0.5 * half)
+    ]
     return shells, straps
 
 
@@ -69,10 +77,12 @@ def _shell(corners, start, end, bevel, detail) -> Mesh:
     steps = arc_steps(radius, end - start, half, 2)
     if detail.is_grid:
         section = divided(section, min(detail.edge, SLENDER * radius * (end - start) / steps), closed=True)
-    section = section[::1 if area(section) > 0.0 else -1]
+    section = section[:: 1 if area(section) > 0.0 else -1]
     cut = bevel / radius
     places = [(start, bevel), *((angle, 0.0) for angle in np.linspace(start + cut, end - cut, steps + 1)), (end, bevel)]
     profiles = [(angle, inset(section, 0.7 * depth)) for angle, depth in places]
-    rings = [np.column_stack([line[:, 0] * np.cos(angle), line[:, 0] * np.sin(angle), line[:, 1]])
-             for angle, line in profiles]
+    rings = [
+        np.column_stack([line[:, 0] * np.cos(angle), line[:, 0] * np.sin(angle), line[:, 1]])
+        for angle, line in profiles
+    ]
     return loft(rings, detail)

@@ -21,8 +21,11 @@ def mooring_chain(block: MooringChain, key: str, detail: Detail) -> list[Piece]:
     link = _link(block.link_m, detail)
     detail.allow(block.links * sum(len(faces) for _, faces in link))
     nodes = chain_nodes(block)
-    turns = np.radians(block.roll_deg - 90.0 * (np.arange(block.links) % 2)
-                       + TURN_DEG * np.random.default_rng(block.seed).standard_normal(block.links))
+    turns = np.radians(
+        block.roll_deg
+        - 90.0 * (np.arange(block.links) % 2)
+        + TURN_DEG * np.random.default_rng(block.seed).standard_normal(block.links)
+    )
     pieces = []
     for start, end, turn in zip(nodes[:-1], nodes[1:], turns, strict=True):
         axes = _axes(end - start, turn)
@@ -82,8 +85,14 @@ def _link(d, detail):
     x, y, angle = np.concatenate([x, -x]), np.concatenate([y, -y]), np.concatenate([angle, angle + np.pi])
     ring = 2.0 * np.pi / around * np.arange(around)
     out = 0.5 * d * np.cos(ring)
-    rings = np.stack([x[:, None] + np.cos(angle)[:, None] * out, y[:, None] + np.sin(angle)[:, None] * out,
-                      np.broadcast_to(0.5 * d * np.sin(ring), (len(x), around))], axis=-1)
+    rings = np.stack(
+        [
+            x[:, None] + np.cos(angle)[:, None] * out,
+            y[:, None] + np.sin(angle)[:, None] * out,
+            np.broadcast_to(0.5 * d * np.sin(ring), (len(x), around)),
+        ],
+        axis=-1,
+    )
     reach = bend - 0.2 * d
     y = np.linspace(-1.0, 1.0, 2 * arc_steps(reach, 2.0, half, 6) + 1)
     radius = d * (STUD + (STUD_FOOT - STUD) * y**2)

@@ -22,8 +22,10 @@ def raised(text: str, height: float, low: float, high: float, detail: Detail) ->
         low, high: Where their backs and faces lie [m].
         detail: How fine they are.
     """
-    return [slab(loops, low, high, min(0.12 * (high - low), 0.01 * height), detail)
-            for loops in _letters(text, height, detail.chord_error)]
+    return [
+        slab(loops, low, high, min(0.12 * (high - low), 0.01 * height), detail)
+        for loops in _letters(text, height, detail.chord_error)
+    ]
 
 
 @cache
@@ -55,7 +57,7 @@ def _flattened(path, codes, chord_error):
             a, b, c = loops[-1][-1], points[:2], points[2:]
             steps = max(2, int(np.ceil(np.sqrt(np.linalg.norm(a - 2.0 * b + c) / 4.0 / chord_error))))
             t = np.linspace(0.0, 1.0, steps + 1)[1:, None]
-            loops[-1].extend((1.0 - t)**2 * a + 2.0 * t * (1.0 - t) * b + t**2 * c)
+            loops[-1].extend((1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * b + t**2 * c)
     return [_without_repeats(np.array(loop)) for loop in loops]
 
 

@@ -32,24 +32,33 @@ def flange_joint(block: FlangeJoint, key: str, detail: Detail) -> list[Piece]:
     inner = BORE * r
     shoulder = min(1.0 * r + 0.9 * thick, circle - 1.15 * ACROSS * hole)
     neck = [(inner, neck_low), (shoulder, neck_low), (shoulder, 1.1 * thick), (weld, neck_high), (inner, neck_high)]
-    halves = [flange(Flange(kind="flange", radius=r), key, detail),
-              lathe(rounded(neck, 0.04 * thick, detail, closed=True), detail, circle_points(shoulder, detail),
-                    closed=True)]
+    halves = [
+        flange(Flange(kind="flange", radius=r), key, detail),
+        lathe(rounded(neck, 0.04 * thick, detail, closed=True), detail, circle_points(shoulder, detail), closed=True),
+    ]
     flanges = [placed(mesh, axes, (0.0, 0.0, 0.5 * gap * axes[2, 2])) for mesh in halves for axes in (np.eye(3), DOWN)]
     rim = circle - 1.2 * hole
     seal = [(inner, -0.55 * gap), (rim, -0.55 * gap), (rim, 0.55 * gap), (inner, 0.55 * gap)]
     gasket = lathe(rounded(seal, 0.2 * gap, detail, closed=True), detail, circle_points(rim, detail), closed=True)
-    return chosen({"flanges": [(STEEL, mesh) for mesh in flanges], "gasket": [(RUBBER, gasket)],
-                   "bolts": [(BARE, mesh) for mesh in _studs(circle, hole, count, thick + 0.5 * gap, detail)]},
-                  block.only)
+    return chosen(
+        {
+            "flanges": [(STEEL, mesh) for mesh in flanges],
+            "gasket": [(RUBBER, gasket)],
+            "bolts": [(BARE, mesh) for mesh in _studs(circle, hole, count, thick + 0.5 * gap, detail)],
+        },
+        block.only,
+    )
 
 
 def _studs(circle, hole, count, face, detail):
     """Stud bolts around z with a nut on each side, before faces at z = -face and face."""
     d = 2.0 * STUD * hole
     reach = face + (NUT + 0.35) * d
-    meshes = [rod(0.5 * d, -reach, reach, detail), hexagon(ACROSS * d, face - 0.001, face + NUT * d, detail),
-              hexagon(ACROSS * d, -face - NUT * d, 0.001 - face, detail)]
+    meshes = [
+        rod(0.5 * d, -reach, reach, detail),
+        hexagon(ACROSS * d, face - 0.001, face + NUT * d, detail),
+        hexagon(ACROSS * d, -face - NUT * d, 0.001 - face, detail),
+    ]
     angles = 2.0 * np.pi / count * (0.5 + np.arange(count))
     return [placed(mesh, None, (circle * np.cos(a), circle * np.sin(a), 0.0)) for a in angles for mesh in meshes]
 
@@ -58,10 +67,18 @@ def hand_wheel(block: HandWheel, key: str, detail: Detail) -> list[Piece]:
     """Rim, spokes, hub, nut and stem, each a closed solid."""
     rim = 0.055 * block.radius
     middle, dish, hub = block.radius - rim, 0.18 * block.radius, 0.15 * block.radius
-    boss = [(0.0, -dish - hub), (0.8 * hub, -dish - hub), (hub, -dish), (0.75 * hub, 0.5 * hub - dish),
-            (0.0, 0.5 * hub - dish)]
-    meshes = [ring(middle, rim, detail), lathe(rounded(boss, 0.15 * hub, detail), detail, circle_points(hub, detail)),
-              hexagon(0.9 * hub, 0.49 * hub - dish, 0.95 * hub - dish, detail)]
+    boss = [
+        (0.0, -dish - hub),
+        (0.8 * hub, -dish - hub),
+        (hub, -dish),
+        (0.75 * hub, 0.5 * hub - dish),
+        (0.0, 0.5 * hub - dish),
+    ]
+    meshes = [
+        ring(middle, rim, detail),
+        lathe(rounded(boss, 0.15 * hub, detail), detail, circle_points(hub, detail)),
+        hexagon(0.9 * hub, 0.49 * hub - dish, 0.95 * hub - dish, detail),
+    ]
     # spokes are bent: level from the hub, then up to the rim
     line = np.array([(0.4 * hub, -dish - 0.25 * hub), (0.45 * middle, -dish - 0.1 * hub), (middle, 0.0)])
     spoke = bent_bar(line, 0.3 * middle, 0.7 * rim, detail)
@@ -84,5 +101,6 @@ def concrete_block(block: ConcreteBlock, key: str, detail: Detail) -> list[Piece
     line = np.array([(-bend, foot), (-bend, z + EYE_HEIGHT), (bend, z + EYE_HEIGHT), (bend, foot)])
     eye = bent_bar(line, 0.95 * bend, EYE, detail)
     places = x * ((0.5 + np.arange(block.eyes)) / max(block.eyes, 1) - 0.5)
-    return chosen({"block": [(CONCRETE, body)], "eyes": [(STEEL, placed(eye, None, (at, 0.0, 0.0))) for at in places]},
-                  block.only)
+    return chosen(
+        {"block": [(CONCRETE, body)], "eyes": [(STEEL, placed(eye, None, (at, 0.0, 0.0))) for at in places]}, block.only
+    )

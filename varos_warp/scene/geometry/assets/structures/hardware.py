@@ -25,8 +25,9 @@ def hexagon(across: float, low: float, high: float, detail: Detail, at=(0.0, 0.0
     """A hexagon head or nut, ``across`` its flats wide [m], from z = ``low`` to ``high``."""
     corners = np.pi / 3.0 * np.arange(6)
     outline = across / np.sqrt(3.0) * np.column_stack([np.cos(corners), np.sin(corners)])
-    return placed(slab([rounded(outline, 0.04 * across, detail, closed=True)], low, high, 0.05 * across, detail), None,
-                  (*at, 0.0))
+    return placed(
+        slab([rounded(outline, 0.04 * across, detail, closed=True)], low, high, 0.05 * across, detail), None, (*at, 0.0)
+    )
 
 
 def bent_bar(line, bend: float, radius: float, detail: Detail) -> Mesh:
@@ -44,9 +45,14 @@ def bent_bar(line, bend: float, radius: float, detail: Detail) -> Mesh:
     out = radius * np.cos(turn)
     # at a corner a ring lies in the plane that halves it, so it is wider there
     wide = np.concatenate([[1.0], 1.0 / np.sqrt(0.5 * (1.0 + np.einsum("ij,ij->i", sides[1:], sides[:-1]))), [1.0]])
-    rings = np.stack([line[:, :1] - (wide * along[:, 1])[:, None] * out,
-                      np.broadcast_to(radius * np.sin(turn), (len(line), around)),
-                      line[:, 1:] + (wide * along[:, 0])[:, None] * out], axis=-1)
+    rings = np.stack(
+        [
+            line[:, :1] - (wide * along[:, 1])[:, None] * out,
+            np.broadcast_to(radius * np.sin(turn), (len(line), around)),
+            line[:, 1:] + (wide * along[:, 0])[:, None] * out,
+        ],
+        axis=-1,
+    )
     return loft(rings, detail)
 
 
@@ -57,6 +63,12 @@ def ring(bend: float, radius: float, detail: Detail) -> Mesh:
     angle = 2.0 * np.pi / steps * np.arange(steps)
     turn = 2.0 * np.pi / (around := circle_points(radius, half)) * np.arange(around)
     out = bend + radius * np.cos(turn)
-    rings = np.stack([np.cos(angle)[:, None] * out, np.sin(angle)[:, None] * out,
-                      np.broadcast_to(radius * np.sin(turn), (steps, around))], axis=-1)
+    rings = np.stack(
+        [
+            np.cos(angle)[:, None] * out,
+            np.sin(angle)[:, None] * out,
+            np.broadcast_to(radius * np.sin(turn), (steps, around)),
+        ],
+        axis=-1,
+    )
     return loft(rings, detail, closed=True)

@@ -24,11 +24,14 @@ RAISED = 0.005
 
 def hull_section(block: HullSection, key: str, detail: Detail) -> list[Piece]:
     """Pieces of a hull section, each a closed solid; its plates end in sharp cuts."""
-    pieces = {"plating": [(ANTIFOULING, _plating(block, detail))],
-              "stiffeners": [(ANTIFOULING if block.stiffeners == "outside" else PRIMER, mesh)
-                             for mesh in _stiffeners(block, detail)],
-              "bilge_keel": [(ANTIFOULING, mesh) for mesh in _bilge_keel(block, detail)],
-              "marks": [(WHITE, mesh) for mesh in _marks(block, detail)]}
+    pieces = {
+        "plating": [(ANTIFOULING, _plating(block, detail))],
+        "stiffeners": [
+            (ANTIFOULING if block.stiffeners == "outside" else PRIMER, mesh) for mesh in _stiffeners(block, detail)
+        ],
+        "bilge_keel": [(ANTIFOULING, mesh) for mesh in _bilge_keel(block, detail)],
+        "marks": [(WHITE, mesh) for mesh in _marks(block, detail)],
+    }
     return chosen(pieces, block.only)
 
 
@@ -45,11 +48,11 @@ def seams(block: HullSection) -> tuple[np.ndarray, np.ndarray]:
     """Places of the weld seams: ``s`` of the longitudinal ones, and x of the transverse ones [m]."""
     total = _girth(block)
     along = np.arange(0.6 * block.strake_m, total, block.strake_m)
-    across = block.butt_m * (np.arange(np.ceil(-0.5 * block.length_m / block.butt_m) - 1,
-                                       0.5 * block.length_m / block.butt_m + 1) + 0.5)
+    across = block.butt_m * (
+        np.arange(np.ceil(-0.5 * block.length_m / block.butt_m) - 1, 0.5 * block.length_m / block.butt_m + 1) + 0.5
+    )
     clear = SEAM
-    return (along[(along > clear) & (along < total - clear)],
-            across[np.abs(across) < 0.5 * block.length_m - clear])
+    return (along[(along > clear) & (along < total - clear)], across[np.abs(across) < 0.5 * block.length_m - clear])
 
 
 # -------------------------------------------------------------------------------------------------------------- plating
@@ -65,7 +68,7 @@ def _plating(block, detail):
     along, across = seams(block) if block.seam_m else (np.zeros(0), np.zeros(0))
     side, girth = block.height_m - block.bilge_radius_m, _girth(block)
     bent = 1.0 / block.bilge_radius_m
-    dented = [0.5 * block.dent_m * (2.0 * np.pi / width)**2 for width in (block.spacing_m, block.frame_m)]
+    dented = [0.5 * block.dent_m * (2.0 * np.pi / width) ** 2 for width in (block.spacing_m, block.frame_m)]
     marks = np.array([0.0, side, side + 0.5 * np.pi * block.bilge_radius_m, girth])
     s = _lines(marks, along, block.seam_m, lambda at: dented[0] + bent * (marks[1] < at < marks[2]), detail)
     x = _lines(0.5 * block.length_m * np.array([-1.0, 1.0]), across, block.seam_m, lambda at: dented[1], detail)
@@ -101,7 +104,7 @@ def _steps(length, curvature, detail):
 def _bead(at, seams_at, height):
     """Height of weld caps [m], parabolas across the seams."""
     away = np.abs(np.asarray(at)[:, None] - seams_at).min(axis=1, initial=np.inf)
-    return height * np.maximum(1.0 - (2.0 * np.minimum(away, SEAM) / SEAM)**2, 0.0)
+    return height * np.maximum(1.0 - (2.0 * np.minimum(away, SEAM) / SEAM) ** 2, 0.0)
 
 
 def _dents(block, s, x):
@@ -112,7 +115,7 @@ def _dents(block, s, x):
     depth = np.random.default_rng(block.seed).uniform(0.3, 1.0, (2, 600, 300))  # [m] of the largest girths and lengths
     row = np.minimum(np.floor(flat).astype(int), 599)
     share = depth[(s >= side).astype(int)[:, None], row[:, None], np.floor(column).astype(int) + 150]
-    return block.dent_m * share * np.sin(np.pi * flat[:, None])**2 * np.sin(np.pi * column)**2
+    return block.dent_m * share * np.sin(np.pi * flat[:, None]) ** 2 * np.sin(np.pi * column) ** 2
 
 
 # ------------------------------------------------------------------------------------------------------------- the rest
@@ -133,25 +136,31 @@ def _stiffeners(block, detail):
     # axes of a bulb flat (across, away from the plate, along the ship) on the side and on the bottom
     on_side = np.array([[0.0, 0.0, 1.0], [0.0, sign, 0.0], [-sign, 0.0, 0.0]])
     on_bottom = np.array([[0.0, 0.0, 1.0], [sign, 0.0, 0.0], [0.0, sign, 0.0]])
-    meshes = [placed(flat, on_side, (0.0, sign * foot, r + z))
-              for z in np.arange(0.0, block.height_m - r - 0.02, block.spacing_m)]
-    meshes += [placed(flat, on_bottom, (0.0, r + y, sign * foot))
-               for y in np.arange(0.0, block.breadth_m - r - 0.02, block.spacing_m)]
+    meshes = [
+        placed(flat, on_side, (0.0, sign * foot, r + z))
+        for z in np.arange(0.0, block.height_m - r - 0.02, block.spacing_m)
+    ]
+    meshes += [
+        placed(flat, on_bottom, (0.0, r + y, sign * foot))
+        for y in np.arange(0.0, block.breadth_m - r - 0.02, block.spacing_m)
+    ]
     return meshes + _frames(block, inside, detail)
 
 
 def _frames(block, inside, detail):
     """Web frames: plates 10 mm thick, with face plates of 150 by 12 mm along their free edges."""
     depth = min(FRAME, 0.4 * min(block.height_m, block.breadth_m))
-    near, far, face = (0.5 * block.plate_m, block.plate_m + depth, 0.012) if inside else (
-        0.5 * block.plate_m, -depth, -0.012)
+    near, far, face = (
+        (0.5 * block.plate_m, block.plate_m + depth, 0.012) if inside else (0.5 * block.plate_m, -depth, -0.012)
+    )
     web = np.concatenate([_contour(block, near, detail), _contour(block, far, detail)[::-1]])
     rim = np.concatenate([_contour(block, far - 0.5 * face, detail), _contour(block, far + 0.5 * face, detail)[::-1]])
     reach = int(0.5 * (block.length_m - 0.16) / block.frame_m)
-    webs = [slab([outline[::1 if area(outline) > 0.0 else -1]], -0.5 * width, 0.5 * width, 0.0015, detail)
-            for outline, width in ((web, 0.01), (rim, 0.15))]
-    return [placed(mesh, ALONG_X, (x, 0.0, 0.0)) for x in block.frame_m * np.arange(-reach, reach + 1)
-            for mesh in webs]
+    webs = [
+        slab([outline[:: 1 if area(outline) > 0.0 else -1]], -0.5 * width, 0.5 * width, 0.0015, detail)
+        for outline, width in ((web, 0.01), (rim, 0.15))
+    ]
+    return [placed(mesh, ALONG_X, (x, 0.0, 0.0)) for x in block.frame_m * np.arange(-reach, reach + 1) for mesh in webs]
 
 
 def _contour(block, depth, detail):

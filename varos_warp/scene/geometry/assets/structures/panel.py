@@ -35,16 +35,23 @@ Coloured = tuple[tuple[float, float, float], Mesh]
 
 def wellhead_panel(block: WellheadPanel, key: str, detail: Detail) -> list[Piece]:
     """Pieces of a panel, each a closed solid; drawn in x, z and towards the viewer, then stood up."""
-    pieces: dict[str, list[Coloured]] = {"panel": _plate(block, detail), "receptacles": [], "stems": [], "handles": [],
-                                         "marks": []}
+    pieces: dict[str, list[Coloured]] = {
+        "panel": _plate(block, detail),
+        "receptacles": [],
+        "stems": [],
+        "handles": [],
+        "marks": [],
+    }
     made = {name: maker(detail) for name, maker in _FITTINGS.items()}
     for label, fitting, at in places(block):
         for name, meshes in made[fitting].items():
             pieces[name] += [(colour, placed(mesh, None, (*at, 0.0))) for colour, mesh in meshes]
         if block.marks:
             pieces["marks"] += [(colour, placed(mesh, None, (*at, 0.0))) for colour, mesh in _label(label, detail)]
-    return [Piece(name, colour, *placed((vertices, faces), FACING))
-            for name, colour, vertices, faces in chosen(pieces, block.only)]
+    return [
+        Piece(name, colour, *placed((vertices, faces), FACING))
+        for name, colour, vertices, faces in chosen(pieces, block.only)
+    ]
 
 
 def places(block: WellheadPanel) -> list[tuple[str, str, tuple[float, float]]]:
@@ -54,8 +61,11 @@ def places(block: WellheadPanel) -> list[tuple[str, str, tuple[float, float]]]:
     for row, kinds in enumerate(block.fittings):
         wide = block.width_m / len(kinds)
         z = 0.5 * block.height_m - (row + 0.5) * high + 0.02
-        found += [(f"{chr(ord('A') + row)}{i + 1}", kind, (-0.5 * block.width_m + (i + 0.5) * wide, z))
-                  for i, kind in enumerate(kinds) if kind != "none"]
+        found += [
+            (f"{chr(ord('A') + row)}{i + 1}", kind, (-0.5 * block.width_m + (i + 0.5) * wide, z))
+            for i, kind in enumerate(kinds)
+            if kind != "none"
+        ]
     return found
 
 
@@ -70,8 +80,9 @@ def _plate(block, detail) -> list[Coloured]:
     bars = [((-x, s - 0.5 * w), (x, s + 0.5 * w)) for s in (-z + 0.5 * w, z - 0.5 * w)]
     bars += [((s - 0.5 * w, -z + 0.9 * w), (s + 0.5 * w, z - 0.9 * w)) for s in (-x + 0.5 * w, x - 0.5 * w)]
     meshes += [box((*low, back - w), (*high, back), 0.006, detail) for low, high in bars]
-    return [(YELLOW, mesh) for mesh in meshes] + [(BARE, _bolt_head("M12", detail, 0.0, at))
-                                                  for at in _around(half - 0.03, BOLTS)]
+    return [(YELLOW, mesh) for mesh in meshes] + [
+        (BARE, _bolt_head("M12", detail, 0.0, at)) for at in _around(half - 0.03, BOLTS)
+    ]
 
 
 def _around(half, apart):
@@ -95,8 +106,10 @@ def _bucket(detail) -> dict[str, list[Coloured]]:
     profile = [(r, 0.0), (r, -deep), (0.01, -deep), (0.01, -deep - 0.012), (r + 0.01, -deep - 0.012), (r + 0.01, 0.0)]
     cup = lathe(rounded(profile, 0.002, detail, closed=True), detail, circle_points(r + 0.01, detail), closed=True)
     meshes = [(GREY, ring), (GREY, cup)]
-    bolts = [_bolt_head("M10", detail, 0.016, (0.0975 * np.cos(a), 0.0975 * np.sin(a)))
-             for a in np.pi / 4.0 + 0.5 * np.pi * np.arange(4)]
+    bolts = [
+        _bolt_head("M10", detail, 0.016, (0.0975 * np.cos(a), 0.0975 * np.sin(a)))
+        for a in np.pi / 4.0 + 0.5 * np.pi * np.arange(4)
+    ]
     square = rounded(rectangle((-0.5 * SQUARE,) * 2, (0.5 * SQUARE,) * 2), 0.003, detail, closed=True)
     stem = [rod(0.024, -deep - 0.02, -0.06, detail), slab([square], -0.061, -0.025, 0.002, detail)]
     return {"receptacles": meshes + [(BARE, bolt) for bolt in bolts], "stems": [(BARE, mesh) for mesh in stem]}
@@ -104,12 +117,19 @@ def _bucket(detail) -> dict[str, list[Coloured]]:
 
 def _hot_stab(detail) -> dict[str, list[Coloured]]:
     """A hot-stab receptacle: a body with a bore, a funnel before it that guides the stab, a collar with bolts."""
-    profile = [(STAB_BORE, 0.012), (STAB_BORE, -0.12), (STAB_BODY, -0.12), (STAB_BODY, 0.012), (FUNNEL + 0.006, 0.07),
-               (FUNNEL, 0.07)]
+    profile = [
+        (STAB_BORE, 0.012),
+        (STAB_BORE, -0.12),
+        (STAB_BODY, -0.12),
+        (STAB_BODY, 0.012),
+        (FUNNEL + 0.006, 0.07),
+        (FUNNEL, 0.07),
+    ]
     body = lathe(rounded(profile, 0.002, detail, closed=True), detail, circle_points(FUNNEL, detail), closed=True)
     collar = slab([circle(0.06, detail), circle(STAB_BODY - 0.002, detail)[::-1]], -0.001, 0.012, 0.002, detail)
-    bolts = [_bolt_head("M8", detail, 0.012, (0.049 * np.cos(a), 0.049 * np.sin(a)))
-             for a in np.pi / 3.0 * np.arange(6)]
+    bolts = [
+        _bolt_head("M8", detail, 0.012, (0.049 * np.cos(a), 0.049 * np.sin(a))) for a in np.pi / 3.0 * np.arange(6)
+    ]
     return {"receptacles": [(BARE, body), (GREY, collar), *((BARE, bolt) for bolt in bolts)]}
 
 
@@ -124,15 +144,27 @@ def _valve_stem(detail) -> dict[str, list[Coloured]]:
     """A quarter-turn valve: a bonnet with four bolts, a stem with its nut, and a paddle for a manipulator."""
     profile = [(0.0, -0.001), (0.055, -0.001), (0.055, 0.016), (0.034, 0.02), (0.03, 0.045), (0.0, 0.045)]
     bonnet = lathe(rounded(profile, 0.003, detail), detail, circle_points(0.055, detail))
-    bolts = [_bolt_head("M8", detail, 0.016, (0.045 * np.cos(a), 0.045 * np.sin(a)))
-             for a in np.pi / 4.0 + 0.5 * np.pi * np.arange(4)]
+    bolts = [
+        _bolt_head("M8", detail, 0.016, (0.045 * np.cos(a), 0.045 * np.sin(a)))
+        for a in np.pi / 4.0 + 0.5 * np.pi * np.arange(4)
+    ]
     half = 0.5 * PADDLE
-    paddle = np.array([(-0.022, -0.035), (0.022, -0.035), (0.02, half * 0.9), (0.034, half * 1.3), (-0.034, half * 1.3),
-                       (-0.02, half * 0.9)])
+    paddle = np.array(
+        [
+            (-0.022, -0.035),
+            (0.022, -0.035),
+            (0.02, half * 0.9),
+            (0.034, half * 1.3),
+            (-0.034, half * 1.3),
+            (-0.02, half * 0.9),
+        ]
+    )
     paddle = rounded(paddle, 0.01, detail, closed=True)
-    return {"receptacles": [(GREY, bonnet), *((BARE, bolt) for bolt in bolts)],
-            "stems": [(BARE, rod(0.014, 0.04, 0.095, detail))],
-            "handles": [(ORANGE, slab([paddle], 0.07, 0.082, 0.003, detail))]}
+    return {
+        "receptacles": [(GREY, bonnet), *((BARE, bolt) for bolt in bolts)],
+        "stems": [(BARE, rod(0.014, 0.04, 0.095, detail))],
+        "handles": [(ORANGE, slab([paddle], 0.07, 0.082, 0.003, detail))],
+    }
 
 
 _FITTINGS = {"bucket": _bucket, "hot_stab": _hot_stab, "t_bar": _t_bar, "valve_stem": _valve_stem}

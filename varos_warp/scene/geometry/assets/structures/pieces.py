@@ -33,5 +33,9 @@ def placed(mesh: Mesh, axes=None, at=(0.0, 0.0, 0.0)) -> Mesh:
 
 def chosen(pieces: dict[str, list[tuple[tuple[float, float, float], Mesh]]], only) -> list[Piece]:
     """The pieces of some names, in their order; all of them where ``only`` is None."""
-    return [Piece(name, colour, *mesh) for name, meshes in pieces.items() if only is None or name in only
-            for colour, mesh in meshes]
+    return [
+        Piece(name, colour, *mesh)
+        for name, meshes in pieces.items()
+        if only is None or name in only
+        for colour, mesh in meshes
+    ]

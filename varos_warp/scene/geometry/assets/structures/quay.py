@@ -26,10 +26,12 @@ LADDER, RUNG, EACH = 0.4, 0.015, 0.3
 
 def quay_wall(block: QuayWall, key: str, detail: Detail) -> list[Piece]:
     """Pieces of a quay wall, each a closed solid."""
-    pieces = {"piles": [(STEEL, _piles(block, detail))],
-              "coping": [(CONCRETE, mesh) for mesh in _coping(block, detail)],
-              "fenders": [mesh for x in fender_places(block) for mesh in _fender(block, x, detail)],
-              "ladder": [(GALVANISED, mesh) for mesh in _ladder(block, detail)]}
+    pieces = {
+        "piles": [(STEEL, _piles(block, detail))],
+        "coping": [(CONCRETE, mesh) for mesh in _coping(block, detail)],
+        "fenders": [mesh for x in fender_places(block) for mesh in _fender(block, x, detail)],
+        "ladder": [(GALVANISED, mesh) for mesh in _ladder(block, detail)],
+    }
     return chosen(pieces, block.only)
 
 
@@ -70,8 +72,9 @@ def _piles(block, detail):
     bend = np.where(np.isin(np.round(np.abs(line[:, 1] - 0.5 * deep), 9), np.round(0.5 * (deep - t), 9)), 0.03, 0.0)
     normal = _line_normals(line)
     outline = np.concatenate([line - widths[:, None] * normal, (line + widths[:, None] * normal)[::-1]])
-    outline = rounded(outline, np.concatenate([bend, bend[::-1]]) + 0.002 * (np.concatenate([bend, bend]) == 0.0),
-                      detail, closed=True)
+    outline = rounded(
+        outline, np.concatenate([bend, bend[::-1]]) + 0.002 * (np.concatenate([bend, bend]) == 0.0), detail, closed=True
+    )
     return slab([outline], 0.0, block.height_m - block.coping_m + 0.1, 0.001, detail)
 
 
@@ -91,8 +94,9 @@ def _coping(block, detail):
     section = rounded(corners, [0.03, 0.03, 0.03, 0.06], detail, closed=True)
     bays = int(np.ceil(length / BAY))
     edges = np.linspace(-0.5 * length, 0.5 * length, bays + 1)
-    return [placed(slab([section], a + 0.5 * JOINT, b - 0.5 * JOINT, 0.015, detail), ALONG_X)
-            for a, b in pairwise(edges)]
+    return [
+        placed(slab([section], a + 0.5 * JOINT, b - 0.5 * JOINT, 0.015, detail), ALONG_X) for a, b in pairwise(edges)
+    ]
 
 
 def _fender(block, x, detail) -> list[tuple[tuple[float, float, float], Mesh]]:
@@ -127,8 +131,9 @@ def _ladder(block, detail):
             wall = -OVERHANG + 0.05 if z > block.height_m - block.coping_m - 0.05 else 0.5 * block.pile_depth_m
             meshes.append(box((side + 0.012, front + 0.02, z), (side + 0.022, wall, z + 0.065), 0.002, detail))
     length = LADDER + 0.02
-    profile = rounded([(0.0, -0.5 * length), (RUNG, -0.5 * length), (RUNG, 0.5 * length), (0.0, 0.5 * length)], 0.002,
-                      detail)
+    profile = rounded(
+        [(0.0, -0.5 * length), (RUNG, -0.5 * length), (RUNG, 0.5 * length), (0.0, 0.5 * length)], 0.002, detail
+    )
     rung = lathe(profile, detail, max(16, len(circle(RUNG, detail))))
     axes = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     meshes += [placed(rung, axes, (0.0, front + 0.0325, z)) for z in np.arange(low + 0.15, top - 0.05, EACH)]

@@ -53,8 +53,12 @@ def as_numbers(values: np.ndarray, normalized: bool) -> np.ndarray:
 def _zeros(document, block, count, width, kind, key):
     """Zeros, which sparse values replace; there is no file whose size bounds their number."""
     if count * width > MOST_ZEROS:
-        raise InputError(f"has {count} elements without bytes of their own, more than a file may ask for",
-                         file=document.path, key=key, remedy="Export it without sparse accessors.")
+        raise InputError(
+            f"has {count} elements without bytes of their own, more than a file may ask for",
+            file=document.path,
+            key=key,
+            remedy="Export it without sparse accessors.",
+        )
     return np.zeros((count, width), kind)
 
 
@@ -97,9 +101,12 @@ class DracoPrimitive:
         try:
             import DracoPy
         except ImportError:
-            raise InputError("the mesh is compressed by Draco, and DracoPy, which decodes that, is not installed",
-                             file=document.path, key="KHR_draco_mesh_compression",
-                             remedy="Run `pip install DracoPy`, or export it without compression.") from None
+            raise InputError(
+                "the mesh is compressed by Draco, and DracoPy, which decodes that, is not installed",
+                file=document.path,
+                key="KHR_draco_mesh_compression",
+                remedy="Run `pip install DracoPy`, or export it without compression.",
+            ) from None
         try:
             self.mesh = DracoPy.decode(bytes(document.view(extension.get("bufferView"))))
         except InputError:

@@ -15,14 +15,31 @@ from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.pieces import in_words
 
 READ = {
-    "KHR_mesh_quantization", "KHR_texture_transform", "KHR_draco_mesh_compression", "EXT_mesh_gpu_instancing",
-    "EXT_texture_webp", "KHR_materials_unlit", "KHR_materials_pbrSpecularGlossiness", "KHR_node_visibility",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_draco_mesh_compression",
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_materials_unlit",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_node_visibility",
 }
 """Extensions that are read."""
 NO_EFFECT = {
-    "KHR_xmp", "KHR_xmp_json_ld", "KHR_materials_ior", "KHR_materials_specular", "KHR_materials_emissive_strength",
-    "KHR_materials_anisotropy", "KHR_materials_dispersion", "KHR_node_hoverability", "KHR_node_selectability",
-    "KHR_interactivity", "KHR_animation_pointer", "KHR_accessor_float64", "EXT_mesh_manifold", "FB_ngon_encoding",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_anisotropy",
+    "KHR_materials_dispersion",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_interactivity",
+    "KHR_animation_pointer",
+    "KHR_accessor_float64",
+    "EXT_mesh_manifold",
+    "FB_ngon_encoding",
 }
 """Extensions that change nothing of what is modelled: shape, and Lambertian colour without light of its own."""
 IGNORED = {
@@ -74,8 +91,12 @@ class Document:
             raise self.damaged("is no glTF: its JSON is not an object")
         version = str(self.json.get("asset", {}).get("version", ""))
         if version.split(".", maxsplit=1)[0] != "2":
-            raise InputError(f"is glTF {version or 'of no version'}; version 2 is read", file=path,
-                             key="asset.version", remedy="Export it as glTF 2.0.")
+            raise InputError(
+                f"is glTF {version or 'of no version'}; version 2 is read",
+                file=path,
+                key="asset.version",
+                remedy="Export it as glTF 2.0.",
+            )
         self._buffers: dict[int, bytes | np.memmap] = {}
         self._check_extensions()
 
@@ -89,8 +110,9 @@ class Document:
             raise self.damaged("is a GLB that ends in its header")
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
-            raise InputError(f"is a GLB of version {version}; version 2 is read", file=self.path,
-                             remedy="Export it as glTF 2.0.")
+            raise InputError(
+                f"is a GLB of version {version}; version 2 is read", file=self.path, remedy="Export it as glTF 2.0."
+            )
         if length > len(data):
             raise self.damaged(f"is a GLB of {length} bytes, of which {len(data)} are there")
         chunks, at = {}, 12
@@ -98,7 +120,7 @@ class Document:
             size, kind = struct.unpack_from("<I4s", data, at)
             if at + 8 + size > length:
                 raise self.damaged("is a GLB with a chunk that ends after the file")
-            chunks.setdefault(kind, data[at + 8:at + 8 + size])
+            chunks.setdefault(kind, data[at + 8 : at + 8 + size])
             at += 8 + size
         if b"JSON" not in chunks:
             raise self.damaged("is a GLB without JSON")
@@ -108,8 +130,13 @@ class Document:
         required = self.json.get("extensionsRequired", [])
         for name in required:
             if name not in READ | NO_EFFECT:
-                raise InputError("the file requires this extension, which is not read", file=self.path,
-                                 key="extensionsRequired", value=name, remedy=REMEDIES.get(name, ANEW))
+                raise InputError(
+                    "the file requires this extension, which is not read",
+                    file=self.path,
+                    key="extensionsRequired",
+                    value=name,
+                    remedy=REMEDIES.get(name, ANEW),
+                )
 
     def notes(self) -> list[str]:
         """What leaving out the extensions does that the file uses but does not require."""
@@ -154,7 +181,7 @@ class Document:
         start, length = int(block.get("byteOffset", 0)), int(block.get("byteLength", -1))
         if start < 0 or length < 0 or start + length > len(data):
             raise self.damaged(f"ends at byte {start + length} of a buffer of {len(data)}", f"bufferViews.{index}")
-        return memoryview(data)[start:start + length]
+        return memoryview(data)[start : start + length]
 
     def _buffer(self, index: Any):
         if index not in self._buffers:
@@ -175,8 +202,12 @@ class Document:
         path = self.beside(uri)
         if path is not None:
             if not is_file(path):
-                raise InputError(f"there is no such file beside {self.path.name}: {path.name}", file=self.path, key=key,
-                                 remedy="Copy it there too, or export everything into one GLB.")
+                raise InputError(
+                    f"there is no such file beside {self.path.name}: {path.name}",
+                    file=self.path,
+                    key=key,
+                    remedy="Copy it there too, or export everything into one GLB.",
+                )
             return path.read_bytes()
         try:
             head, _, data = uri.partition(",")

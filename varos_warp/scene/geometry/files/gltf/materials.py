@@ -59,8 +59,11 @@ class Materials:
             factor, info = older.get("diffuseFactor"), older.get("diffuseTexture")
         elif _is_metal(metallic) and not document.extension(block, "KHR_materials_unlit"):
             self.ignored["metal"] = None
-        for name, words in (("normalTexture", "normal maps"), ("occlusionTexture", "occlusion maps"),
-                            ("emissiveTexture", "emission")):
+        for name, words in (
+            ("normalTexture", "normal maps"),
+            ("occlusionTexture", "occlusion maps"),
+            ("emissiveTexture", "emission"),
+        ):
             if block.get(name):
                 self.ignored[words] = None
         if np.any(np.asarray(block.get("emissiveFactor") or 0.0, float) > 0.0):

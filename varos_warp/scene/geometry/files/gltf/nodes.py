@@ -81,8 +81,11 @@ class _Reader:
             rotation = np.asarray(node.get("rotation", (0, 0, 0, 1)), float)
             if rotation.shape != (4,) or not np.linalg.norm(rotation) > 0.0:
                 raise self.document.damaged("is no rotation", f"{key}.rotation", node["rotation"])
-            matrix = pose(np.asarray(node.get("translation", (0, 0, 0)), float), rotation,
-                          np.asarray(node.get("scale", (1, 1, 1)), float))
+            matrix = pose(
+                np.asarray(node.get("translation", (0, 0, 0)), float),
+                rotation,
+                np.asarray(node.get("scale", (1, 1, 1)), float),
+            )
         if not np.isfinite(matrix).all():
             raise self.document.damaged("has a matrix that is not finite", key)
         return matrix
@@ -95,8 +98,11 @@ class _Reader:
         if node.get("skin") is not None:
             matrix = np.eye(4)  # its joints place it (section 3.7.3.3)
         instances = self.document.extension(node, "EXT_mesh_gpu_instancing")
-        places = [np.eye(4)] if instances is None else self._instances(
-            instances.get("attributes") or {}, f"{key}.extensions.EXT_mesh_gpu_instancing")
+        places = (
+            [np.eye(4)]
+            if instances is None
+            else self._instances(instances.get("attributes") or {}, f"{key}.extensions.EXT_mesh_gpu_instancing")
+        )
         for place in places:
             self.file.count_copy()
             for piece in pieces:
@@ -110,13 +116,21 @@ class _Reader:
         if len(counts) != 1:
             raise self.document.damaged(f"has {'attributes of different counts' if counts else 'no attributes'}", key)
         if others := [name for name in attributes if name not in names]:
-            self.file.note(f"{in_words(others)} of EXT_mesh_gpu_instancing {'is' if len(others) == 1 else 'are'} not "
-                           "read: copies differ by place, turn and scale alone")
+            self.file.note(
+                f"{in_words(others)} of EXT_mesh_gpu_instancing {'is' if len(others) == 1 else 'are'} not "
+                "read: copies differ by place, turn and scale alone"
+            )
         if "ROTATION" in given and not (np.linalg.norm(given["ROTATION"], axis=1) > 0.0).all():
             raise self.document.damaged("has a rotation 0 0 0 0", key)
         for i in range(counts.pop()):
-            yield pose(*(given[name][i] if name in given else default for name, default in zip(
-                names, (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)), strict=True)))
+            yield pose(
+                *(
+                    given[name][i] if name in given else default
+                    for name, default in zip(
+                        names, (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)), strict=True
+                    )
+                )
+            )
 
     # ----------------------------------------------------------------------------------------------------- meshes
 
@@ -126,8 +140,10 @@ class _Reader:
         if key not in self.pieces:
             mesh = self.document.get("meshes", node["mesh"])
             weights = node.get("weights") or mesh.get("weights") or ()
-            made = [self._primitive(primitive, weights, node.get("skin"), f"meshes.{node['mesh']}.primitives.{i}")
-                    for i, primitive in enumerate(mesh.get("primitives", ()))]
+            made = [
+                self._primitive(primitive, weights, node.get("skin"), f"meshes.{node['mesh']}.primitives.{i}")
+                for i, primitive in enumerate(mesh.get("primitives", ()))
+            ]
             self.pieces[key] = [piece for piece in made if piece is not None]
         return self.pieces[key]
 
@@ -164,8 +180,10 @@ class _Reader:
         if look is not None and look.material.texture is not None:
             uv = stored.numbers(f"TEXCOORD_{look.coordinates}")
             if uv is None:
-                self.file.note(f"materials.{material} has a texture, but a mesh of it has no TEXCOORD_"
-                               f"{look.coordinates}: its texel at 0, 0 is used")
+                self.file.note(
+                    f"materials.{material} has a texture, but a mesh of it has no TEXCOORD_"
+                    f"{look.coordinates}: its texel at 0, 0 is used"
+                )
                 uv = np.zeros((len(vertices), 2))
             uv = look.uv(uv)[faces]
         return Piece(vertices, faces, None if look is None else look.material, uv, colours)
@@ -179,19 +197,21 @@ class _Reader:
         if values.dtype.kind != "u" or values.dtype.itemsize > 2:
             raise self.document.damaged("is COLOR_0 of a type that glTF does not have there", f"accessors.{index}")
         if not self.document.get("accessors", index).get("normalized", False):
-            self.file.note("COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken "
-                           "as normalized")
+            self.file.note(
+                "COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken as normalized"
+            )
         return as_numbers(values, True)
 
     def _skinned(self, stored, vertices, index) -> np.ndarray:
         """Vertices where their joints have them (section 3.7.3.3), in the axes of the scene."""
         skin = self.document.get("skins", index)
         if outside := [joint for joint in skin["joints"] if joint not in self.matrices]:
-            raise self.document.damaged(f"names joint {outside[0]}, which is not a node of the scene that is shown",
-                                        f"skins.{index}.joints")
+            raise self.document.damaged(
+                f"names joint {outside[0]}, which is not a node of the scene that is shown", f"skins.{index}.joints"
+            )
         joints = np.array([self.matrices[joint] for joint in skin["joints"]])
         if skin.get("inverseBindMatrices") is not None:
-            bind = read_accessor(self.document, skin["inverseBindMatrices"])[:len(joints)]
+            bind = read_accessor(self.document, skin["inverseBindMatrices"])[: len(joints)]
             joints = joints @ bind.reshape(-1, 4, 4).swapaxes(1, 2).astype(float)
         total, moved, ones = np.zeros(len(vertices)), np.zeros_like(vertices), np.ones((len(vertices), 1))
         for number in range(8):
@@ -215,8 +235,10 @@ class _Reader:
         slack = ROUNDING * max(float(np.abs(stated).max()), 1e-30)
         if not (np.abs(found - stated) <= slack).all():
             low, high = (", ".join(f"{x:.4g}" for x in row) for row in found)
-            self.file.note(f"the positions of accessors.{index} reach from ({low}) to ({high}), which is not what its "
-                           "min and max say: the file is damaged, or was changed by hand")
+            self.file.note(
+                f"the positions of accessors.{index} reach from ({low}) to ({high}), which is not what its "
+                "min and max say: the file is damaged, or was changed by hand"
+            )
 
 
 class _Attributes:
@@ -261,7 +283,7 @@ def pose(translation: Any, rotation: Any, scale: Any) -> np.ndarray:
 def triangles_of(corners: np.ndarray, mode: int) -> np.ndarray:
     """Faces int64 [F, 3] of a list of corners: triangles, a strip or a fan (section 3.7.2.1)."""
     if mode == TRIANGLES:
-        return corners[:len(corners) // 3 * 3].reshape(-1, 3)
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if mode == STRIP:
         return strip(corners)
     i = np.arange(max(len(corners) - 2, 0))

@@ -54,7 +54,7 @@ def height_blend(masks: Sequence[np.ndarray], heights: Sequence[np.ndarray]) -> 
 
 def domes(near: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
     """Half balls of unit height on the centres of cells, [N]; ``near`` and ``radius`` in cells."""
-    return np.sqrt(np.clip(1.0 - (near / radius)**2, 0.0, 1.0))
+    return np.sqrt(np.clip(1.0 - (near / radius) ** 2, 0.0, 1.0))
 
 
 def dots(near: np.ndarray, radius: np.ndarray | float, soft: float = 0.25) -> np.ndarray:

@@ -77,8 +77,12 @@ class Concrete:
         skin = mix(skin, mix(*STONES, wear.id), 0.75 * wear.worn * smoothstep(0.2, 0.5, wear.stone))
         lime = running(pattern, shape, np.maximum(wear.crack, 0.5 * wear.hole), 50, 0.5)
         skin = mix(skin, LIME, 0.45 * np.maximum(lime, 0.5 * wear.crack * steep))
-        shade = 1.0 + 0.9 * np.clip(shape.convexity, -0.33, 0.33) - 0.5 * wear.crack - 0.4 * np.maximum(
-            wear.pore, wear.hole)
+        shade = (
+            1.0
+            + 0.9 * np.clip(shape.convexity, -0.33, 0.33)
+            - 0.5 * wear.crack
+            - 0.4 * np.maximum(wear.pore, wear.hole)
+        )
         gathers = np.maximum(sites.edges, np.maximum(wear.hole, 0.6 * shape.hollow))
         return covered(skin * shade[:, None], sites, shape, look, hold=0.55, tones=tones, start=gathers)
 
@@ -100,8 +104,15 @@ def _worn(sites, pattern, look):
     stone = domes(stones.near, 0.5) * pattern.resolved(0.018)
     holes = pattern.worley(38.0, 22)
     pore = dots(holes.near, 0.10 + 0.16 * holes.id) * (holes.id > 0.45) * (1.0 - worn) * pattern.resolved(0.009)
-    return Wear(worn, pore, _seams(sites, pattern) * (1.0 - worn), _cracks(sites, pattern), stone, stones.id,
-                np.maximum(_ties(sites, pattern), 0.35 * line))
+    return Wear(
+        worn,
+        pore,
+        _seams(sites, pattern) * (1.0 - worn),
+        _cracks(sites, pattern),
+        stone,
+        stones.id,
+        np.maximum(_ties(sites, pattern), 0.35 * line),
+    )
 
 
 def _upright(sites):
@@ -114,7 +125,7 @@ def _lifts(sites, pattern):
     height = sites.p[:, 2] / LIFT_M + 0.03 * pattern.fbm(2.0, 2, 32)
     above = (height - np.floor(height)) * LIFT_M
     off = np.minimum(above, LIFT_M - above)
-    line = np.exp(-(off / np.maximum(0.005, sites.edge))**2) * pattern.resolved(0.02)
+    line = np.exp(-((off / np.maximum(0.005, sites.edge)) ** 2)) * pattern.resolved(0.02)
     return line * _upright(sites), smoothstep(0.16, 0.03, above) * _upright(sites)
 
 
@@ -133,7 +144,7 @@ def _seams(sites: Sites, pattern: Patterns) -> np.ndarray:
     board = (sites.p[:, 2] + 0.012 * pattern.fbm(8.0, 2, 30)) / BOARD_M
     off = np.abs(board - np.round(board)) * BOARD_M
     broken = smoothstep(-0.2, 0.15, pattern.fbm(9.0, 3, 31))
-    return np.exp(-(off / np.maximum(0.003, sites.edge))**2) * broken * _upright(sites) * pattern.resolved(0.02)
+    return np.exp(-((off / np.maximum(0.003, sites.edge)) ** 2)) * broken * _upright(sites) * pattern.resolved(0.02)
 
 
 def _cracks(sites: Sites, pattern: Patterns) -> np.ndarray:

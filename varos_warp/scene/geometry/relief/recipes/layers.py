@@ -40,8 +40,12 @@ class Tones(NamedTuple):
 
 def tones_of(pattern: Patterns) -> Tones:
     """The noise of the layers."""
-    return Tones(pattern.fbm(0.8, 3, SALT + 1), pattern.fbm(7.0, 3, SALT + 2), pattern.fbm(55.0, 3, SALT + 3),
-                 pattern.fbm((8.0, 8.0, 0.9), 4, SALT + 5, 0.6))
+    return Tones(
+        pattern.fbm(0.8, 3, SALT + 1),
+        pattern.fbm(7.0, 3, SALT + 2),
+        pattern.fbm(55.0, 3, SALT + 3),
+        pattern.fbm((8.0, 8.0, 0.9), 4, SALT + 5, 0.6),
+    )
 
 
 def drawn(tones: Tones, shape: Shape) -> np.ndarray:
@@ -50,8 +54,15 @@ def drawn(tones: Tones, shape: Shape) -> np.ndarray:
     return tones.middle + (0.8 * tones.hung - 0.5 * tones.middle) * steep
 
 
-def covered(colour: np.ndarray, sites: Sites, shape: Shape, look: Look, hold: float,
-            tones: Tones | None = None, start: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def covered(
+    colour: np.ndarray,
+    sites: Sites,
+    shape: Shape,
+    look: Look,
+    hold: float,
+    tones: Tones | None = None,
+    start: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """A surface under its film and silt.
 
     Args:
@@ -80,8 +91,12 @@ def filmed(colour: np.ndarray, pattern: Patterns, shape: Shape, film: float, ton
     if film == 0.0:
         return colour
     warped = pattern.moved(0.03, 6.0, SALT + 11)
-    where = warped.fbm(4.5, 5, SALT + 15) + 0.08 * shape.up + 0.10 * shape.hollow - 0.12 * np.clip(
-        3.0 * shape.convexity, 0.0, 1.0)
+    where = (
+        warped.fbm(4.5, 5, SALT + 15)
+        + 0.08 * shape.up
+        + 0.10 * shape.hollow
+        - 0.12 * np.clip(3.0 * shape.convexity, 0.0, 1.0)
+    )
     dense = patches(where, 0.95 * film, 0.24)
     own = tone * (1.0 + 0.9 * pattern.fbm(50.0, 4, SALT + 16) + 0.5 * pattern.fbm(3.0, 2, SALT + 17))[:, None]
     return mix(colour, own, np.maximum(0.85 * film, 0.85 * dense))
@@ -93,14 +108,16 @@ def _filmed(colour, tones, shape, film):
         return colour
     edge = np.clip(3.0 * shape.convexity, 0.0, 1.0)
     hung = drawn(tones, shape)
-    dense = (1.0 + 0.9 * tones.broad + 0.5 * hung + 0.3 * tones.fine + 0.10 * shape.up + 0.25 * shape.hollow
-             - 0.35 * edge)
+    dense = (
+        1.0 + 0.9 * tones.broad + 0.5 * hung + 0.3 * tones.fine + 0.10 * shape.up + 0.25 * shape.hollow - 0.35 * edge
+    )
     own = FILM * (1.0 + 0.35 * hung + 0.6 * tones.fine - 0.25 * tones.broad)[:, None]
     return mix(colour, own, np.clip(0.85 * film * dense, 0.0, 0.93))
 
 
-def running(pattern: Patterns, shape: Shape, start: np.ndarray, salt: int, longest: float = LONGEST_RUN_M
-            ) -> np.ndarray:
+def running(
+    pattern: Patterns, shape: Shape, start: np.ndarray, salt: int, longest: float = LONGEST_RUN_M
+) -> np.ndarray:
     """Runs down a surface, [N]: 1 where something has come down from above, 0 elsewhere, fading to their ends.
 
     Args:
@@ -126,8 +143,9 @@ def _curtained(colour, pattern, tones, shape, look, start):
     return mix(colour, tone, min(0.85, 1.8 * max(look.film, look.silt)) * thick)
 
 
-def silted(colour: np.ndarray, tones: Tones, sites: Sites, shape: Shape, silt: float,
-           hold: float) -> tuple[np.ndarray, np.ndarray]:
+def silted(
+    colour: np.ndarray, tones: Tones, sites: Sites, shape: Shape, silt: float, hold: float
+) -> tuple[np.ndarray, np.ndarray]:
     """A surface with silt on what faces up, in hollows and near the ground, and a dust of it; and its thickness [m]."""
     if silt == 0.0:
         return colour, np.zeros(len(colour))

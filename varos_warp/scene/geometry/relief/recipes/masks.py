@@ -102,8 +102,13 @@ def _convexity(p, smooth, n, scale):
     return np.clip(np.einsum("ij,ij->i", p - smooth, n) / scale, -1.0, 1.0)
 
 
-def smoothed(values: np.ndarray, p: np.ndarray, neighbours: sparse.csr_array, scale: np.ndarray | float,
-             near: np.ndarray | None = None) -> np.ndarray:
+def smoothed(
+    values: np.ndarray,
+    p: np.ndarray,
+    neighbours: sparse.csr_array,
+    scale: np.ndarray | float,
+    near: np.ndarray | None = None,
+) -> np.ndarray:
     """Values [N, K] after implicit diffusion on the mesh, q - scale^2 Laplace(q) = values.
 
     The mean over a ring of radius e is q + e^2 / 4 Laplace(q), so the Laplacian is that of the graph, times 4 / e^2

@@ -29,5 +29,6 @@ class Plain:
         rubbed = min(1.0, 2.0 * look.wear) * sites.edges
         tone = 1.0 + 0.3 * tones.broad + 0.2 * tones.middle + 0.25 * rubbed
         paint = np.asarray(PAINT if look.paint is None else look.paint) * tone[:, None]
-        return covered(paint, sites, shape, look, hold=0.70, tones=tones,
-                       start=np.maximum(sites.edges, 0.6 * shape.hollow))
+        return covered(
+            paint, sites, shape, look, hold=0.70, tones=tones, start=np.maximum(sites.edges, 0.6 * shape.hollow)
+        )

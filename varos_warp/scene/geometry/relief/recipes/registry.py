@@ -8,5 +8,4 @@ from varos_warp.scene.geometry.relief.recipes.sites import Recipe
 from varos_warp.scene.geometry.relief.recipes.steel import Steel
 from varos_warp.scene.geometry.relief.recipes.zinc import Zinc
 
-RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in (Rock(), Sand(), Steel(), Concrete(), Zinc(),
-                                                          Plain())}
+RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in (Rock(), Sand(), Steel(), Concrete(), Zinc(), Plain())}

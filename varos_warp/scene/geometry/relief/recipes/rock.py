@@ -70,8 +70,11 @@ class Rock:
         stone = mix(DARK, PALE, smoothstep(-0.35, 0.35, bent.fbm(1.6 / size, 4, 80)))
         stone = stone * (0.78 + 0.44 * beds.tone)[:, None] * _family(look.seed)
         stone = stone * (1.0 + 0.4 * (thin.tone - 0.5) * _laminated(sites, look))[:, None]
-        stone = mix(stone, np.asarray(IRON) * (0.6 + 0.6 * beds.tone)[:, None],
-                    0.55 * patches(bent.fbm(4.0 / size, 5, 81), 0.22, 0.12))
+        stone = mix(
+            stone,
+            np.asarray(IRON) * (0.6 + 0.6 * beds.tone)[:, None],
+            0.55 * patches(bent.fbm(4.0 / size, 5, 81), 0.22, 0.12),
+        )
         edge, groove = np.clip(3.0 * shape.convexity, 0.0, 1.0), shape.hollow
         dark = np.maximum(joint, 0.7 * beds.parting)
         stone = stone * (1.0 + 0.30 * edge - 0.35 * groove)[:, None] * (1.0 - 0.5 * dark)[:, None]
@@ -90,8 +93,9 @@ def _family(seed: int) -> np.ndarray:
 
 def _bent(sites: Sites, look: Look) -> Patterns:
     """Patterns at places that are bent over the whole object."""
-    return sites.once(("rock", "bent", look.seed), lambda: sites.patterns(look.seed).moved(
-        0.07 * sites.size, 2.0 / sites.size, 10, 3))
+    return sites.once(
+        ("rock", "bent", look.seed), lambda: sites.patterns(look.seed).moved(0.07 * sites.size, 2.0 / sites.size, 10, 3)
+    )
 
 
 def _bedding(seed: int) -> np.ndarray:
@@ -119,14 +123,20 @@ def _beds(pattern: Patterns, across: np.ndarray, thickness: float, salt: int) ->
     deep = smoothstep(0.35, 0.9, hashed(index, pattern.seed + salt + 1))
     share = pattern.resolved(thickness)
     tone = hashed(index + (above > 0.5), pattern.seed + salt + 2)
-    return Beds(level * share, np.exp(-off**2) * deep * share, 0.5 + (tone - 0.5) * share)
+    return Beds(level * share, np.exp(-(off**2)) * deep * share, 0.5 + (tone - 0.5) * share)
 
 
 def _thin_beds(sites: Sites, look: Look) -> Beds:
     """The laminae inside of the beds: what bedding is at arm's length."""
-    return sites.once(("rock", "thin", look.seed), lambda: _beds(
-        sites.patterns(look.seed).moved(0.02, 4.0, 15, 3), _bedding(look.seed),
-        float(np.clip(0.016 * sites.size, 0.007, 0.022)), 25))
+    return sites.once(
+        ("rock", "thin", look.seed),
+        lambda: _beds(
+            sites.patterns(look.seed).moved(0.02, 4.0, 15, 3),
+            _bedding(look.seed),
+            float(np.clip(0.016 * sites.size, 0.007, 0.022)),
+            25,
+        ),
+    )
 
 
 def _laminated(sites: Sites, look: Look) -> np.ndarray:

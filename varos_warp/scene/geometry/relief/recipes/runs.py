@@ -59,9 +59,18 @@ def slopes_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array, seed: 
     """
     above = wp.empty(len(p), dtype=wp.int32, device="cpu")
     way = wp.empty(len(p), dtype=wp.float32, device="cpu")
-    launch(find_uphill, len(p), {
-        "seed": wp.uint32(seed), "points": upload((p - p.mean(axis=0)).astype(np.float32), wp.vec3, "cpu"),
-        "normals": upload(np.asarray(n, np.float32), wp.vec3, "cpu"),
-        "starts": upload(neighbours.indptr.astype(np.int32), wp.int32, "cpu"),
-        "joined": upload(neighbours.indices.astype(np.int32), wp.int32, "cpu"), "above": above, "way": way}, "cpu")
+    launch(
+        find_uphill,
+        len(p),
+        {
+            "seed": wp.uint32(seed),
+            "points": upload((p - p.mean(axis=0)).astype(np.float32), wp.vec3, "cpu"),
+            "normals": upload(np.asarray(n, np.float32), wp.vec3, "cpu"),
+            "starts": upload(neighbours.indptr.astype(np.int32), wp.int32, "cpu"),
+            "joined": upload(neighbours.indices.astype(np.int32), wp.int32, "cpu"),
+            "above": above,
+            "way": way,
+        },
+        "cpu",
+    )
     return Slopes(above.numpy(), way.numpy(), neighbours)

@@ -121,8 +121,9 @@ def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
     calm = smoothstep(*FREE_M, sites.clear) * smoothstep(*LEVEL, sites.n[:, 2])
     # old ones are blunt
     blunt = BLUNT + 0.25 * np.square(np.clip(0.5 + 1.4 * pattern.fbm(0.8, 2, 13), 0.0, 1.0))
-    sharp = (np.sqrt(np.square(np.sin(np.pi * phase)) + blunt) - np.sqrt(blunt)) / (np.sqrt(1.0 + blunt) -
-                                                                                  np.sqrt(blunt))
+    sharp = (np.sqrt(np.square(np.sin(np.pi * phase)) + blunt) - np.sqrt(blunt)) / (
+        np.sqrt(1.0 + blunt) - np.sqrt(blunt)
+    )
     there = strength * calm * smoothstep(0.0, 0.8, size) * (1.0 - 0.6 * np.clip(blunt / 0.25, 0.0, 1.0))
     return AMPLITUDE_M * there * pattern.resolved(WAVELENGTH_M), 1.0 - 2.0 * sharp
 
@@ -164,7 +165,7 @@ def _mounds(sites: Sites, pattern: Patterns) -> np.ndarray:
     """Casts of lugworms, [N]: cones of unit height in a third of the cells; none against objects."""
     cells = pattern.moved(0.03, 7.0, 71).worley(2.1, 7, flat=True)
     radius = 0.10 + 0.12 * cells.id
-    cone = np.clip(1.0 - cells.near / radius, 0.0, 1.0)**1.4 * (cells.id > 0.65)
+    cone = np.clip(1.0 - cells.near / radius, 0.0, 1.0) ** 1.4 * (cells.id > 0.65)
     return cone * smoothstep(0.02, 0.15, sites.clear) * pattern.resolved(radius / 2.1)
 
 
@@ -177,8 +178,10 @@ def _dug(pattern):
     cells = pattern.moved(0.03, 14.0, 81).worley(5.2, 8, flat=True)
     there = (cells.id > 0.70) * patches(pattern.fbm(0.9, 2, 82), 0.35, 0.05) * pattern.resolved(0.03)
     size = 0.55 + 0.6 * (cells.id - 0.70) / 0.30
-    return Burrows(there * np.exp(-(cells.near / (0.075 * size))**2),
-                   there * np.exp(-((cells.near - 0.13 * size) / (0.06 * size))**2))
+    return Burrows(
+        there * np.exp(-((cells.near / (0.075 * size)) ** 2)),
+        there * np.exp(-(((cells.near - 0.13 * size) / (0.06 * size)) ** 2)),
+    )
 
 
 def _hash(pattern: Patterns) -> np.ndarray:
@@ -203,8 +206,9 @@ def _flecked(sand: np.ndarray, pattern: Patterns) -> np.ndarray:
     """
     rich = np.clip(0.45 + 2.2 * pattern.fbm(1.2, 3, 28), 0.0, 1.0)
     chance = np.random.default_rng([pattern.seed, 29]).random((2, len(sand)))
-    for k, (colour, cycles, salt, share, strength) in enumerate((
-            (FLECK, 75.0, 25, 0.16, 0.75), (MINERAL, 60.0, 26, 0.24, 0.65))):
+    for k, (colour, cycles, salt, share, strength) in enumerate(
+        ((FLECK, 75.0, 25, 0.16, 0.75), (MINERAL, 60.0, 26, 0.24, 0.65))
+    ):
         cells = pattern.worley(cycles, salt)
         chosen = cells.id > 1.0 - share * rich
         shown = pattern.resolved(0.7 / cycles)

@@ -19,8 +19,16 @@ PAINT = (0.17, 0.175, 0.17)
 """Where the block gives none: a grey primer."""
 CHALK = (0.270, 0.245, 0.190)
 STOPS = (0.0, 0.25, 0.45, 0.65, 0.82, 1.0)
-RUSTS = np.array([[0.022, 0.018, 0.016], [0.050, 0.029, 0.020], [0.095, 0.045, 0.025], [0.150, 0.070, 0.031],
-                  [0.215, 0.108, 0.043], [0.290, 0.180, 0.078]])
+RUSTS = np.array(
+    [
+        [0.022, 0.018, 0.016],
+        [0.050, 0.029, 0.020],
+        [0.095, 0.045, 0.025],
+        [0.150, 0.070, 0.031],
+        [0.215, 0.108, 0.043],
+        [0.290, 0.180, 0.078],
+    ]
+)
 """Black, brown, red-brown, orange and ochre, along STOPS."""
 STAIN, STAINS = np.array([0.80, 0.52, 0.32]), np.array([0.024, 0.010, 0.002])
 """What rust that has run over paint leaves of its reflectance, and adds to it."""
@@ -84,8 +92,14 @@ class Steel:
         paint = _faded(tones, hung, shape, paint, min(1.0, 3.0 * look.wear))
         paint = mix(paint, PAINT, 0.35 * min(1.0, 4.0 * look.wear) * _scratches(sites, pattern, look.seed))
         # the more rust there is, the less the paint that is left stands out from it
-        stain = np.max([(0.5 + 0.4 * look.wear) * damage.near, _stains(pattern, shape, damage, look),
-                        np.full(len(paint), 0.8 * look.wear**2)], axis=0)
+        stain = np.max(
+            [
+                (0.5 + 0.4 * look.wear) * damage.near,
+                _stains(pattern, shape, damage, look),
+                np.full(len(paint), 0.8 * look.wear**2),
+            ],
+            axis=0,
+        )
         paint = mix(paint, paint * STAIN + STAINS, 0.85 * stain)
         rusted = np.maximum(0.95 * damage.bare, 0.9 * np.minimum(damage.tubercles, 1.0))
         steel = mix(paint, _rust(tones, hung, damage), rusted)
@@ -105,15 +119,24 @@ def _damaged(sites, pattern, look):
     # what scratches lose more, the rest loses less: the share of flat places stays that of wear
     scratched = _scratches(sites, pattern, look.seed) - SCRATCHED
     edges = 0.28 * sites.edges + 0.20 * _seams(sites, look.seed) + 0.30 * scratched
-    worn = 0.42 * zone + 0.95 * chips + edges * min(1.0, 4.0 * look.wear) + 0.95 * NOISE_STD * np.clip(
-        ndtri(np.clip(look.wear**2, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
+    worn = (
+        0.42 * zone
+        + 0.95 * chips
+        + edges * min(1.0, 4.0 * look.wear)
+        + 0.95 * NOISE_STD * np.clip(ndtri(np.clip(look.wear**2, 1e-9, 1.0 - 1e-9)), -6.0, 6.0)
+    )
     # what is left out of the noise on coarse meshes would have made the edge ragged: there it is a blur
     bare = smoothstep(0.0, 0.015 + 0.08 * (1.0 - pattern.resolved(0.02)), worn)
     cells = pattern.moved(0.006, 40.0, 5).worley(24.0, 6)
     rusting = (cells.id > 0.55) * smoothstep(-0.02, 0.14, worn + 0.15 * zone)
     domed = rusting * domes(cells.near, 0.24 + 0.25 * cells.id) * (0.30 + cells.id) * pattern.resolved(0.02)
-    return Damage(bare, smoothstep(-0.07, 0.0, worn) * (1.0 - bare), smoothstep(0.0, 0.25, worn),
-                  smoothstep(-0.16, 0.02, worn) * (look.wear > 0.0), domed)
+    return Damage(
+        bare,
+        smoothstep(-0.07, 0.0, worn) * (1.0 - bare),
+        smoothstep(0.0, 0.25, worn),
+        smoothstep(-0.16, 0.02, worn) * (look.wear > 0.0),
+        domed,
+    )
 
 
 def _axes(sites: Sites) -> tuple[np.ndarray, np.ndarray]:
@@ -144,7 +167,7 @@ def _seams(sites: Sites, seed: int) -> np.ndarray:
     off = (along - np.round(along)) * SEAM_SPACING_M
     around = smoothstep(0.5, 0.2, np.abs(sites.n @ axes[:, 2]))  # not on end faces
     width = np.maximum(0.5 * SEAM_WIDTH_M, sites.edge)
-    return around * np.exp(-(off / width)**2) * (1.0 + 0.5 * sites.patterns(seed).fbm(60.0, 2, 42))
+    return around * np.exp(-((off / width) ** 2)) * (1.0 + 0.5 * sites.patterns(seed).fbm(60.0, 2, 42))
 
 
 def _stains(pattern: Patterns, shape: Shape, damage: Damage, look: Look) -> np.ndarray:
@@ -163,6 +186,9 @@ def _faded(tones: Tones, hung: np.ndarray, shape: Shape, paint: np.ndarray, age:
 
 def _rust(tones: Tones, hung: np.ndarray, damage: Damage) -> np.ndarray:
     """Rust, [N, 3]: dark where it is old, paler on tubercles; large areas are much alike."""
-    tone = np.clip(0.50 - 0.22 * damage.depth + 0.25 * tones.broad + 0.40 * hung + 0.7 * tones.fine
-                   + 0.25 * damage.tubercles, 0.0, 1.0)
+    tone = np.clip(
+        0.50 - 0.22 * damage.depth + 0.25 * tones.broad + 0.40 * hung + 0.7 * tones.fine + 0.25 * damage.tubercles,
+        0.0,
+        1.0,
+    )
     return np.stack([np.interp(tone, STOPS, RUSTS[:, channel]) for channel in range(3)], axis=1)

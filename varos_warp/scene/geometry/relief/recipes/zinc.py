@@ -32,7 +32,8 @@ class Zinc:
         pattern = sites.patterns(look.seed)
         eaten = min(1.0, 0.15 + 1.3 * look.wear)
         h = -0.006 * eaten * (sites.edges + smoothstep(0.0, 0.4, pattern.fbm(9.0, 3, 1))) + 0.004 * eaten * pattern.fbm(
-            22.0, 3, 2)
+            22.0, 3, 2
+        )
         return np.clip(h, -LIMIT_M, LIMIT_M)
 
     def fine(self, sites: Sites, look: Look) -> np.ndarray:
@@ -46,13 +47,16 @@ class Zinc:
         pattern = sites.patterns(look.seed)
         tones, crater = tones_of(pattern), self._craters(sites, pattern, look)
         hung = drawn(tones, shape)
-        metal = np.asarray(METAL if look.paint is None else look.paint) * (
-            1.0 + 0.3 * tones.broad + 0.3 * hung + 0.4 * tones.fine)[:, None]
+        metal = (
+            np.asarray(METAL if look.paint is None else look.paint)
+            * (1.0 + 0.3 * tones.broad + 0.3 * hung + 0.4 * tones.fine)[:, None]
+        )
         crust = np.clip(0.35 + 0.8 * hung + 0.7 * tones.fine - 0.5 * crater, 0.0, 1.0) * min(1.0, 0.3 + look.wear)
         metal = mix(metal, CRUST, crust) * (1.0 - 0.45 * crater)[:, None]
         metal = metal * (1.0 + 0.9 * np.clip(shape.convexity, -0.33, 0.33))[:, None]
-        return covered(metal, sites, shape, look, hold=0.62, tones=tones,
-                       start=np.maximum(0.7 * sites.edges, 0.6 * shape.hollow))
+        return covered(
+            metal, sites, shape, look, hold=0.62, tones=tones, start=np.maximum(0.7 * sites.edges, 0.6 * shape.hollow)
+        )
 
     def _craters(self, sites: Sites, pattern: Patterns, look: Look) -> np.ndarray:
         return sites.once(("zinc", look.seed, look.wear), lambda: _craters(pattern, look.wear))
