@@ -4,7 +4,7 @@ import numpy as np
 from chance import assert_plausible
 from scipy import stats
 
-from varos_warp.kernels.film.film import SHARE_AROUND, TILE
+from varos_warp.kernels.film.film import IN_BLOCK, SHARE_AROUND, TILE
 
 
 def tile_means(image):
@@ -84,4 +84,4 @@ def assert_honest(ratio, radiance, stderr, count=None, where=None, bias=0.0, pre
 
 def evenly(noise, taken, spp, cost):
     """In place of `varos_warp.render.image.adapt.share_out`: all tiles take as many samples."""
-    return np.broadcast_to(np.subtract(spp, taken)[:, None, None, None], noise.shape)
+    return np.broadcast_to(np.subtract(IN_BLOCK * np.asarray(spp), taken)[:, None, None, None], noise.shape)

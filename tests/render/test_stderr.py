@@ -10,7 +10,7 @@ from physics.rig import VAROS_LAMPS, VAROS_WATER, one_ray_scene
 from scipy import stats
 from spread import absolute, assert_honest, evenly, relative
 
-from varos_warp.kernels.film.film import TILE
+from varos_warp.kernels.film.film import IN_BLOCK, TILE
 from varos_warp.render import radiance
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
@@ -36,14 +36,14 @@ def boxed(extents, centre, reflectance, name):
 FLOOR_AND_BOX = [boxed((20, 20, 1), (0, 6, -1.5), 0.4, "floor"), boxed((0.6, 0.6, 0.6), (0.2, 2.2, -0.8), 0.6, "box")]
 
 
-def renderer_of(parts) -> FrameRenderer:
+def renderer_of(parts, denoise="none") -> FrameRenderer:
     """The paper's water and lamps."""
     view = {"resolution": SHAPE[::-1], "sensor_mm": [6.0, 3.6], "focal_mm": 4.0, "rotation_euler_deg": [-15, 0, 0]}
     scene = Scene(
         water={"coefficients": PAPER_WATER},
         vehicle={"lights": VAROS_LAMPS, "cameras": [view]},
         trajectory={"poses": [{"position": [0, 0, 0]}]},
-        render={"denoise": "none"},
+        render={"denoise": denoise},
     )
     return FrameRenderer(scene, "cpu", parts=parts)
 
@@ -74,7 +74,8 @@ def rendered(integrator):
     # multiple, odd, and of segments direct and single (kernels/film/film.py, sums_of)
     total = np.array([sums[0] + sums[2:4].sum(axis=0) for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
     odd = np.array([sums[1] for _, sums in films]).reshape(SEEDS, 2, *SHAPE, 3)
-    evens = (count + 1 - np.indices(SHAPE).sum(0)[..., None] % 2 * (count.max() > count.min())) // 2
+    side = (np.indices(SHAPE) // 2).sum(0)[..., None] % 2
+    evens = (count + 1 - side * (count.max() > count.min())) // 2
     halves = (((total - odd) / evens).sum(axis=1), (odd / (count - evens)).sum(axis=1))
     return SimpleNamespace(
         radiance=np.array([image.radiance for image in images], float),
@@ -91,7 +92,7 @@ def rendered(integrator):
 def per_pixel(count):
     """Numbers of the sides of tiles as an image [H, W]."""
     row, col = np.indices(SHAPE)
-    return count[(row + col) % len(count), row // int(TILE), col // int(TILE)]
+    return count[(row // 2 + col // 2) % len(count), row // int(TILE), col // int(TILE)] // int(IN_BLOCK)
 
 
 @pytest.mark.parametrize("ratio", [absolute, relative])
@@ -148,6 +149,35 @@ def test_errors_of_one_sample_with_the_field_are_what_images_differ_by():
     base = radiance - [image.correction for image in images]
     assert_honest(over_the_image, base, np.sqrt(base_variance), bias=SHARED_BIAS)
     assert np.isinf(renderer.render(np.eye(4), outputs="A", integrator="path", spp=1).A.stderr).all()
+
+
+@pytest.mark.parametrize("spp", [0.25, 0.5, 1, 2])
+def test_errors_of_images_for_a_denoiser_are_what_images_differ_by(spp):
+    """Of few samples most blocks have less than one subpath a pixel; and their means are right.
+
+    Image means: four standard errors of the difference to images of many samples. Those of tiles' means are estimates
+    of one degree of freedom, where sides take unlike numbers too large (kernels/film `tile_variances`).
+    """
+    renderer, seeds = renderer_of(FLOOR_AND_BOX, "oidn"), 96
+    images = [
+        renderer.render(np.eye(4), outputs="A", integrator="field", spp=spp, seed=700 + k).A for k in range(seeds)
+    ]
+    radiance, stderr, base_variance, blocks = (
+        np.array([getattr(image, name) for image in images], float)
+        for name in ("radiance", "stderr", "base_variance", "block_error")
+    )
+    assert images[0].spp == pytest.approx(max(spp, 0.36), rel=0.06)
+    assert_honest(over_the_image, radiance, stderr, bias=SHARED_BIAS)
+    base = radiance - [image.correction for image in images]
+    assert_honest(over_the_image, base, np.sqrt(base_variance), bias=SHARED_BIAS)
+    rows, cols = (side // int(TILE) for side in SHAPE)
+    tiles = radiance.reshape(seeds, rows, TILE, cols, TILE, 3).mean((2, 4))
+    ratio = np.square(blocks).mean((0, 1, 2)) / tiles.var(axis=0, ddof=1).mean((0, 1))
+    assert np.all((ratio > 0.75) & (ratio < 1.6)), ratio
+    many = [renderer.render(np.eye(4), outputs="A", integrator="field", spp=32, seed=k).A.radiance for k in range(6)]
+    means = [np.array(kind, float).mean((1, 2)) for kind in (radiance, many)]
+    error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
+    assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
 
 
 def test_fractions_of_a_sample_count_with_the_field_and_are_rounded_up_without():

@@ -12,6 +12,7 @@ from varos_warp.kernels.field.tabulate import tabulate_single_along_camera
 from varos_warp.kernels.film import denoise, film
 from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
+from varos_warp.kernels.film.film import BLOCK
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.particles.draw import make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
@@ -74,8 +75,8 @@ def sample_step(view: Camera, with_field: bool) -> int:
     """What samples per pixel of A are a multiple of; 0 if tiles take unlike numbers, whose mean may be any fraction."""
     if optics_spec(view).dispersion:
         return COLOUR_CYCLE
-    # a row of pixels has no neighbours across corners, by which the other side decides
-    return 0 if with_field and min(view.resolution) > 1 else 1
+    # a row of blocks has no neighbours across corners, by which the other side decides
+    return 0 if with_field and min(view.resolution) > BLOCK else 1
 
 
 class LightKernels(NamedTuple):

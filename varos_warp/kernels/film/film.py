@@ -5,10 +5,18 @@ In float32 a running mean stalls: after 100 000 samples it is silently off by a 
 
 import warp as wp
 
+from varos_warp.kernels.sampling import uniforms
+
 wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
-"""Width of a tile [pixels]. All pixels of a tile, or of each of its two sides, get equally many samples."""
+"""Width of a tile [pixels]. All blocks of a tile, or of each of its two sides, get equally many samples."""
+
+BLOCK, IN_BLOCK = wp.constant(2), wp.constant(4)
+"""Width of a block [pixels] and number of its pixels: samples are counted by block, so that fewer than one a pixel are
+whole numbers, too. Either IN_BLOCK samples or fewer, or a multiple of IN_BLOCK."""
+PLACE = wp.constant(1 << 20)
+"""Group of the random number that tells which pixels of a block are sampled first; no path gets there."""
 
 SHARE_AROUND = wp.constant(0.1)
 """Weight of the surrounding tiles in a tile's variance. If rare samples light a dark image, whole tiles miss them: the
@@ -50,15 +58,20 @@ class Batch:
 class Film:
     """Sums over the samples of one image.
 
-    Pixels form one side, or two that alternate like the squares of a chessboard and may take different numbers of
-    samples (render/image/adapt.py). Samples are taken in batches of a few each, since otherwise a GPU would finally
+    Blocks of 2 x 2 pixels form one side, or two that alternate like the squares of a chessboard and may take different
+    numbers of samples (render/image/adapt.py). Fewer samples than pixels go to as many pixels of a block, drawn by
+    chance, and the others are black: what is seen of a sample is divided by its chance to be taken, so each pixel is
+    right in the mean, and a block misses nothing but noise. Blocks that the edge cuts have one sample in each pixel at
+    least. Samples are taken in batches of a few each, since otherwise a GPU would finally
     wait for the threads of noisy pixels; the sums of batches are added up in a fixed order.
     """
 
+    key: wp.uint32
+    """Key of the random numbers that tell which pixels of a block are sampled first."""
     wanted: wp.array3d(dtype=int)
-    """Samples that each pixel is to take next [side, tile row, tile column]."""
+    """Samples that each block is to take next [side, tile row, tile column]."""
     count: wp.array3d(dtype=int)
-    """Samples that each pixel has, in the same layout."""
+    """Samples that each block has, in the same layout."""
     batches: wp.array(dtype=Batch)
     batch_sums: wp.array2d(dtype=wp.vec3d)
     """The batches, and their sums [SUMS or CORRECTION_SUMS, batches]."""
@@ -115,8 +128,8 @@ def first_sample(batch: int, batches: int, spp: int):
 
 @wp.func
 def side_of(sides: int, row: int, col: int):
-    """The side that a pixel belongs to."""
-    return (row + col) % sides
+    """The side that a pixel belongs to, as its block does."""
+    return (row / BLOCK + col / BLOCK) % sides
 
 
 @wp.func
@@ -132,6 +145,53 @@ def sample_of(film: Film, batch: Batch, i: int):
 def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
     """A pixel's entry of ``numbers`` [side, tile row, tile column]."""
     return numbers[side_of(numbers.shape[0], row, col), row / TILE, col / TILE]
+
+
+@wp.func
+def is_cut(film: Film, row: int, col: int):
+    """Whether the edge of the image cuts a pixel's block."""
+    return (row ^ 1) >= film.sums.shape[1] or (col ^ 1) >= film.sums.shape[2]
+
+
+@wp.func
+def rank_in_block(film: Film, row: int, col: int):
+    """When a pixel's turn comes among those of its block, 0 to 3: two in a row are across the corner."""
+    if is_cut(film, row, col):
+        return 0
+    block = row / BLOCK * film.sums.shape[2] + col / BLOCK
+    drawn = int(float(IN_BLOCK) * uniforms(film.key, block, 0, PLACE)[0])
+    return (2 * ((row ^ col) & 1) + (col & 1)) ^ drawn
+
+
+@wp.func
+def of_pixel(film: Film, of_block: int, row: int, col: int):
+    """Number of a pixel's samples, from that of its block."""
+    if of_block % IN_BLOCK == 0:
+        return of_block / IN_BLOCK
+    return (of_block + IN_BLOCK - 1 - rank_in_block(film, row, col)) / IN_BLOCK
+
+
+@wp.func
+def pixel_count(film: Film, row: int, col: int):
+    """Number of samples that a pixel has."""
+    return of_pixel(film, of_tile(film.count, row, col), row, col)
+
+
+@wp.func
+def expected_count(film: Film, row: int, col: int):
+    """Number of samples that a pixel may expect, of which its sum is divided: less than one where chance decides."""
+    of_block = of_tile(film.count, row, col)
+    if of_block < IN_BLOCK and not is_cut(film, row, col):
+        return wp.float64(of_block) / wp.float64(IN_BLOCK)
+    return wp.float64(of_pixel(film, of_block, row, col))
+
+
+@wp.func
+def is_sparse(film: Film, side: int, tile_row: int, tile_col: int):
+    """Whether pixels of a side have no two samples, whose halves would tell the noise; then other blocks do."""
+    if film.count.shape[0] == 1:
+        return False
+    return film.count[side, tile_row, tile_col] <= IN_BLOCK
 
 
 @wp.func
@@ -173,7 +233,14 @@ def count_batches(
     row, col = tile_pixel(film.count.shape[2], i)
     counts[i] = 0
     if row < film.sums.shape[1] and col < film.sums.shape[2]:
-        counts[i] = (of_tile(film.wanted, row, col) + most - 1) / most
+        counts[i] = (wanted_count(film, row, col) + most - 1) / most
+
+
+@wp.func
+def wanted_count(film: Film, row: int, col: int):
+    """Number of samples that a pixel is to take next."""
+    after = of_tile(film.count, row, col) + of_tile(film.wanted, row, col)
+    return of_pixel(film, after, row, col) - pixel_count(film, row, col)
 
 
 @wp.func
@@ -200,8 +267,8 @@ def list_batches(
         batch = Batch()
         batch.row = row
         batch.col = col
-        wanted = of_tile(film.wanted, row, col)
-        taken = of_tile(film.count, row, col)
+        wanted = wanted_count(film, row, col)
+        taken = pixel_count(film, row, col)
         batch.begin = taken + first_sample(k - start, ends[i] - start, wanted)
         batch.end = taken + first_sample(k - start + 1, ends[i] - start, wanted)
         film.batches[k - begin] = batch
@@ -261,25 +328,73 @@ def base_difference(film: Film, sums: Sums, row: int, col: int):
     """`half_difference` of all but the correction."""
     if film.sums.shape[0] == CORRECTION_SUMS:
         return wp.vec3d(wp.float64(0.0))
-    count = of_tile(film.count, row, col)
+    count = pixel_count(film, row, col)
     base = total_radiance(sums) - sums.correction
     return half_difference(base, sums.odd - sums.odd_correction, count, side_of(film.count.shape[0], row, col))
 
 
 @wp.func
 def correction_difference(film: Film, sums: Sums, row: int, col: int):
-    """`half_difference` of the correction; of one sample, of a film with sides, its difference to a neighbour's.
+    """`half_difference` of the correction; infinite for one sample."""
+    side = side_of(film.count.shape[0], row, col)
+    return half_difference(sums.correction, sums.odd_correction, pixel_count(film, row, col), side)
 
-    The correction is smooth, so most of that difference is noise. The neighbour across the corner is of the same side.
+
+@wp.func
+def deviation(film: Film, sums: Sums, denoised: wp.float64, row: int, col: int):
+    """What one sample is off by: its square estimates the variance of a sample, of the correction divided by that.
+
+    One difference for both: base and correction share the image point and the surface's reflectance.
     """
-    count = of_tile(film.count, row, col)
-    sides = film.count.shape[0]
-    if count > 1 or sides == 1:
-        return half_difference(sums.correction, sums.odd_correction, count, side_of(sides, row, col))
-    other_row, other_col = paired(row, film.sums.shape[1]), paired(col, film.sums.shape[2])
-    there = sums_of(film, other_row, other_col).correction
-    n = wp.float64(of_tile(film.count, other_row, other_col))  # 1, but beyond a row or column that is alone
-    return (sums.correction - there / n) / wp.sqrt(wp.float64(1.0) + wp.float64(1.0) / n)
+    base = base_difference(film, sums, row, col)
+    if is_sparse(film, side_of(film.count.shape[0], row, col), row / TILE, col / TILE):
+        return base + block_difference(film, row, col) / wp.sqrt(denoised)
+    off = base + correction_difference(film, sums, row, col) / wp.sqrt(denoised)
+    return off * wp.sqrt(wp.float64(wp.max(pixel_count(film, row, col), 1)))
+
+
+@wp.struct
+class BlockMean:
+    """Mean of the correction over the samples of a block."""
+
+    light: wp.vec3d
+    count: wp.float64
+    """Number of the samples."""
+
+
+@wp.func
+def block_mean(film: Film, block_row: int, block_col: int):
+    """The correction of a block."""
+    mean = BlockMean()
+    for row in range(BLOCK * block_row, wp.min(BLOCK * (block_row + 1), film.sums.shape[1])):
+        for col in range(BLOCK * block_col, wp.min(BLOCK * (block_col + 1), film.sums.shape[2])):
+            mean.light += sums_of(film, row, col).correction
+            mean.count += wp.float64(pixel_count(film, row, col))
+    mean.light /= mean.count
+    return mean
+
+
+@wp.func
+def across(film: Film, row: int, col: int):
+    """Mean of the block across the corner from that of a pixel, which is of the same side."""
+    rows, cols = (film.sums.shape[1] + 1) / BLOCK, (film.sums.shape[2] + 1) / BLOCK
+    return block_mean(film, paired(row / BLOCK, rows), paired(col / BLOCK, cols))
+
+
+@wp.func
+def block_difference(film: Film, row: int, col: int):
+    """Difference of a pixel's block to the one across the corner; its square estimates the variance of one sample.
+
+    The correction is smooth, so most of that difference is noise.
+    """
+    here, there = block_mean(film, row / BLOCK, col / BLOCK), across(film, row, col)
+    return (here.light - there.light) / wp.sqrt(wp.float64(1.0) / here.count + wp.float64(1.0) / there.count)
+
+
+@wp.func
+def squared_light(film: Film, row: int, col: int):
+    """Estimate of the squared correction around a pixel: noise of two blocks does not add up to more."""
+    return wp.cw_mul(block_mean(film, row / BLOCK, col / BLOCK).light, across(film, row, col).light)
 
 
 @wp.func
@@ -336,39 +451,45 @@ def tile_variances(
     film: Film,
     # out, [tile row, tile column]
     samples: wp.array2d(dtype=wp.vec3d),  # of one sample
+    squares: wp.array2d(dtype=wp.vec3d),  # of the light, where pixels may have no sample
     blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels, added
 ):
     """Estimates of variances; without sides infinite for one sample.
 
     A single value of ``blocks`` is a poor estimate; average them. Half the difference of the two halves of a pixel's
-    samples is distributed like the error of their mean. The error that all pixels of a block share remains in the mean
-    over the block.
+    samples is distributed like the error of their mean. The error that all pixels of a tile share remains in the mean
+    over the tile.
     """
     tile_row, tile_col = wp.tid()
     height, width = film.sums.shape[1], film.sums.shape[2]
-    sides = film.count.shape[0]
     # for the variance of samples, a tile cut by the image's edge borrows pixels before it
     top = wp.max(wp.min(tile_row * TILE, height - TILE), 0)
     left = wp.max(wp.min(tile_col * TILE, width - TILE), 0)
-    squares = wp.vec3d(wp.float64(0.0))
+    noise = wp.vec3d(wp.float64(0.0))
+    light = wp.vec3d(wp.float64(0.0))
     around = wp.float64(0.0)
-    total = wp.vec3d(wp.float64(0.0))
+    sparse = wp.float64(0.0)
+    off = wp.vec3d(wp.float64(0.0))
     pixels = wp.float64(0.0)
     for row in range(top, wp.min((tile_row + 1) * TILE, height)):
         for col in range(left, wp.min((tile_col + 1) * TILE, width)):
             sums = sums_of(film, row, col)
-            count = of_tile(film.count, row, col)
-            off = base_difference(film, sums, row, col) + correction_difference(film, sums, row, col)
-            squares += wp.cw_mul(off, off) * wp.float64(wp.max(count, 1))
+            side = side_of(film.count.shape[0], row, col)
+            one = deviation(film, sums, wp.float64(1.0), row, col)
+            noise += wp.cw_mul(one, one)
             around += wp.float64(1.0)
+            if of_tile(film.count, row, col) < IN_BLOCK:
+                light += squared_light(film, row, col)
+                sparse += wp.float64(1.0)
             if row >= tile_row * TILE and col >= tile_col * TILE:
                 pixels += wp.float64(1.0)
-                if count > 1 or sides == 1:
-                    total += off
-    mean = total / pixels
-    if sides == 2 and wp.min(film.count[0, tile_row, tile_col], film.count[1, tile_row, tile_col]) == 1:
+                if not is_sparse(film, side, tile_row, tile_col):
+                    off += one / wp.sqrt(wp.float64(wp.max(pixel_count(film, row, col), 1)))
+    mean = off / pixels
+    if is_sparse(film, 0, tile_row, tile_col) or is_sparse(film, 1, tile_row, tile_col):
         mean += half_of_sides_apart(film, tile_row, tile_col)
-    samples[tile_row, tile_col] = squares / around
+    samples[tile_row, tile_col] = noise / around
+    squares[tile_row, tile_col] = wp.max(light / wp.max(sparse, wp.float64(1.0)), wp.vec3d(wp.float64(0.0)))
     blocks[tile_row, tile_col] += wp.cw_mul(mean, mean)
 
 
@@ -381,7 +502,7 @@ def half_of_sides_apart(film: Film, tile_row: int, tile_col: int):
     seconds = wp.float64(0.0)
     for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
         for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
-            light = total_radiance(sums_of(film, row, col)) / wp.float64(of_tile(film.count, row, col))
+            light = total_radiance(sums_of(film, row, col)) / expected_count(film, row, col)
             if side_of(2, row, col) == 0:
                 first += light
                 firsts += wp.float64(1.0)
@@ -433,6 +554,7 @@ def weigh_guides(
 def develop(
     film: Film,
     variance: wp.array2d(dtype=wp.vec3d),  # of samples, of tile_variances
+    squares: wp.array2d(dtype=wp.vec3d),  # of the light, likewise
     # out
     direct: wp.array2d(dtype=wp.vec3),
     single: wp.array2d(dtype=wp.vec3),
@@ -446,13 +568,15 @@ def develop(
 
     All are [height, width] and 0 before the first film; ``correction`` is contained in the layers. The standard error
     comes from the samples of all pixels of a tile, and a little from the tiles around, because pixels that missed rare
-    bright samples would claim too small an error. ``base_variance`` is the pixel's own variance of everything but the
-    correction: mostly edges, textures and the blur of a lens.
+    bright samples would claim too small an error. Where only some pixels of a block have a sample, the chance to have
+    one counts too. ``base_variance`` is the pixel's own variance of everything but the correction: mostly edges,
+    textures and the blur of a lens.
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
-    count = of_tile(film.count, row, col)
-    n = wp.float64(wp.max(count, 1))
+    n = expected_count(film, row, col)
+    if n == wp.float64(0.0):
+        n = wp.float64(1.0)
     direct[row, col] += wp.vec3(sums.direct / n)
     single[row, col] += wp.vec3(sums.single / n)
     multiple[row, col] += wp.vec3(sums.multiple / n)
@@ -463,5 +587,7 @@ def develop(
     base_variance[row, col] += wp.vec3(wp.cw_mul(off, off))
     before = stderr[row, col]
     variance_here = with_tiles_around(variance, row / TILE, col / TILE) / n
+    if n < wp.float64(1.0):  # whether a pixel has a sample is chance, too
+        variance_here += (wp.float64(1.0) / n - wp.float64(1.0)) * squares[row / TILE, col / TILE]
     for c in range(3):
         stderr[row, col][c] = wp.sqrt(before[c] * before[c] + float(variance_here[c]))
