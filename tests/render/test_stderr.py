@@ -19,11 +19,11 @@ from varos_warp.scene.geometry.parts import Part
 
 PAPER_WATER = VAROS_WATER | {"phase": {"g": 0.8}}
 SEEDS, SPP, SHAPE = 48, 8, (24, 40)
+SLOPES = 0.2
+"""Bound on the bias of squared standard errors of few samples: what blocks of 2 x 2 pixels differ by counts as noise,
+which is much in so small an image."""
 BIAS = 3e-3
 """Stated bound on the field's bias, as a share of the light."""
-SHARED_BIAS = 0.1
-"""Bound on the bias of squared standard errors where samples are shared out: how many a pixel gets follows from what
-the pixels around have shown of their noise, and so does what it claims. 3 to 5 % in 96 images."""
 
 
 def boxed(extents, centre, reflectance, name):
@@ -97,9 +97,8 @@ def per_pixel(count):
 
 @pytest.mark.parametrize("ratio", [absolute, relative])
 def test_standard_errors_are_what_images_with_other_random_numbers_differ_by(renderings, ratio):
-    """Pixel by pixel, as means over tiles; beside its bias where samples are shared out."""
-    bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
-    assert_honest(ratio, renderings.kinds, renderings.stderr, renderings.count, bias=bias)
+    """Pixel by pixel, as means over tiles, also where samples are shared out."""
+    assert_honest(ratio, renderings.kinds, renderings.stderr, renderings.count)
 
 
 def over_the_image(radiance, claimed, count, where):
@@ -109,8 +108,7 @@ def over_the_image(radiance, claimed, count, where):
 
 def test_bases_differ_by_what_their_variance_says(renderings):
     """Each pixel's own, and edges have most of it: so on average over the image."""
-    bias = SHARED_BIAS if np.ptp(renderings.count) else 0.0
-    assert_honest(over_the_image, renderings.base, np.sqrt(renderings.base_variance), bias=bias)
+    assert_honest(over_the_image, renderings.base, np.sqrt(renderings.base_variance))
 
 
 def test_image_means_differ_by_what_their_standard_errors_say(renderings):
@@ -145,9 +143,9 @@ def test_errors_of_one_sample_with_the_field_are_what_images_differ_by():
     radiance, stderr, base_variance = (
         np.array([getattr(image, name) for image in images], float) for name in ("radiance", "stderr", "base_variance")
     )
-    assert_honest(over_the_image, radiance, stderr, bias=SHARED_BIAS)
+    assert_honest(over_the_image, radiance, stderr, bias=SLOPES)
     base = radiance - [image.correction for image in images]
-    assert_honest(over_the_image, base, np.sqrt(base_variance), bias=SHARED_BIAS)
+    assert_honest(over_the_image, base, np.sqrt(base_variance))
     assert np.isinf(renderer.render(np.eye(4), outputs="A", integrator="path", spp=1).A.stderr).all()
 
 
@@ -166,10 +164,10 @@ def test_errors_of_images_for_a_denoiser_are_what_images_differ_by(spp):
         np.array([getattr(image, name) for image in images], float)
         for name in ("radiance", "stderr", "base_variance", "block_error")
     )
-    assert images[0].spp == pytest.approx(max(spp, 0.36), rel=0.06)
-    assert_honest(over_the_image, radiance, stderr, bias=SHARED_BIAS)
+    assert images[0].spp == pytest.approx(max(spp, 0.336), rel=0.06)  # two segments and a quarter of a subpath
+    assert_honest(over_the_image, radiance, stderr, bias=SLOPES)
     base = radiance - [image.correction for image in images]
-    assert_honest(over_the_image, base, np.sqrt(base_variance), bias=SHARED_BIAS)
+    assert_honest(over_the_image, base, np.sqrt(base_variance))
     rows, cols = (side // int(TILE) for side in SHAPE)
     tiles = radiance.reshape(seeds, rows, TILE, cols, TILE, 3).mean((2, 4))
     ratio = np.square(blocks).mean((0, 1, 2)) / tiles.var(axis=0, ddof=1).mean((0, 1))

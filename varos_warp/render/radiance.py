@@ -12,7 +12,8 @@ import warp as wp
 from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import IN_BLOCK, Film, develop, tile_variances, weigh_guides
+from varos_warp.kernels.film.develop import develop, side_variances, tile_variances, weigh_guides
+from varos_warp.kernels.film.film import IN_BLOCK, Film
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight
@@ -333,12 +334,12 @@ class RadianceRenderer:
         """The image that is the sum of films, which are taken back."""
         shape = films[0].sums.shape[1:]
         images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in DEVELOPED}
-        tiles = tile_pixels(*shape).shape
-        variance, squares, blocks = (wp.zeros(tiles, dtype=wp.vec3d, device=self.device) for _ in "vsb")
-        of_tiles = {"samples": variance, "squares": squares, "blocks": blocks}
+        blocks = wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device)
         for film in films:
-            self.launcher.run(tile_variances, tiles, {"film": film, **of_tiles})
-            self.launcher.run(develop, shape, {"film": film, "variance": variance, "squares": squares, **images})
+            sides = {name: self.films.buffer(*film.count.shape) for name in ("variance", "squares")}
+            self.launcher.run(side_variances, film.count.shape, {"film": film, **sides})
+            self.launcher.run(tile_variances, blocks.shape, {"film": film, "blocks": blocks})
+            self.launcher.run(develop, shape, {"film": film, **sides, **images})
             self.films.keep(film)
         counted = [array for film in films for array in (film.lost, film.count)]
         return Taken(images, [(blocks, np.eye(3))], counted, kinds, {})

@@ -6,6 +6,7 @@ import warp as wp
 from chance import run
 
 from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.film import develop as developing
 from varos_warp.kernels.film import film as kernel
 from varos_warp.kernels.film.adapt import pixel_statistics
 from varos_warp.render.image.films import tile_pixels
@@ -73,17 +74,24 @@ NAMES = ("direct", "single", "multiple", "correction", "base_variance", "radianc
 def developed(film):
     """The ``NAMES`` [H, W, 3]."""
     shape = film.sums.shape[1:]
-    variance, squares, _ = tile_variances(film)
+    variance, squares = side_variances(film)
     out = [wp.zeros(shape, dtype=wp.vec3, device="cpu") for _ in NAMES]
-    wp.launch(kernel.develop, dim=shape, inputs=[film, variance, squares], outputs=out, device="cpu")
+    wp.launch(developing.develop, dim=shape, inputs=[film, variance, squares], outputs=out, device="cpu")
     return dict(zip(NAMES, (image.numpy() for image in out), strict=True))
 
 
-def tile_variances(film):
-    """Of one sample, squares of the light, and variance of the mean of a tile, [tile row, tile column]."""
-    out = [wp.zeros(film.count.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "sqb"]
-    wp.launch(kernel.tile_variances, dim=out[0].shape, inputs=[film], outputs=out, device="cpu")
+def side_variances(film):
+    """Of one sample, and squares of the light, [side, tile row, tile column]."""
+    out = [wp.zeros(film.count.shape, dtype=wp.vec3d, device="cpu") for _ in "vs"]
+    wp.launch(developing.side_variances, dim=out[0].shape, inputs=[film], outputs=out, device="cpu")
     return out
+
+
+def tile_variances(film):
+    """Of the mean of a tile, [tile row, tile column, 3]."""
+    out = wp.zeros(film.count.shape[1:], dtype=wp.vec3d, device="cpu")
+    wp.launch(developing.tile_variances, dim=out.shape, inputs=[film], outputs=[out], device="cpu")
+    return out.numpy()
 
 
 def statistics(film, denoised=1.0):
@@ -144,7 +152,7 @@ def test_the_squared_error_is_unbiased(spp):
         * np.array([1.0, 2.0])[:, None, None, None, None]
     )
     film = exposed(samples, 3, [spp], lot=100_000)
-    variance, size = tile_variances(film)[0].numpy(), np.prod(samples.shape[2:])
+    variance, size = side_variances(film)[0].numpy()[0], np.prod(samples.shape[2:])
     pixels = tile_pixels(*samples.shape[2:4])[..., None]
     assert abs((variance * pixels).sum() / size - 5.0) < 4.0 * 5.0 * np.sqrt(2.0 / size)
 
@@ -201,15 +209,18 @@ def test_a_standard_error_is_that_of_the_pixels_of_a_tile():
 def test_a_tile_that_the_edge_cuts_takes_pixels_before_it():
     """Of a single pixel the half difference would tell next to nothing."""
     samples = np.random.default_rng(3).normal(size=(4, 8, 9, 9, 3))
-    whole, alone = (tile_variances(exposed(part, 8, [8]))[0].numpy() for part in (samples, samples[:, :, 1:, 1:]))
+    whole, alone = (side_variances(exposed(part, 8, [8]))[0].numpy()[0] for part in (samples, samples[:, :, 1:, 1:]))
     np.testing.assert_allclose(whole[1, 1], alone[0, 0], rtol=1e-12)
 
 
-def test_of_a_tile_with_two_sides_those_with_more_samples_claim_less():
+def test_of_a_tile_with_two_sides_each_claims_by_its_own_samples():
+    """How many these are follows from the other side's noise, which must not tell what is claimed."""
     samples = np.random.default_rng(2).normal(size=(4, 32, 8, 8, 3))
     film = exposed(samples, 8, [np.array([[[8]], [[32]]])], sides=2)
-    stderr = developed(film)["stderr"]
-    np.testing.assert_allclose(stderr[::4, ::4], 2.0 * stderr[::4, 2::4], rtol=1e-6)
+    stderr, total, side = developed(film)["stderr"], np.float32(samples[:3]).astype(float).sum(axis=0), sides_of((8, 8))
+    for one, n in enumerate((8, 32)):
+        expected = np.sqrt(one_variance(total[:n])[side == one].mean(0) / n)
+        np.testing.assert_allclose(stderr[side == one], np.broadcast_to(expected, (32, 3)), rtol=1e-6)
 
 
 def test_the_mean_does_not_stall_however_many_samples_there_are():
@@ -306,7 +317,7 @@ def test_of_one_subpath_the_squared_error_is_unbiased(shape):
     samples = 2.0 * np.random.default_rng(4).normal(size=(2, *shape, 3))
     film = subpaths(samples, [1, 1])
     pixels = tile_pixels(*shape)[..., None]
-    variance = (tile_variances(film)[0].numpy() * pixels).sum((0, 1)) / np.prod(shape)
+    variance = (side_variances(film)[0].numpy().mean(0) * pixels).sum((0, 1)) / np.prod(shape)
     assert np.abs(variance - 4.0).max() < 4.0 * 4.0 * np.sqrt(4.0 / np.prod(shape))
     images = developed(film)
     assert not images["base_variance"].any()  # all is correction
@@ -327,7 +338,8 @@ def test_of_one_subpath_at_a_lone_edge_next_to_tiles_with_more_the_squared_error
 def test_of_one_subpath_slopes_of_the_light_count_as_noise_but_not_in_blocks():
     """A step of 0.1 to each next column: of blocks of four samples twice that, so 8 times its square."""
     samples = 0.1 * np.arange(24.0)[None, None, :, None] * np.ones((2, 16, 1, 3))
-    variance, _, blocks = (image.numpy() for image in tile_variances(subpaths(samples, [1, 1])))
+    film = subpaths(samples, [1, 1])
+    variance, blocks = side_variances(film)[0].numpy(), tile_variances(film)
     np.testing.assert_allclose(variance, 8.0 * 0.1**2, rtol=1e-5)
     np.testing.assert_allclose(blocks, 0.0, atol=1e-12)
 
@@ -353,7 +365,7 @@ def test_block_variances_of_one_subpath_are_those_of_block_means(counts, least, 
         for half in (0, 1):
             samples[half::2] += shared * rng.normal()
         film = subpaths(samples, counts)
-        estimates.append(tile_variances(film)[-1].numpy()[0, 0])
+        estimates.append(tile_variances(film)[0, 0])
         means.append(developed(film)["radiance"].mean((0, 1)))
     ratio = np.mean(estimates, axis=0) / np.var(means, axis=0, ddof=1)
     unsure = np.exp(4.0 * np.sqrt(4.0 / films))
@@ -404,7 +416,7 @@ def test_of_fewer_samples_than_pixels_errors_are_what_images_with_other_random_n
         image = developed(film)
         images.append(image["radiance"])
         claimed.append(image["stderr"])
-        blocks.append(tile_variances(film)[-1].numpy())
+        blocks.append(tile_variances(film))
         variances.append(statistics(film)[1])
     images, claimed = np.array(images, float), np.square(claimed, dtype=float)
     spread, side = images.var(axis=0, ddof=1), sides_of(shape)
@@ -447,7 +459,7 @@ def test_block_variances_are_those_of_block_means_shared_errors_included(shared)
             samples[0, half::2] += shared * rng.normal()
         film = exposed(samples, 3, [spp])
         image = developed(film)["radiance"]
-        estimates.append(tile_variances(film)[-1].numpy()[[0, 1], [0, 1]])
+        estimates.append(tile_variances(film)[[0, 1], [0, 1]])
         means.append([image[:8, :8].mean((0, 1)), image[8:, 8:].mean((0, 1))])
     # estimates are chi-square with one degree of freedom; channels have what is shared in common
     ratio = np.mean(estimates, axis=0) / np.var(means, axis=0, ddof=1)
@@ -455,4 +467,4 @@ def test_block_variances_are_those_of_block_means_shared_errors_included(shared)
 
 
 def test_block_variances_are_unknown_after_one_sample():
-    assert np.isinf(tile_variances(exposed(samples_of("even", 1), 4, [1]))[-1].numpy()).all()
+    assert np.isinf(tile_variances(exposed(samples_of("even", 1), 4, [1]))).all()

@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from varos_warp.kernels.film.film import TILE, Film, deviation, expected_count, side_of, sums_of, total_radiance
+from varos_warp.kernels.film.develop import deviation
+from varos_warp.kernels.film.film import TILE, Film, expected_count, side_of, sums_of, total_radiance
 
 wp.set_module_options({"enable_backward": False})
 

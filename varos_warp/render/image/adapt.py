@@ -26,8 +26,11 @@ FIRST_SHARE, FEWEST_FIRST = 4, 2
 more than half of them."""
 GOLDEN = 0.6180339887
 """Golden ratio less 1: its multiples, less their whole parts, fill [0, 1) evenly, however many there are."""
-LEAST_FIRST, LEAST_SUBPATHS = IN_BLOCK * FEWEST_FIRST, (1, IN_BLOCK)
-"""Least of them, of a block: two of each pixel, whose difference shows its noise. What subpaths carry is smooth, so the
+PAIR = IN_BLOCK * FEWEST_FIRST
+"""Samples of a block, two of each pixel, whose difference shows its noise; where there are more they come in pairs, for
+of low-discrepancy samples halves of unlike number would claim too large an error."""
+LEAST_FIRST, LEAST_SUBPATHS = PAIR, (1, IN_BLOCK)
+"""Least of the first samples of a block: a pair of each pixel. What subpaths carry is smooth, so the
 blocks around show it, and one of a block does for a start where a denoiser fills in the pixels without; one of each
 pixel where none does."""
 MOST_SHARED = 64
@@ -39,7 +42,7 @@ def first_samples(spp: float, least: int) -> int:
     """Samples of a block of pixels that are taken before anything is decided, ``least`` or more."""
     of_block = int(IN_BLOCK * spp) // FIRST_SHARE
     if spp >= 2 * FEWEST_FIRST:
-        of_block = IN_BLOCK * max(of_block // IN_BLOCK, FEWEST_FIRST)
+        of_block = PAIR * max(of_block // PAIR, 1)
     return max(of_block, least)
 
 
@@ -96,8 +99,8 @@ def _share_out(weight: np.ndarray, taken: np.ndarray, spp: np.ndarray, cost: np.
         middle = np.sqrt(low * high)
         spent = (cost * np.clip(middle * weight, taken, most)).mean((1, 2)).sum()
         low, high = (middle, high) if spent <= asked else (low, middle)
-    # whole numbers, or below one those of a block, with the same mean: parts go to the tiles in turn
+    # of a block: 1 to 4, or pairs for each pixel, with the same mean: parts go to the tiles in turn
     turn = (GOLDEN * np.arange(weight[0].size) % 1.0).reshape(weight[0].shape)
-    wanted = np.clip(low * weight, taken, most)
-    of_block = np.where(wanted < 1.0, np.floor(IN_BLOCK * wanted + turn), IN_BLOCK * np.floor(wanted + turn))
-    return (of_block - IN_BLOCK * taken).astype(np.int32)
+    wanted = IN_BLOCK * np.clip(low * weight, taken, most)
+    step = np.where(wanted < IN_BLOCK, 1, np.where(wanted < PAIR, IN_BLOCK, PAIR))
+    return (step * np.floor(wanted / step + turn) - IN_BLOCK * taken).astype(np.int32)
