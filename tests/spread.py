@@ -11,7 +11,7 @@ from varos_warp.kernels.film.film import BLOCK, IN_BLOCK, TILE
 def tile_means(image, sides):
     """Means [H, W, 3] over what standard errors are averaged over, with a share of those of tiles around.
 
-    That is the tile, or its pixels of the same side.
+    That is the tile, or its pixels of the same side; at the edge with pixels before it.
     """
     (height, width), reach = image.shape[:2], int(TILE)
     tops, lefts = range(0, height, reach), range(0, width, reach)
@@ -22,7 +22,7 @@ def tile_means(image, sides):
             top, left = (
                 max(min(row, height - reach), 0),
                 max(min(col, width - reach), 0),
-            )  # at the edge: those before it
+            )
             of_tile = (slice(top, row + reach), slice(left, col + reach))
             for one in range(sides):
                 means[one, i, j] = image[of_tile][side[of_tile] == one].mean(0)

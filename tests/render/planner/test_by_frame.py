@@ -133,7 +133,9 @@ def test_errors_are_told_by_images_that_know_nothing_of_those_they_are_of():
     for one in tried:
         np.testing.assert_allclose(of_others(error, one, tried, 0.0), 0.5 / np.sqrt(one.spp), rtol=0.1)
     few = trial(noisy_images(0.5), 2, FIELD)
-    assert [(one.spp, one.denoised is None) for one in few] == [(1, False), (1, True), (2, False)]
+    assert [(one.spp, one.denoised is None) for one in few] == [(0.5, False), (1, False), (2, False)]
+    fewest = trial(noisy_images(0.5), 0.5, FIELD)
+    assert [(one.spp, one.denoised is None) for one in fewest] == [(0.25, False), (0.25, True), (0.5, False)]
     assert [one.spp for one in trial(noisy_images(0.5), 5, SAMPLES["path"])] == [2, 3, 5]
 
 

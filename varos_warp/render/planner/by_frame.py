@@ -27,7 +27,7 @@ HALVINGS, HALVED = 2, 0.25
 """Stretches with unlike ends are halved this often, each time at most this share of the poses."""
 FEWER = (4, 2, 1)
 """A pose is tried with the samples that it may need over each of these; the three images tell each other's errors."""
-FIRST = 4
+FIRST = 1
 """Samples that the first poses may need, or a `REACH`-th of what the noisiest view needs, if that is more."""
 BEYOND, MOST_IMAGES = 1.5, 6
 """Images are added one by one while a pose needs more than 1.5 times the most samples that it was tried with, or while
