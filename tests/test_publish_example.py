@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import yaml
@@ -179,3 +180,35 @@ def test_what_would_be_too_large_is_refused_before_anything_is_made(publish, tmp
     assert "more than 50 MB" in told.err
     assert "in 3 waters" in told.out
     assert not out.exists()
+
+
+def test_what_was_begun_goes_on_however_little_room_is_left(publish, made, monkeypatch, capfd):
+    """Its own files have taken the room; a new one is refused."""
+    monkeypatch.setattr(publish.shutil, "disk_usage", lambda _: Usage(free=10))
+    assert publish.main([*TINY, "-o", str(made)]) == 0
+    assert publish.main([*TINY, "-o", str(made.parent / "new")]) == 2
+    assert "MB are free" in capfd.readouterr().err
+    assert not (made.parent / "new").exists()
+
+
+class Usage(NamedTuple):
+    """What is left of a disk."""
+
+    free: int
+
+
+def test_a_damaged_file_is_named_and_made_anew_once_it_is_deleted(publish, made, capfd):
+    path = sorted((made / "datasets" / "coast").rglob("D/*.png"))[0]
+    content, card = path.read_bytes(), (made / "upload" / "README.md").read_bytes()
+    path.unlink()  # and so not in place: others share it
+    path.write_bytes(content[:-20])
+    assert publish.main([*TINY, "-o", str(made)]) != 0
+    assert f"{path.relative_to(made / 'datasets' / 'coast')}: is not as it was written" in capfd.readouterr().err
+    path.unlink()
+    assert publish.main([*TINY, "-o", str(made)]) == 0
+    assert (path.read_bytes(), (made / "upload" / "README.md").read_bytes()) == (content, card)
+
+
+def test_without_git_the_commit_is_what_the_environment_says(publish, tmp_path, monkeypatch):
+    monkeypatch.setenv("VAROS_WARP_COMMIT", "c0ffee")
+    assert publish.sys.modules["facts"].git(tmp_path) == ("c0ffee", None)
