@@ -319,7 +319,7 @@ class Planner:
         pixels = np.prod(self.test_camera.resolution)
         cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
         frames = by_frame.tried_frames(count, pixels / np.prod(worst.camera.resolution))
-        if not frames or spp < by_frame.FIRST:
+        if not frames or spp < by_frame.first_guess(self.samples):
             return spp
         self.progress("samples by frame", 0.0)
 
