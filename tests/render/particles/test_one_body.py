@@ -59,13 +59,21 @@ VIEWS = {
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_the_pixels_of_a_body_sum_to_its_light(view):
-    """Light of the lamp that the body scatters, less what the water keeps of it on both ways."""
-    snowing = Snowing(snow_scene(VIEWS[view], STILL), (PLACE, RADIUS))
+@pytest.mark.parametrize("radius", [1.7e-3, RADIUS, 3e-2])
+def test_the_pixels_of_a_body_sum_to_its_light(view, radius):
+    """Light of the lamp that the body scatters, less what the water keeps of it on both ways.
+
+    Pixels of a body that is seen round sum to it but for rounding; those of a floc, whose grains lie in pixels anyhow,
+    to a hundredth. Its mean over places is held to less beside the kernel.
+    """
+    snowing = Snowing(snow_scene(VIEWS[view], STILL), (PLACE, radius))
     n = snowing(motion=moving([0.5, 0, 0.1])) if view == "streaked" else snowing()
     # the phase function is a table in float32
-    np.testing.assert_allclose(n.light.sum((0, 1), dtype=float), sum_of_pixels(PLACE, RADIUS, snowing.u), rtol=2e-4)
-    np.testing.assert_allclose(n.light.sum((0, 1), dtype=float), snowing.splats["flux"][0], rtol=1e-5)
+    np.testing.assert_allclose(snowing.splats["flux"][0], sum_of_pixels(PLACE, radius, snowing.u), rtol=2e-4)
+    is_round = snowing.splats["floc"]["loose"][0] == 0
+    assert is_round == (radius < RADIUS)
+    rel = 1e-5 if is_round else 0.01
+    np.testing.assert_allclose(n.light.sum((0, 1), dtype=float), snowing.splats["flux"][0], rtol=rel)
 
 
 @pytest.mark.parametrize("view", ["in focus", "out of focus"])
@@ -130,21 +138,23 @@ def test_a_body_drifts_with_the_current_and_flow_leads_to_where_it_is_next(time_
     scene = snow_scene({}, STILL | {"radius_m": [1e-3, 4e-3]}, current={"velocity": [0.2, 0.0, -0.05]})
     snowing = Snowing(scene)
     n = snowing(time_ns=time_s * 10**9, following=NextFrame(np.eye(4), time_ns=time_s * 10**9 + 10**8))
-    first = snowing.splats
-    before = snowing.bodies()
+    first, before = snowing.splats, snowing.bodies()
     snowing(time_ns=time_s * 10**9 + 10**8)
-    then, after = snowing.splats, snowing.bodies()
+    after = snowing.bodies()
     where = {u.tobytes(): p for p, u in zip(after[0], after[2], strict=True)}
     moved = np.array(
         [where[u.tobytes()] - p for p, u in zip(before[0], before[2], strict=True) if u.tobytes() in where]
     )
     assert len(moved) > 100
     np.testing.assert_allclose(moved, np.broadcast_to([0.02, 0.0, -0.005], moved.shape), atol=2e-5)
+    ahead = before[0][:, 1] > 0.01
+    images, numbers = image_of(before[0][ahead]), before[2][ahead]
     off = []
-    for splat in first[first["scale"] > 0]:
-        there = min(then, key=lambda s: abs(s["turn"] - splat["turn"] - 0.02) + abs(s["t"] - splat["t"]))
-        if abs(there["turn"] - splat["turn"] - 0.02) < 1e-4 and 8 < splat["x"] < 88 and 8 < splat["y"] < 46:
-            off.append([splat["x"] + splat["flow"][0] - there["x"], splat["y"] + splat["flow"][1] - there["y"]])
+    for splat in first:
+        at = np.array([splat["x"], splat["y"]])
+        u = numbers[np.linalg.norm(images - at, axis=1).argmin()].tobytes()
+        if 8 < at[0] < 88 and 8 < at[1] < 46 and u in where:
+            off.append(at + splat["flow"] - image_of(where[u]))
     assert len(off) > 20
     assert np.abs(off).max() < 0.05
     assert np.abs(n.flow).max() > 0.5

@@ -12,7 +12,7 @@ from varos_warp.kernels.particles.disc import OPTICS_PX, disc_area, edge_of, ins
 
 wp.set_module_options({"enable_backward": False})
 
-ROUND = wp.constant(0.75)
+ROUND = wp.constant(0.5)
 """Bodies are seen round whose grains lie no farther from their middle than this, over the radius of a point's image."""
 LONG = wp.constant(3.0)
 """Streaks of a half length of so many times that have less of a shape, and of twice that none."""

@@ -91,7 +91,9 @@ class SnowRenderer:
         expected, hits = self._expect(here, shutter, particles, key, images["passed"])
         splats = self._splats(here, shutter, particles, following)
         if splats is not None:
-            self.launcher.rows(gather_splats, shape, {**splats, "grains": grains_on(self.device), "hits": hits, **images})
+            self.launcher.rows(
+                gather_splats, shape, {**splats, "grains": grains_on(self.device), "hits": hits, **images}
+            )
         self.launcher.run(
             take_mean,
             shape,

@@ -69,7 +69,9 @@ def _grown(radius: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         tried = _touching(at[:, :n], radius[:, :n], radius[:, n], rng)
         wanted = mean * ((n + 1) / PREFACTOR) ** (1.0 / dimension)
         off = np.abs(np.log(_gyration(at[:, :n], tried) / wanted[:, None]))
-        gap = np.linalg.norm(tried[:, :, None] - at[:, None, :n], axis=-1) / (radius[:, :n] + radius[:, n, None])[:, None]
+        gap = (
+            np.linalg.norm(tried[:, :, None] - at[:, None, :n], axis=-1) / (radius[:, :n] + radius[:, n, None])[:, None]
+        )
         off += 100.0 * np.maximum(TOUCH - 1e-9 - gap.min(-1), 0.0)  # it may not lie within another
         at[:, n] = tried[shapes, off.argmin(1)]
     return at
