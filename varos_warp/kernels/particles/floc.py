@@ -1,8 +1,8 @@
 """The image of a floc: grains that stick to each other, each of which is a disc.
 
 A body's number says which of some shapes it has and how it lies in the water, so that it is the same from frame to
-frame, and cameras see it from their sides. What is out of focus or moves is spread grain by grain, so that an outline is
-lost as it is behind a lens.
+frame, and cameras see it from their sides. What is out of focus or moves is spread grain by grain, so that an outline
+is lost as it is behind a lens.
 """
 
 import warp as wp
