@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from flakes import CAMERA, LAMP, Snowing, snow_scene, soft_edge
+from scipy.spatial.transform import Rotation
 
 from varos_warp.render.renderer import NextFrame
 from varos_warp.scene.frames import transform
 from varos_warp.scene.optics.shutter import row_offsets_s
+from varos_warp.scene.water.flocs import flocs
 from varos_warp.scene.water.phase.lambert_sphere import LambertSphere
 
 F_PX = 6 / 8 * 96
@@ -74,6 +76,38 @@ def test_the_pixels_of_a_body_sum_to_its_light(view, radius):
     assert is_round == (radius < RADIUS)
     rel = 1e-5 if is_round else 0.01
     np.testing.assert_allclose(n.light.sum((0, 1), dtype=float), snowing.splats["flux"][0], rtol=rel)
+
+
+def test_cameras_see_a_floc_from_their_sides():
+    """Angles between what four poses call right and down are the same in the world and as the floc's grains see them."""
+    snowing, world, own = Snowing(snow_scene({}, STILL), (PLACE, 3e-2)), [], []
+    for R in Rotation.from_euler("zyx", [[0, 0, 0], [90, 0, 0], [20, 60, -30], [0, 0, 80]], degrees=True).as_matrix():
+        snowing(transform(R, PLACE - 1.2 * R[:, 1]))  # the floc is straight ahead
+        splat, floc = snowing.splats[0], snowing.splats[0]["floc"]
+        np.testing.assert_allclose([splat["x"], splat["y"]], [48, 27], atol=1e-2)
+        assert floc["loose"] == 1
+        assert floc["size"] == pytest.approx(F_PX * 3e-2 / 1.2, rel=1e-4)
+        world += [R[:, 0], -R[:, 2]]
+        own += [floc["across"] / floc["size"], floc["down"] / floc["size"]]
+    np.testing.assert_allclose(np.array(own) @ np.transpose(own), np.array(world) @ np.transpose(world), atol=1e-4)
+
+
+def test_grains_come_apart_as_a_body_comes_close():
+    """By the share that is seen of it, and no faster."""
+    apart = []
+    for distance in (2.4, 2.0, 1.6, 1.3):
+        place = np.array([0.0, distance, 0.0])
+        snowing = Snowing(snow_scene({}, STILL), (place, 6e-3))
+        snowing()
+        splat, floc = snowing.splats[0], snowing.splats[0]["floc"]
+        apart.append(floc["loose"])
+        for name in ("across", "down"):
+            assert np.linalg.norm(floc[name]) == pytest.approx(floc["loose"] * floc["size"], rel=1e-4, abs=1e-7)
+        grains = flocs().at[floc["shape"]] @ np.transpose([floc["across"], floc["down"]])
+        disc = splat["radius"] + splat["edge"] / 2
+        np.testing.assert_allclose(splat["reach"], np.abs(grains).max(0) + disc, rtol=1e-4)
+    assert 0 <= apart[0] < apart[1] < apart[2] < apart[3] <= 1
+    assert 0 < apart[2] < 1
 
 
 @pytest.mark.parametrize("view", ["in focus", "out of focus"])
