@@ -79,7 +79,7 @@ def test_the_pixels_of_a_body_sum_to_its_light(view, radius):
 
 
 def test_cameras_see_a_floc_from_their_sides():
-    """Angles between what four poses call right and down are the same in the world and as the floc's grains see them."""
+    """Angles between what four poses call right and down are those between them as the grains of the floc see them."""
     snowing, world, own = Snowing(snow_scene({}, STILL), (PLACE, 3e-2)), [], []
     for R in Rotation.from_euler("zyx", [[0, 0, 0], [90, 0, 0], [20, 60, -30], [0, 0, 80]], degrees=True).as_matrix():
         snowing(transform(R, PLACE - 1.2 * R[:, 1]))  # the floc is straight ahead
