@@ -143,7 +143,7 @@ def make(asked: argparse.Namespace) -> None:
 
 
 def is_validated(root: Path) -> bool:
-    """Whether the last check of a dataset found nothing, and came after its last run; what changes later, `pack` sees."""
+    """Whether the last check found nothing, and came after the last run; what changes later, `pack` sees."""
     outcome = root / KEPT
     if not outcome.exists() or outcome.stat().st_mtime_ns <= (root / CHECKSUMS).stat().st_mtime_ns:
         return False
