@@ -84,6 +84,16 @@ def test_bytes_follow_from_the_files_alone(publish, made):
     assert {path.name: path.read_bytes() for path in (made / "upload").iterdir()} == before
 
 
+def test_what_was_found_valid_is_not_validated_again(publish, made, monkeypatch):
+    verbs, call = [], publish.call
+    monkeypatch.setattr(publish, "call", lambda *words, **how: (verbs.append(words[0]), call(*words, **how)))
+    os.utime(made / "datasets" / "coast" / "checksums")
+    for expected in (["sweep", "validate"], ["sweep"]):
+        verbs.clear()
+        assert publish.main([*TINY, "-o", str(made)]) == 0
+        assert verbs == expected
+
+
 def test_a_file_that_has_changed_is_not_packed(publish, made, tmp_path):
     facts = publish.Facts.of("sample", [made / "datasets" / "coast"], publish.ROOT, "cc0-1.0", None, "")
     name = next(iter(facts.sums[0]))
@@ -197,11 +207,13 @@ class Usage(NamedTuple):
     free: int
 
 
-def test_a_damaged_file_is_named_and_made_anew_once_it_is_deleted(publish, made, capfd):
-    path = sorted((made / "datasets" / "coast").rglob("D/*.png"))[0]
+@pytest.mark.parametrize("by", ["validate", "pack"])
+def test_a_damaged_file_is_named_and_made_anew_once_it_is_deleted(publish, made, capfd, by):
+    path = sorted((made / "datasets" / "coast").rglob("A/*.png"))[0]
     content, card = path.read_bytes(), (made / "upload" / "README.md").read_bytes()
-    path.unlink()  # and so not in place: others share it
     path.write_bytes(content[:-20])
+    if by == "validate":
+        (made / "datasets" / "coast" / "log" / "validation.json").unlink()
     assert publish.main([*TINY, "-o", str(made)]) != 0
     assert f"{path.relative_to(made / 'datasets' / 'coast')}: is not as it was written" in capfd.readouterr().err
     path.unlink()

@@ -24,6 +24,8 @@ from facts import LICENCES, Facts
 from pack import pack, write_index, write_sums
 
 from varos_warp.dataset import files
+from varos_warp.dataset.validate.outcome import KEPT
+from varos_warp.dataset.write.checksums import NAME as CHECKSUMS
 from varos_warp.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -134,9 +136,18 @@ def make(asked: argparse.Namespace) -> None:
         "--device",
         asked.device,
     )
-    for water in settings["waters"]:
-        call("validate", asked.out / "datasets" / water, "--quiet", output=False)
+    for root in (asked.out / "datasets" / water for water in settings["waters"]):
+        if not is_validated(root):
+            call("validate", root, "--quiet", output=False)
     upload(asked, settings)
+
+
+def is_validated(root: Path) -> bool:
+    """Whether the last check found nothing, and came after the last run; what changes later, `pack` sees."""
+    outcome = root / KEPT
+    if not outcome.exists() or outcome.stat().st_mtime_ns <= (root / CHECKSUMS).stat().st_mtime_ns:
+        return False
+    return json.loads(outcome.read_text(encoding="utf-8"))["valid"]
 
 
 def describe(asked: argparse.Namespace) -> dict:
