@@ -232,7 +232,8 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
                     else:
                         of_kind = expected_of_lamps(scene, particles[i], ray.o, ray.d, 0.0, hit.t)
                     if wp.static(spec.surfaces):
-                        of_kind -= blocked(scene, particles[i], ray.o, ray.d, hit.t, v[0], v[1])
+                        if k == 0:  # what is blocked is little: one ray of a pixel tells enough
+                            of_kind -= float(rays) * blocked(scene, particles[i], ray.o, ray.d, hit.t, v[0], v[1])
                     if wp.static(spec.field):
                         of_kind += expected_of_field(of_field[i], particles[i], across, down, hit.t)
                     L += wp.cw_mul(weight, of_kind)
