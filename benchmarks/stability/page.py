@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from benchmarks.stability.entry import Sweep
+from benchmarks.stability.entry import Sweep, sweep_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -43,23 +43,30 @@ a tick is a step of the simulation, 5 ms, and h its length. `python -m benchmark
 TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what the program does", "test")
 
 
-def write_page(results: dict, groups: dict[str, str], page: Path):
+def write_page(results: dict, said: dict, groups: dict[str, str], page: Path):
     """Write ``page`` and its figures into ``images`` beside it.
 
     Args:
         results: key of a sweep -> its record, with ``group``, ``commit``, ``machine`` and ``seconds``.
+        said: key of a sweep -> what map.yaml says of it.
         groups: key of a group -> its title, in the order of the page.
         page: path of the Markdown file.
     """
     text = [HEAD]
     for group, title in groups.items():
-        records = [record for record in results.values() if record["group"] == group]
+        records = {key: record for key, record in results.items() if record["group"] == group}
         if not records:
             continue
-        sweeps = [Sweep.from_record(record) for record in records]
+        sweeps = [sweep_of(key, record, said[key]) for key, record in records.items()]
         figure = f"images/stability_{group}.png"
         draw(sweeps, page.parent / figure)
-        text += [f"## {title}\n", _table(sweeps), f"\n![{title}]({figure})\n", _measures(sweeps), _made(records)]
+        text += [
+            f"## {title}\n",
+            _table(sweeps),
+            f"\n![{title}]({figure})\n",
+            _measures(sweeps),
+            _made(list(records.values())),
+        ]
     page.write_text("\n".join(text))
 
 
