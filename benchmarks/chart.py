@@ -88,7 +88,7 @@ def radiance(result: dict, scene: str, path: Path) -> None:
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
     rows_of_legend = -(-len(labels) // 6)
     figure.subplots_adjust(left=0.055, right=0.985, top=0.89, bottom=0.13 + 0.032 * rows_of_legend, wspace=0.2)
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
@@ -162,10 +162,10 @@ def scenes(result: dict, path: Path) -> None:
     figure.suptitle(subtitle(result), fontsize=11)
     figure.tight_layout(rect=(0, 0.9 / figure.get_figheight(), 1, 0.99))
     figure.legend(labels.values(), labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
-    save(figure, path)
+    save_figure(figure, path)
 
 
-def save(figure, path: Path) -> None:
+def save_figure(figure, path: Path) -> None:
     """Write a figure to a file, whose folder is made, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI)

@@ -57,7 +57,8 @@ def tables(result: dict) -> dict[str, str]:
     }
 
 
-def _table(header: list[str], rows: list[list]) -> str:
+def markdown(header: list[str], rows: list[list]) -> str:
+    """A table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
 
@@ -77,7 +78,7 @@ def _methods(rows: list[dict], device: str) -> str:
     """The last point of every method: what its error comes down to and what it costs."""
     last = {row["method"]: row for row in rows if row["truth"] == "full"}
     unit = "CPU-s" if device == "cpu" else "s"
-    return _table(
+    return markdown(
         ["method", "samples", unit, "relative RMSE", "median R / G / B", "1 - SSIM", "set up [s]"],
         [
             [
@@ -127,13 +128,13 @@ def _targets(rows: list[dict], device: str) -> str:
             if not all(cell.startswith(">") for cell in cells):
                 lines.append([scene, series[0]["label"], *cells])
     unit = "CPU-seconds" if device == "cpu" else "seconds"
-    return _table(["scene", "method", *(f"{unit} to RMSE {target:g}" for target in TARGETS)], lines)
+    return markdown(["scene", "method", *(f"{unit} to RMSE {target:g}" for target in TARGETS)], lines)
 
 
 def _own_truth(rows: list[dict]) -> str:
     """Direct light and single scattering against a reference of just these."""
     last = {row["scene"]: row for row in rows if row["truth"] == "single"}
-    return _table(
+    return markdown(
         ["scene", "samples", "relative RMSE", "median R / G / B", "image means off R / G / B [%]"],
         [
             [

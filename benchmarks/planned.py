@@ -8,14 +8,14 @@ keeps the tolerance or, if the plan could not keep it, the fastest with an error
 and the kernels are made before the clock starts. Writes a row per scene as they come, and a chart beside the JSON.
 """
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import Stopwatch, machine
+from benchmarks.chart import plt, save_figure
+from benchmarks.machine import Stopwatch, command, machine, save
 from benchmarks.scenes import HERE
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
@@ -197,11 +197,6 @@ def check(name: str, device: str) -> dict:
 
 def chart(rows: list[dict], path: Path):
     """Measured against predicted error, and the time against the best."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), constrained_layout=True)
     for c, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
         left.loglog([100 * r["predicted"][c] for r in rows], [100 * r["measured"][c] for r in rows], "o", color=colour)
@@ -214,38 +209,24 @@ def chart(rows: list[dict], path: Path):
     right.axvline(1.5, color="k", linestyle="--", linewidth=0.8)
     right.set(xlabel="time of the plan over the best setting picked by hand", title="lower is better")
     right.invert_yaxis()
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path)
+
+
+TOLD = ("case", "predicted", "measured", "spp", "seconds", "time_ratio", "best", "planning_s", "estimates_noise")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command(__doc__, device="cuda:0")
     parser.add_argument("names", nargs="*", choices=[*CASES, []])
-    parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("-o", "--output", type=Path, default=Path("planned.json"))
-    arguments = parser.parse_args()
-    rows: list[dict] = json.loads(arguments.output.read_text())["rows"] if arguments.output.exists() else []
-    for name in arguments.names or CASES:
-        row = check(name, arguments.device)
+    parser.add_argument("-o", "--out", type=Path, default=Path("planned.json"))
+    asked = parser.parse_args()
+    rows: list[dict] = json.loads(asked.out.read_text())["rows"] if asked.out.exists() else []
+    for name in asked.names or CASES:
+        row = check(name, asked.device)
         rows = [old for old in rows if old["case"] != name] + [row]
-        arguments.output.write_text(json.dumps({**machine(arguments.device), "rows": rows}, indent=1) + "\n")
-        print(
-            {
-                key: row[key]
-                for key in (
-                    "case",
-                    "predicted",
-                    "measured",
-                    "spp",
-                    "seconds",
-                    "time_ratio",
-                    "best",
-                    "planning_s",
-                    "estimates_noise",
-                )
-            },
-            flush=True,
-        )
-    chart(rows, arguments.output.with_suffix(".png"))
+        save(asked.out, {**machine(asked.device), "rows": rows})
+        print({key: row[key] for key in TOLD}, flush=True)
+    chart(rows, asked.out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -73,10 +73,7 @@ def rigid_body_step() -> Measured:
             return float("nan")
 
     errors = [error(h) for h in steps]
-    return (
-        steps,
-        {"with substeps": errors},
-    )
+    return steps, {"with substeps": errors}
 
 
 def vectored(angle: float) -> list[Thruster]:
@@ -116,10 +113,7 @@ def thruster_allocation() -> Measured:
             return float("nan")
 
     errors = [error(angle) for angle in angles]
-    return (
-        angles,
-        {"what is given": errors},
-    )
+    return angles, {"what is given": errors}
 
 
 SWEEPS: Sweeps = (rigid_body_step, thruster_allocation)

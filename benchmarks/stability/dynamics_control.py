@@ -3,21 +3,19 @@
 from decimal import Decimal, localcontext
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_are, solve_discrete_lyapunov
+from scipy.linalg import solve_continuous_are, solve_discrete_lyapunov
 
 from benchmarks.stability.entry import Measured, Sweeps
 from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.sim import quaternion
-from varos_warp.sim.guidance import Reference
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.actuator import propagator
 from varos_warp.sim.vehicle.body import sphere
-from varos_warp.sim.vehicle.control import Regulator, design, gains, plant, sampled
+from varos_warp.sim.vehicle.control import design, plant, sampled
 from varos_warp.sim.vehicle.current import Current
-from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State
+from varos_warp.sim.vehicle.dynamics import Dynamics
 
 H, DRAG = 0.005, 1.0 / 6.0
 FLOOR = 1e-17
@@ -65,14 +63,11 @@ def series_error(frequency: float, damping: float, order: int) -> float:
 def actuator_frequency() -> Measured:
     """A tick of the thruster against its matrix exponential."""
     values = [1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0, 300.0, 500.0, 1e3, 1e4, 1e6, 1e9]
-    return (
-        values,
-        {
-            "ours": [filter_error(wn, 1.0) for wn in values],
-            "RK4": [series_error(wn, 1.0, 4) for wn in values],
-            "Euler": [series_error(wn, 1.0, 1) for wn in values],
-        },
-    )
+    return values, {
+        "ours": [filter_error(wn, 1.0) for wn in values],
+        "RK4": [series_error(wn, 1.0, 4) for wn in values],
+        "Euler": [series_error(wn, 1.0, 1) for wn in values],
+    }
 
 
 def actuator_damping() -> Measured:
@@ -86,15 +81,12 @@ def actuator_damping() -> Measured:
             return False
         return True
 
-    return (
-        values,
-        {
-            "the filter": [filter_error(15.0, zeta) for zeta in values],
-            "the filter, where the vehicle takes it": [
-                filter_error(15.0, z) if accepted(z) else float("nan") for z in values
-            ],
-        },
-    )
+    return values, {
+        "the filter": [filter_error(15.0, zeta) for zeta in values],
+        "the filter, where the vehicle takes it": [
+            filter_error(15.0, z) if accepted(z) else float("nan") for z in values
+        ],
+    }
 
 
 # -------------------------------------------------------------------------------------------------------------- weights
@@ -115,24 +107,18 @@ def gain_error(q, r=1.0, *, wn=15.0, zeta=1.0, integral=0.0, h=H) -> float:
 def lqr_weights() -> Measured:
     """Weights of position and speed over r, and of the integral."""
     values = [10.0**e for e in (-14, -13, -12, -10, -8, -6, -4, -2, 0, 2, 4, 6, 8, 10, 12, 13, 14)]
-    return (
-        values,
-        {
-            "position and speed": [gain_error((v, 0.5 * v)) for v in values],
-            "position alone": [gain_error((v, 0.5)) for v in values],
-            "r (inverse)": [gain_error((1.0, 0.5), 1.0 / v) for v in values],
-            "integral": [gain_error((1.0, 0.5), integral=v) for v in values],
-        },
-    )
+    return values, {
+        "position and speed": [gain_error((v, 0.5 * v)) for v in values],
+        "position alone": [gain_error((v, 0.5)) for v in values],
+        "r (inverse)": [gain_error((1.0, 0.5), 1.0 / v) for v in values],
+        "integral": [gain_error((1.0, 0.5), integral=v) for v in values],
+    }
 
 
 def lqr_actuator() -> Measured:
     """Gains for slow and fast thrusters."""
     values = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e6, 1e8, 1e9]
-    return (
-        values,
-        {"gains": [gain_error((1.0, 0.5), wn=v) for v in values]},
-    )
+    return values, {"gains": [gain_error((1.0, 0.5), wn=v) for v in values]}
 
 
 def sample_rate() -> Measured:
@@ -154,13 +140,10 @@ def sample_rate() -> Measured:
     def ours(h):
         return excess(np.array([design(5.0 / 18.0, 20.0, 1.0, (1.0, 0.5), 1.0, h=h)[1:]]), h)
 
-    return (
-        steps,
-        {
-            "designed for the step": [ours(h) for h in steps],
-            "continuous gain, held": [excess(continuous, h) for h in steps],
-        },
-    )
+    return steps, {
+        "designed for the step": [ours(h) for h in steps],
+        "continuous gain, held": [excess(continuous, h) for h in steps],
+    }
 
 
 # ---------------------------------------------------------------------------------------------------------- saturation
@@ -191,37 +174,14 @@ def saturation() -> Measured:
         )
 
     made = [lag(force) for force in forces]
-    return (
-        forces,
-        {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
-    )
+    return forces, {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]}
 
 
-def slew_angle() -> Measured:
-    """Turns about a skew axis up to half a turn against the scalar linear loop."""
-    angles = [1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0, 90.0, 170.0, 179.0, 179.999, 180.0 - 1e-9, 180.0]
-    vehicle = description.Vehicle(quadratic_rotational_drag=0.0, max_torque=1e6)
-    body, axis = sphere(vehicle), np.array([2.0, -1.0, 2.0]) / 3.0
-    A, B = plant(body.linear_rotational_drag / body.inertia, body.actuator_frequency, body.actuator_damping)
-    F = expm(np.block([[A, B], [np.zeros((1, 5))]]) * H)
-    loop = F[:4, :4] - F[:4, 4:] @ np.array([gains(body, vehicle.controller).rotation[1:]])
-
-    def error(angle_deg):
-        angle, worst = np.radians(angle_deg), 0.0
-        regulator, dynamics = Regulator(body, vehicle.controller), Dynamics(body, Current(description.Current(), 0))
-        goal = Reference(ZERO, ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
-        state, x = State(q=quaternion.exp(tuple(angle * axis))), np.array([angle, 0.0, 0.0, 0.0])
-        for tick in range(1000):
-            way = np.array(quaternion.log(state.q))
-            worst = max(worst, min(np.linalg.norm(way - s * x[0] * axis) for s in (1.0, -1.0)))
-            state = dynamics.advance(state, *regulator.command(goal, state, (ZERO, ZERO)), tick)
-            x = loop @ x
-        return max(worst / angle, FLOOR)
-
-    return (
-        angles,
-        {"against the linear loop": [error(a) for a in angles]},
-    )
-
-
-SWEEPS: Sweeps = (actuator_frequency, actuator_damping, lqr_weights, lqr_actuator, sample_rate, saturation, slew_angle)
+SWEEPS: Sweeps = (
+    actuator_frequency,
+    actuator_damping,
+    lqr_weights,
+    lqr_actuator,
+    sample_rate,
+    saturation,
+)

@@ -1,7 +1,5 @@
 """Sweeps of world coordinates, meshes and lenses: what depth D keeps of a wall whose depth is known."""
 
-import time
-
 import numpy as np
 
 from benchmarks.stability import geometry_guidance
@@ -10,7 +8,6 @@ from varos_warp.errors import InputError
 from varos_warp.products.images.depth import decode_depth, encode_depth
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene import device
-from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import intrinsics, transform
@@ -81,13 +78,10 @@ def world_offset() -> Measured:
         finally:
             device.local_origin = kept
 
-    return (
-        offsets,
-        {
-            "D [m]": [error(o, True) for o in offsets],
-            "rays in world coordinates [m]": [error(o, False) for o in offsets],
-        },
-    )
+    return offsets, {
+        "D [m]": [error(o, True) for o in offsets],
+        "rays in world coordinates [m]": [error(o, False) for o in offsets],
+    }
 
 
 def course_span() -> Measured:
@@ -99,10 +93,7 @@ def course_span() -> Measured:
         meshes = [(wall()[0] + at, wall()[1]), (wall()[0] - at, wall()[1])]
         return worst(lambda aside: depth_error(seen_from(-at, at), meshes, at + aside, aside))
 
-    return (
-        halves,
-        {"D [m]": [error(half) for half in halves]},
-    )
+    return halves, {"D [m]": [error(half) for half in halves]}
 
 
 # -------------------------------------------------------------------------------------------------------------- meshes
@@ -112,14 +103,11 @@ def mesh_scale() -> Measured:
     """The wall and its distance, smaller and larger."""
     scales = [1e-30, 1e-20, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e8, 3e8, 1e9, 1e12]
     vertices, faces = wall()
-    return (
-        scales,
-        {
-            "D, relative": [
-                depth_error(seen_from((0, 0, 0)), [(vertices * s, faces)], np.zeros(3), scale=s) for s in scales
-            ]
-        },
-    )
+    return scales, {
+        "D, relative": [
+            depth_error(seen_from((0, 0, 0)), [(vertices * s, faces)], np.zeros(3), scale=s) for s in scales
+        ]
+    }
 
 
 def triangle_size() -> Measured:
@@ -130,51 +118,7 @@ def triangle_size() -> Measured:
         camera = {} if half > 5.0 else {"focal_mm": 34.0}
         return depth_error(seen_from((0, 0, 0), camera=camera), [wall(half)], np.zeros(3))
 
-    return (
-        sizes,
-        {"D [m]": [error(size) for size in sizes]},
-    )
-
-
-def needles() -> Measured:
-    """A fan of ever thinner triangles that fills the view."""
-    aspects = [10.0, 100.0, 1e3, 1e4, 1e5, 3e5, 1e6]
-
-    def fan(aspect):
-        width = 20.0 / aspect
-        x = np.arange(-4, 5) * width + 0.371 * width
-        low = 2 * np.arange(8)
-        faces = np.concatenate([np.stack([low, low + 2, low + 3], -1), np.stack([low, low + 3, low + 1], -1)])
-        camera = {"focal_mm": min(3.0 * 4.416 / (0.25 * width), 1e6)}
-        mesh = on_the_wall(np.repeat(x, 2), np.tile([-10.0, 10.0], 9)), faces.astype(np.int32)
-        return seen_from((0, 0, 0), camera=camera), mesh
-
-    def seen(aspect):
-        scene, mesh = fan(aspect)
-        depth = FrameRenderer(scene, "cpu", [Part("a", *mesh, Diffuse())]).render(np.eye(4), outputs="D").D.depth
-        hit, off = np.isfinite(depth), np.abs(depth - truth(scene.vehicle.cameras[0]))
-        return max(float(off[hit].max()), FLOOR), max(1.0 - float(hit.mean()), FLOOR)
-
-    made = [seen(aspect) for aspect in aspects]
-    return (
-        aspects,
-        {"D [m]": [a for a, _ in made], "share of rays that fall through": [b for _, b in made]},
-    )
-
-
-def triangle_count() -> Measured:
-    """The wall in ever more triangles."""
-    counts = [1, 7, 70, 700]
-    rows = []
-    for parts in counts:
-        mesh, scene = wall(10.0, parts), seen_from((0, 0, 0))
-        start = time.process_time()
-        error = depth_error(scene, [mesh], np.zeros(3))
-        rows.append((2.0 * parts**2, error, time.process_time() - start))
-    return (
-        [count for count, _, _ in rows],
-        {"D [m]": [error for _, error, _ in rows], "CPU to load and see it [s]": [seconds for _, _, seconds in rows]},
-    )
+    return sizes, {"D [m]": [error(size) for size in sizes]}
 
 
 def broken_share() -> Measured:
@@ -202,38 +146,10 @@ def broken_share() -> Measured:
         return max(terrain.one_sided_distance((vertices, faces), result, 20_000)["p95"], FLOOR)
 
     faults = ("missing", "turned over", "repeated", "loose")
-    return (
-        shares,
-        {fault: [made(share, fault) for share in shares] for fault in faults},
-    )
+    return shares, {fault: [made(share, fault) for share in shares] for fault in faults}
 
 
 # ----------------------------------------------------------------------------------------------------- lenses and depth
-
-
-def focal_length() -> Measured:
-    """From almost 180 degrees to a microradian."""
-    values = [1e-30, 1e-12, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 3.4, 100.0, 1e4, 1e6, 1e9]
-    flat = np.array([[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]])
-
-    def error(focal, checked):
-        try:
-            camera = Camera(focal_mm=focal, resolution=(64, 36))
-        except ValueError:
-            if checked:
-                return float("nan")
-            camera = Camera.model_construct(**Camera(resolution=(64, 36)).model_dump() | {"focal_mm": focal})
-        vertices = min(max(20.0, 30.0 / focal), 1e30) * flat + [0.0, 3.0, 0.0]
-        part = Part("a", vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32), Diffuse())
-        renderer = FrameRenderer(seen_from((0, 0, 0)), "cpu", [part])
-        depth = renderer.render(np.eye(4), camera, outputs="D").D.depth
-        error = float(np.abs(depth / 3.0 - 1.0).max())
-        return max(error, FLOOR) if np.isfinite(error) else float("nan")
-
-    return (
-        values,
-        {"ours": [error(f, True) for f in values], "if it were taken": [error(f, False) for f in values]},
-    )
 
 
 def depth_range() -> Measured:
@@ -244,10 +160,7 @@ def depth_range() -> Measured:
         back = float(decode_depth(encode_depth(np.array([[depth]]), (0.0, 25.0)), (0.0, 25.0))[0, 0])
         return max(abs(back - depth), FLOOR) if np.isfinite(back) else float("nan")
 
-    return (
-        values,
-        {"D [m]": [error(v) for v in values]},
-    )
+    return values, {"D [m]": [error(v) for v in values]}
 
 
 SWEEPS: Sweeps = (
@@ -255,10 +168,7 @@ SWEEPS: Sweeps = (
     course_span,
     mesh_scale,
     triangle_size,
-    needles,
-    triangle_count,
     broken_share,
-    focal_length,
     depth_range,
     *geometry_guidance.SWEEPS,
 )

@@ -19,36 +19,6 @@ def drive(*positions, **options):
     return simulate(scene_from_dict({"trajectory": {"waypoints": waypoints, **options}}))
 
 
-def waypoint_gap() -> Measured:
-    """Two waypoints ever nearer to each other in the middle of a way."""
-    gaps = [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.01, 0.09, 0.11, 0.3, 1.0, 3.0]
-
-    def missed(gap):
-        run = drive((0, 0, 0), (0, 2, 0), (0, 2 + gap, 0), (2, 2 + gap, 0))
-        return float(np.linalg.norm(run.trajectory.position - [0.0, 2.0, 0.0], axis=1).min())
-
-    return (
-        gaps,
-        {"how near it passes [m]": [missed(gap) for gap in gaps]},
-    )
-
-
-def waypoint_count() -> Measured:
-    """Spirals of ever more waypoints."""
-    counts, rows = [2, 10, 100, 1000, 2000], []
-    for count in counts:
-        angle = 0.12 * np.arange(count)
-        spiral = np.column_stack([np.cos(angle), np.sin(angle), 0.01 * angle])
-        start = time.process_time()
-        run = drive(*map(tuple, spiral.tolist()), max_acceleration=2.0)
-        spent = time.process_time() - start
-        rows.append((float(np.linalg.norm(run.frames.position[-1] - spiral[-1])), spent / count))
-    return (
-        counts,
-        {"from the goal at the end [m]": [a for a, _ in rows], "CPU a waypoint [s]": [b for _, b in rows]},
-    )
-
-
 def leg_length() -> Measured:
     """The first second of a leg to a place ever further away."""
     lengths, rows = [1.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 9.9e8], []
@@ -64,14 +34,11 @@ def leg_length() -> Measured:
             )
         )
         tracemalloc.stop()
-    return (
-        lengths,
-        {
-            "lag [m]": [max(a, 1e-17) for a, _, _ in rows],
-            "memory [GB]": [b for _, b, _ in rows],
-            "CPU [s]": [c for _, _, c in rows],
-        },
-    )
+    return lengths, {
+        "lag [m]": [max(a, 1e-17) for a, _, _ in rows],
+        "memory [GB]": [b for _, b, _ in rows],
+        "CPU [s]": [c for _, _, c in rows],
+    }
 
 
 def sequence_length() -> Measured:
@@ -100,14 +67,11 @@ def sequence_length() -> Measured:
         except InputError:
             rows.append((float("nan"),) * 3)
         tracemalloc.stop()
-    return (
-        lengths,
-        {
-            "time stamp off [ns]": [a for a, _, _ in rows],
-            "memory [GB]": [b for _, b, _ in rows],
-            "CPU [s]": [c for _, _, c in rows],
-        },
-    )
+    return lengths, {
+        "time stamp off [ns]": [a for a, _, _ in rows],
+        "memory [GB]": [b for _, b, _ in rows],
+        "CPU [s]": [c for _, _, c in rows],
+    }
 
 
 def turn_angle() -> Measured:
@@ -125,10 +89,10 @@ def turn_angle() -> Measured:
         )
 
     made = [run(angle) for angle in angles]
-    return (
-        angles,
-        {"corner cut by [m]": [max(a, 1e-17) for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
-    )
+    return angles, {
+        "corner cut by [m]": [max(a, 1e-17) for a, _ in made],
+        "from the goal at the end [m]": [b for _, b in made],
+    }
 
 
 def leg_speed() -> Measured:
@@ -148,10 +112,7 @@ def leg_speed() -> Measured:
         return float(lag), float(left) if speed >= 0.1 else float("nan")
 
     made = [run(speed) for speed in speeds]
-    return (
-        speeds,
-        {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
-    )
+    return speeds, {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]}
 
 
 def between_ticks() -> Measured:
@@ -173,10 +134,7 @@ def between_ticks() -> Measured:
         )
 
     place, acceleration = zip(*map(errors, frequencies), strict=True)
-    return (
-        frequencies,
-        {"place over amplitude": place, "acceleration over its amplitude": acceleration},
-    )
+    return frequencies, {"place over amplitude": place, "acceleration over its amplitude": acceleration}
 
 
-SWEEPS: Sweeps = (waypoint_gap, waypoint_count, leg_length, sequence_length, turn_angle, leg_speed, between_ticks)
+SWEEPS: Sweeps = (leg_length, sequence_length, turn_angle, leg_speed, between_ticks)

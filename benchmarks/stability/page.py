@@ -35,10 +35,12 @@ none of it to make a dataset: `varos-warp info` warns, and what cannot be done i
 ## How to read the entries
 
 An entry states the measured error, where the method ends ("holds from .. to"), what fails beyond, and what the program
-does there. A test guards each boundary on both sides. In the figures a vertical line is the boundary, a horizontal one
-the error promised within it, and a cross at the top a value that is refused or gives no result. Under them stands the
-largest error of each line within the boundary. *Ours* is what varos_warp does, beside other methods for the same;
-a tick is a step of the simulation, 5 ms, and h its length. `python -m benchmarks.stability` makes this page.
+does there. A test guards each boundary on both sides. What was swept without an end in sight has tests, but no entry:
+attitudes beside the pole and half a turn away, a million steps, waypoints that coincide, needle triangles. In the
+figures a vertical line is the boundary, a horizontal one the error promised within it, and a cross at the top a value
+that is refused or gives no result. Under them stands the largest error of each line within the boundary. *Ours* is what
+varos_warp does, beside other methods for the same; a tick is a step of the simulation, 5 ms, and h its length.
+`python -m benchmarks.stability` makes this page.
 """
 TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what the program does", "test")
 

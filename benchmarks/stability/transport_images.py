@@ -31,10 +31,7 @@ def field_error(angle_deg: float) -> float:
 def field_of_view() -> Measured:
     """From a pixel of the moon to everything ahead."""
     values = [1e-5, 1e-3, 0.1, 1.0, 30.0, 90.0, 150.0, 170.0, 179.0, 179.9, 179.99, 179.999]
-    return (
-        values,
-        {"depth, range": [field_error(a) for a in values]},
-    )
+    return values, {"depth, range": [field_error(a) for a in values]}
 
 
 def resolution_seconds(side: int) -> tuple[float, float]:
@@ -60,10 +57,7 @@ def resolution() -> Measured:
     """From one pixel to 16 million."""
     values = [1, 2, 8, 64, 512, 2048, 4096]
     seconds = np.array([resolution_seconds(side) for side in values])
-    return (
-        values,
-        {"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()},
-    )
+    return values, {"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()}
 
 
 # ----------------------------------------------------------------------------------------------------------- films
@@ -107,10 +101,7 @@ def samples_per_pixel() -> Measured:
     values = [10, 10**3, 10**5, 10**6, 10**7, 10**8]
     errors = np.array([film_errors(n) for n in values]).T.tolist()
     names = ("film (float64)", "float32 sum", "float32 running mean", "standard error, film")
-    return (
-        values,
-        dict(zip(names, errors, strict=True)),
-    )
+    return values, dict(zip(names, errors, strict=True))
 
 
 # ----------------------------------------------------------------------------------------------------------- files
@@ -128,10 +119,7 @@ def half_error(radiance: float) -> float:
 def radiance_in_half_floats() -> Measured:
     """How dark and bright an image may be."""
     values = [10.0**p for p in range(-10, 6)]
-    return (
-        values,
-        {"half float": [half_error(x) for x in values]},
-    )
+    return values, {"half float": [half_error(x) for x in values]}
 
 
 def exposure_error(radiance: float) -> float:
@@ -144,10 +132,7 @@ def exposure_error(radiance: float) -> float:
 def exposure_of_a_constant_image() -> Measured:
     """Adaptive exposure of one grey."""
     values = [1e-38, 1e-30, 1e-20, 1e-10, 1e-5, 1.0, 1e5, 1e10, 1e20, 1e30, 3e38]
-    return (
-        values,
-        {"key value": [exposure_error(x) for x in values]},
-    )
+    return values, {"key value": [exposure_error(x) for x in values]}
 
 
 SWEEPS: Sweeps = (field_of_view, resolution, samples_per_pixel, radiance_in_half_floats, exposure_of_a_constant_image)

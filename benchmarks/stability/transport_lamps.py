@@ -38,18 +38,12 @@ SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
 
 def lamp_beside_the_ray() -> Measured:
     """A light in view, 2 m ahead."""
-    return (
-        SIDES,
-        {name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS},
-    )
+    return SIDES, {name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS}
 
 
 def lamp_on_the_camera() -> Measured:
     """A light beside the lens, down to on it."""
-    return (
-        SIDES,
-        {name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS},
-    )
+    return SIDES, {name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS}
 
 
 def lit_error(distance: float, size: float, integrator: str) -> float:
@@ -63,14 +57,11 @@ def distance_to_a_lit_surface() -> Measured:
     """Light and camera against a wall."""
     values = [1e-7, 5e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 1.0, 100.0, 1e4, 1e6, 1e8]
     sizes = {"20 distances": 0.0, "at least 400 m": 200.0}
-    return (
-        values,
-        {
-            f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
-            for name in ("path", "reference")
-            for label, least in sizes.items()
-        },
-    )
+    return values, {
+        f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
+        for name in ("path", "reference")
+        for label, least in sizes.items()
+    }
 
 
 # ------------------------------------------------------------------------------------------------------- the cones
@@ -103,10 +94,7 @@ CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 27
 
 def power_of_a_cone() -> Measured:
     """From a laser to a light without a cone."""
-    return (
-        CONES,
-        {f"blend {blend:g}": [flux_error(cone, blend) for cone in CONES] for blend in (0.0, 0.15, 1.0)},
-    )
+    return CONES, {f"blend {blend:g}": [flux_error(cone, blend) for cone in CONES] for blend in (0.0, 0.15, 1.0)}
 
 
 def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -> float:
@@ -121,16 +109,13 @@ def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -
 def cone_across_the_view() -> Measured:
     """The same in an image, hard and soft."""
     values = [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0]
-    return (
-        values,
-        {
-            f"{name}, blend {blend:g}": [
-                cone_error(cone, blend, name) if 20 <= cone <= 179 or name == "path" else np.nan for cone in values
-            ]
-            for name in ("field", "path")
-            for blend in (0.0, 1.0)
-        },
-    )
+    return values, {
+        f"{name}, blend {blend:g}": [
+            cone_error(cone, blend, name) if 20 <= cone <= 179 or name == "path" else np.nan for cone in values
+        ]
+        for name in ("field", "path")
+        for blend in (0.0, 1.0)
+    }
 
 
 # ------------------------------------------------------------------------------------------------------ intensities
@@ -158,10 +143,7 @@ def intensity_error(exponent: int, integrator: str) -> float:
 def intensity() -> Measured:
     """From a glow-worm's ghost to a star."""
     exponents = [-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38]
-    return (
-        [10.0**p for p in exponents],
-        {name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS},
-    )
+    return [10.0**p for p in exponents], {name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS}
 
 
 SWEEPS: Sweeps = (

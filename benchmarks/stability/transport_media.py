@@ -30,29 +30,20 @@ def single_error(sigma_t: float, g: float, integrator: str, lamp=BESIDE, albedo=
 def single_over_sigma_t() -> Measured:
     """From clearer than air to ink."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0]
-    return (
-        values,
-        {name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS},
-    )
+    return values, {name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS}
 
 
 def single_over_optical_distance() -> Measured:
     """The light moves away sideways in thick water."""
     values = [0.01, 0.1, 0.3, 1.0, 3.0, 8.0, 12.0, 20.0, 30.0, 40.0]
-    return (
-        values,
-        {name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")},
-    )
+    return values, {name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")}
 
 
 def single_over_g() -> Measured:
     """All phase functions that a scene may name, and lights beside and before the camera."""
     values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
     errors = {name: [_worst_over_lamps(g, name) for g in values] for name in ("field", "path")}
-    return (
-        values,
-        errors,
-    )
+    return values, errors
 
 
 def _worst_over_lamps(g: float, integrator: str) -> float:
@@ -95,15 +86,12 @@ def phase_moment_error(g: float) -> float:
 def phase_function_over_g() -> Measured:
     """Towards a mirror and a pencil."""
     values = [1.0, 0.5, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
-    return (
-        values,
-        {
-            "value, g > 0": [phase_value_error(1 - x) for x in values],
-            "value, g < 0": [phase_value_error(x - 1) for x in values],
-            "1 - mean cosine, g > 0": [phase_moment_error(1 - x) for x in values],
-            "1 + mean cosine, g < 0": [phase_moment_error(x - 1) for x in values],
-        },
-    )
+    return values, {
+        "value, g > 0": [phase_value_error(1 - x) for x in values],
+        "value, g < 0": [phase_value_error(x - 1) for x in values],
+        "1 - mean cosine, g > 0": [phase_moment_error(1 - x) for x in values],
+        "1 + mean cosine, g < 0": [phase_moment_error(x - 1) for x in values],
+    }
 
 
 # ---------------------------------------------------------------------------------------------------- all the light
@@ -139,11 +127,8 @@ def all_orders_over_albedo() -> Measured:
     """Until nothing is absorbed."""
     values = [0.5, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6, 1e-9]
     truth = {x: case_zweifel_total(1.0 - x) for x in values}
-    return (
-        values,
-        {name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}
-        | {"stderr of path": [isotropic_total(1.0 - x, "path")[1] / truth[x] for x in values]},
-    )
+    off = {name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}
+    return values, off | {"stderr of path": [isotropic_total(1.0 - x, "path")[1] / truth[x] for x in values]}
 
 
 # ------------------------------------------------------------------------------------------- all orders, from the field
@@ -178,25 +163,19 @@ def field_over_sigma_t() -> Measured:
     """All orders from two on, thin to thick."""
     values = [0.03, 0.3, 1.0, 3.0, 10.0, 50.0]
     errors = np.array([multiple_errors(s, 0.8, "spots of 65 degrees") for s in values]).T.tolist()
-    return (
-        values,
-        dict(zip(("field", "stderr of path"), errors, strict=True)),
-    )
+    return values, dict(zip(("field", "stderr of path"), errors, strict=True))
 
 
 def field_over_g() -> Measured:
     """All orders from two on, backward to forward."""
     values = [0.0, 0.3, 0.85, 0.924, 0.95, 0.98]
     spots, points = (np.array([multiple_errors(0.3, g, lamps) for g in values]).T.tolist() for lamps in LAMPS)
-    return (
-        values,
-        {
-            "spots of 65 degrees": spots[0],
-            "stderr of path, spots": spots[1],
-            "point light": points[0],
-            "stderr of path, point light": points[1],
-        },
-    )
+    return values, {
+        "spots of 65 degrees": spots[0],
+        "stderr of path, spots": spots[1],
+        "point light": points[0],
+        "stderr of path, point light": points[1],
+    }
 
 
 # ------------------------------------------------------------------------------------------------------ free flights
@@ -218,13 +197,10 @@ def flight_error(sigma: float, t_max: float) -> float:
 def flights_over_optical_depth() -> Measured:
     """Free flights that end before a surface, through next to nothing and through ink."""
     values = [1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3, 0.1, 1.0, 10.0, 100.0, 1e4, 1e8]
-    return (
-        values,
-        {
-            "t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
-            "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values],
-        },
-    )
+    return values, {
+        "t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
+        "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values],
+    }
 
 
 SWEEPS: Sweeps = (

@@ -51,10 +51,7 @@ def depth_error(distance: float) -> float:
 def depth() -> Measured:
     """From a tenth of a micrometre to further than a ray."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e5, 1e6, 1e7, 1e8, 7e8, 1.1e9, 1e10]
-    return (
-        values,
-        {"depth": [depth_error(d) for d in values]},
-    )
+    return values, {"depth": [depth_error(d) for d in values]}
 
 
 def grazing_errors(elevation: float) -> tuple[float, float]:
@@ -75,10 +72,7 @@ def grazing() -> Measured:
     """Level ground, seen and lit along it."""
     values = [1.0, 0.1, 1e-2, 1e-3, 1e-4, 1e-5]
     errors = np.array([grazing_errors(e) for e in values])
-    return (
-        values,
-        {"direct": errors[:, 1].tolist(), "range": errors[:, 0].tolist()},
-    )
+    return values, {"direct": errors[:, 1].tolist(), "range": errors[:, 0].tolist()}
 
 
 def needle_errors(aspect: float, at_edges: bool = False) -> tuple[float, float]:
@@ -107,14 +101,11 @@ def rays_at_needles() -> Measured:
     values = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9]
     errors = np.array([needle_errors(a) for a in values])
     at_edges = [needle_errors(a, True)[0] for a in values]
-    return (
-        values,
-        {
-            "direct": errors[:, 1].tolist(),
-            "rays lost": errors[:, 0].tolist(),
-            "rays lost, aimed at edges": at_edges,
-        },
-    )
+    return values, {
+        "direct": errors[:, 1].tolist(),
+        "rays lost": errors[:, 0].tolist(),
+        "rays lost, aimed at edges": at_edges,
+    }
 
 
 def scaled_image(scale: float):
@@ -140,10 +131,7 @@ def scale() -> Measured:
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 10.0, 1e3, 1e5, 1e6, 1e7, 1e8]
     truth = scaled_image(1.0)
     errors = np.array([scale_errors(s, truth) for s in values])
-    return (
-        values,
-        {"direct": errors[:, 0].tolist(), "between surfaces": errors[:, 1].tolist()},
-    )
+    return values, {"direct": errors[:, 0].tolist(), "between surfaces": errors[:, 1].tolist()}
 
 
 def map_errors(offset: float, spread: bool) -> tuple[float, float]:
@@ -163,15 +151,12 @@ def place_on_a_map() -> Measured:
     """Far from the origin, and all over."""
     values = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 9e8]
     alone, spread = (np.array([map_errors(x, kind) for x in values]) for kind in (False, True))
-    return (
-        values,
-        {
-            "direct, one place": alone[:, 1].tolist(),
-            "D, one place": alone[:, 0].tolist(),
-            "direct, a course": spread[:, 1].tolist(),
-            "D, a course": spread[:, 0].tolist(),
-        },
-    )
+    return values, {
+        "direct, one place": alone[:, 1].tolist(),
+        "D, one place": alone[:, 0].tolist(),
+        "direct, a course": spread[:, 1].tolist(),
+        "D, a course": spread[:, 0].tolist(),
+    }
 
 
 SWEEPS: Sweeps = (depth, grazing, rays_at_needles, scale, place_on_a_map)
