@@ -1,4 +1,6 @@
-"""Tables and charts of docs/benchmarks.md from the results of runs: `python -m benchmarks.page [cpu=OUT] [gpu=OUT]`.
+"""Tables and charts of docs/benchmarks.md from the results of runs.
+
+    python -m benchmarks.page [cpu=OUT] [gpu=OUT]
 
 ``cpu=OUT`` first copies bench.json of a run in folder OUT to benchmarks/results/bench_cpu.json; the page shows all runs
 that there are.

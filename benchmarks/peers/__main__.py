@@ -1,4 +1,4 @@
-"""``python -m benchmarks.peers``: export scenes to other renderers, and compare image means with theirs."""
+"""Other renderers: export scenes to them, and compare image means with theirs."""
 
 from pathlib import Path
 from typing import Annotated
