@@ -205,7 +205,7 @@ def test_plan_looks_at_the_frames_asked_for(scene_file, monkeypatch):
         planned.append((len(poses), scene.render.denoise))
         return standins.plan_render(scene, renderer, poses)
 
-    monkeypatch.setattr(sys.modules["varos_warp.render.planner.plan"], "plan_render", plan_render)
+    monkeypatch.setattr("varos_warp.render.planner.plan.plan_render", plan_render)
     call("plan", scene_file, "--device", "cpu", "-q", "--frames", "2:5", "--denoise", "none")
     call("plan", scene_file, "--device", "cpu", "-q")
     assert planned == [(3, "none"), (10, "nlm")]

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import sys
 import time
 
 import numpy as np
@@ -391,7 +390,7 @@ def test_warnings_of_a_scene_are_told_before_what_keeps_it_from_being_loaded(tmp
             raise InputError("out of memory")
 
     install(monkeypatch)
-    monkeypatch.setattr(sys.modules["varos_warp.render.renderer"], "FrameRenderer", Full)
+    monkeypatch.setattr("varos_warp.render.renderer.FrameRenderer", Full)
     monkeypatch.setattr("varos_warp.scene.checks.check_scene", lambda *_: ["terrain: 2000 km across"])
     with pytest.raises(InputError, match="out of memory"):
         produce(make_scene(), tmp_path / "out", device="cpu")
