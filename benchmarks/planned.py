@@ -1,11 +1,9 @@
-"""Are plans kept? On many scenes, is the error within the predicted one, and is the time near the best?
+"""Are plans kept? On many scenes, is the error within the predicted one?
 
-    python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned_gpu.json]
+    python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned.json]
 
-For each scene: the plan, an image rendered by it, its error measured with independent estimates of far more samples,
-and its time; and the same for settings picked by hand (integrator and samples). The best of these is the fastest that
-keeps the tolerance or, if the plan could not keep it, the fastest with an error no larger than the plan's. The field
-and the kernels are made before the clock starts. Writes a row per scene as they come, and a chart beside the JSON.
+For each scene: the plan, images rendered by it, their error measured with independent estimates of far more samples,
+and their time. The field and the kernels are made before the clock starts. Writes a row per scene as they come.
 """
 
 import json
@@ -14,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.chart import plt, save_figure
 from benchmarks.machine import Stopwatch, command, machine, save
 from benchmarks.scenes import HERE
 from varos_warp.render.field.open_water import unavailable
@@ -93,8 +90,6 @@ CASES = {
     "no_water": Case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
 }
 
-FIELD_SPP = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-PATH_SPP = (4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
 SEEDS, RUNS = 9000, 3
 ESTIMATE_SPP = {"field": 512, "path": 2048}
 ESTIMATES, ESTIMATE_SECONDS = 4, 8.0
@@ -152,20 +147,6 @@ class Bench:
         error = errors.error(images, estimates, sigmas=0.0)
         return {"error": error.tolist(), "seconds": float(np.median(seconds)), "spp": image.spp}
 
-    def by_hand(self, estimates: list, tolerance: float) -> list[dict]:
-        """The fewest samples that keep the tolerance, by each integrator."""
-        rows = []
-        best = resolve_integrator("auto", None, lambda: unavailable(self.scene))
-        for integrator in dict.fromkeys((best, "path")):
-            for spp in FIELD_SPP if integrator == "field" else PATH_SPP:
-                row = self.measure(estimates, 2, integrator=integrator, spp=spp)
-                if max(row["error"]) <= tolerance:
-                    rows.append({"integrator": integrator, **row})
-                    break
-                if rows and row["seconds"] > 3.0 * min(r["seconds"] for r in rows):
-                    break
-        return rows
-
 
 def check(name: str, device: str) -> dict:
     """One row."""
@@ -174,8 +155,6 @@ def check(name: str, device: str) -> dict:
     bench.image(0, spp=1)
     plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.T_w_v]))
     made = bench.measure(estimates, **plan.options)
-    hand = bench.by_hand(estimates, max(tolerance, *made["error"]))
-    best = min(hand, key=lambda row: row["seconds"], default=None)
     return {
         "case": name,
         "title": bench.case.title,
@@ -187,32 +166,12 @@ def check(name: str, device: str) -> dict:
         "spp": made["spp"],
         "planning_s": planning,
         "estimates_noise": noise(estimates),
-        "best": best,
         "bounded": bool(np.all(np.array(made["error"]) <= plan.error)),
         "kept": bool(max(made["error"]) <= tolerance),
-        "time_ratio": None if best is None else made["seconds"] / best["seconds"],
-        "by_hand": hand,
     }
 
 
-def chart(rows: list[dict], path: Path):
-    """Measured against predicted error, and the time against the best."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), constrained_layout=True)
-    for c, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
-        left.loglog([100 * r["predicted"][c] for r in rows], [100 * r["measured"][c] for r in rows], "o", color=colour)
-    ends = np.array(left.get_xlim())
-    left.plot(ends, ends, "k-", linewidth=0.8)
-    left.set(xlabel="predicted relative RMSE [%]", ylabel="measured [%]", title="on or below the line: bounded")
-    left.grid(True, which="both", alpha=0.3)
-    timed = [r for r in rows if r["time_ratio"]]
-    right.barh([r["case"] for r in timed], [r["time_ratio"] for r in timed], color="tab:gray")
-    right.axvline(1.5, color="k", linestyle="--", linewidth=0.8)
-    right.set(xlabel="time of the plan over the best setting picked by hand", title="lower is better")
-    right.invert_yaxis()
-    save_figure(figure, path)
-
-
-TOLD = ("case", "predicted", "measured", "spp", "seconds", "time_ratio", "best", "planning_s", "estimates_noise")
+TOLD = ("case", "predicted", "measured", "spp", "seconds", "planning_s", "estimates_noise")
 
 
 def main():
@@ -226,7 +185,6 @@ def main():
         rows = [old for old in rows if old["case"] != name] + [row]
         save(asked.out, {**machine(asked.device), "rows": rows})
         print({key: row[key] for key in TOLD}, flush=True)
-    chart(rows, asked.out.with_suffix(".png"))
 
 
 if __name__ == "__main__":
