@@ -7,22 +7,19 @@ and their time. The field and the kernels are made before the clock starts. Writ
 """
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.machine import Stopwatch, command, machine, save
-from benchmarks.scenes import HERE
+from benchmarks.scenes import HERE, BenchScene
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import errors
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
-from varos_warp.scene.file.load import demo_scene_path, load_scene
-from varos_warp.scene.geometry.build import build_parts
-from varos_warp.sim.trajectory import simulate
+from varos_warp.scene.file.load import demo_scene_path
 
 EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"
 SIZE = "vehicle.cameras.0.resolution=[320,180]"
@@ -40,43 +37,38 @@ def jerlov(kind: str) -> str:
     return f"water={{jerlov: {{type: {kind}}}}}"
 
 
-@dataclass(frozen=True)
-class Case:
-    """A scene and what it differs in."""
-
-    title: str
-    path: Path
-    changes: tuple[str, ...] = ()
-    frame: int = 0
+def case(title: str, path: Path, changes: tuple[str, ...] = (), frame: int = 0) -> BenchScene:
+    """A scene of a file, small, with what it differs in."""
+    return BenchScene(title, title, path, (SIZE, "render.spp=null", *changes), frame)
 
 
 CASES = {
-    "clear": Case("Jerlov IA", CLEAR, (jerlov("IA"),)),
-    "oceanic": Case("Jerlov II", CLEAR, (jerlov("II"),)),
-    "paper": Case("the paper's water", CLEAR, (PAPER,)),
-    "paper_above": Case("the paper's water, from 6 m", CLEAR, (PAPER, ABOVE)),
-    "ref1": Case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
-    "ref1_plain": Case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
-    "ref1_tight": Case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
-    "ref1_loose": Case(
+    "clear": case("Jerlov IA", CLEAR, (jerlov("IA"),)),
+    "oceanic": case("Jerlov II", CLEAR, (jerlov("II"),)),
+    "paper": case("the paper's water", CLEAR, (PAPER,)),
+    "paper_above": case("the paper's water, from 6 m", CLEAR, (PAPER, ABOVE)),
+    "ref1": case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
+    "ref1_plain": case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
+    "ref1_tight": case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
+    "ref1_loose": case(
         "ref1, 5 %, 1280 x 720",
         REF1,
         ("render.denoise=oidn", "render.tolerance=0.05", "vehicle.cameras.0.resolution=[1280,720]"),
     ),
-    "demo": Case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
-    "ocean_III": Case("Jerlov III, from 6 m", CLEAR, (jerlov("III"), ABOVE)),
-    "near_IB": Case("Jerlov IB, near by", CLEAR, (jerlov("IB"), NEAR)),
-    "munkholmen": Case("examples/munkholmen: 759 000 triangles, textures, stones", EXAMPLE, frame=60),
-    "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
-    "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
-    "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
-    "boom": Case(
+    "demo": case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
+    "ocean_III": case("Jerlov III, from 6 m", CLEAR, (jerlov("III"), ABOVE)),
+    "near_IB": case("Jerlov IB, near by", CLEAR, (jerlov("IB"), NEAR)),
+    "munkholmen": case("examples/munkholmen: 759 000 triangles, textures, stones", EXAMPLE, frame=60),
+    "coastal": case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
+    "turbid": case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
+    "harbour": case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
+    "boom": case(
         "lights a metre off",
         CLEAR,
         (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in enumerate((-1.0, 1.0)))),
     ),
-    "peaked": Case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
-    "fixed_camera": Case(
+    "peaked": case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
+    "fixed_camera": case(
         "a camera in the world",
         CLEAR,
         (
@@ -87,7 +79,7 @@ CASES = {
             "render.tolerance=0.03",
         ),
     ),
-    "no_water": Case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
+    "no_water": case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
 }
 
 SEEDS, RUNS = 9000, 3
@@ -102,24 +94,17 @@ def noise(images: list[np.ndarray]) -> float:
     return float(np.max(np.sqrt(variance) / brightness(np.mean(images, axis=(0, 1, 2)))))
 
 
-@dataclass
 class Bench:
     """One case on one device."""
 
-    case: Case
-    device: str
-
-    def __post_init__(self):
-        self.scene = load_scene(self.case.path, (SIZE, "render.spp=null", *self.case.changes))
-        trajectory = simulate(self.scene)
-        self.T_w_v = trajectory.frames.T_w_v(self.case.frame)
-        self.camera = self.scene.vehicle.cameras[0]
-        self.renderer = FrameRenderer(self.scene, self.device, build_parts(self.scene))
+    def __init__(self, seen: BenchScene, device: str):
+        self.seen, self.device, self.scene = seen, device, seen.scene
+        self.renderer = FrameRenderer(self.scene, device, seen.parts)
         self.denoise = self.scene.render.denoise
 
     def image(self, seed: int, **how):
         """One image A."""
-        return self.renderer.render(self.T_w_v, self.camera, "A", seed=SEEDS + seed, **how).A
+        return self.renderer.render(self.seen.T_w_v, self.seen.camera, "A", seed=SEEDS + seed, **how).A
 
     def estimates(self) -> list[np.ndarray]:
         """Independent images with the field, whose own error `plan.FIELD_ERROR` states, or else by paths."""
@@ -153,11 +138,11 @@ def check(name: str, device: str) -> dict:
     bench = Bench(CASES[name], device)
     estimates, tolerance = bench.estimates(), bench.scene.render.tolerance
     bench.image(0, spp=1)
-    plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.T_w_v]))
+    plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.seen.T_w_v]))
     made = bench.measure(estimates, **plan.options)
     return {
         "case": name,
-        "title": bench.case.title,
+        "title": bench.seen.title,
         "tolerance": tolerance,
         "plan": plan.to_dict(),
         "predicted": plan.error.tolist(),
