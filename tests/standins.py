@@ -192,18 +192,18 @@ def plan_render(scene, renderer, poses, **options):
 
 
 PLACES = {
-    "sim.trajectory": {"simulate": simulate, "path_samples": path_samples, "course_facts": course_facts},
-    "render.planner.plan": {"plan_render": plan_render},
-    "render.renderer": {"FrameRenderer": FlatFloorRenderer},
+    "sim.trajectory": {"simulate": "simulate", "path_samples": "path_samples", "course_facts": "course_facts"},
+    "render.planner.plan": {"plan_render": "plan_render"},
+    "render.renderer": {"FrameRenderer": "FlatFloorRenderer"},
 }
-"""Modules of the package, and what stands in for which of their names."""
+"""Modules of the package, and what here stands in for which of their names."""
 
 
 def install(monkeypatch, places=tuple(PLACES)):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
     for name in places:
         for member, stand_in in PLACES[name].items():
-            monkeypatch.setattr(f"varos_warp.{name}.{member}", stand_in)
+            monkeypatch.setattr(f"varos_warp.{name}.{member}", globals()[stand_in])
 
 
 def tree(root):

@@ -8,7 +8,7 @@ import standins
 from standins import FlatFloorRenderer
 
 CALLED = [
-    (getattr(import_module(f"varos_warp.{name}"), member), stand_in)
+    (getattr(import_module(f"varos_warp.{name}"), member), getattr(standins, stand_in))
     for name, members in standins.PLACES.items()
     for member, stand_in in members.items()
 ]
