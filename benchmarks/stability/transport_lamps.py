@@ -78,7 +78,8 @@ def flux_error(cone_deg: float, blend: float) -> float:
     axis = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
     across = np.cross(axis, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(axis, [1.0, 0.0, 0.0]))
     half = np.radians(cone_deg) / 2
-    record = light_record(Distribution(half, blend), np.ones(3), axis=axis)
+    record = light_record(Distribution(half, blend), np.ones(3))
+    record.axis = wp.vec3(*axis)
     theta = np.linspace(0.0, min(np.pi, 1.5 * half), 100_001)
     directions = np.cos(theta)[:, None] * axis + np.sin(theta)[:, None] * across
     got = run(_falloff_values, [record, wp.array(directions, dtype=wp.vec3, device="cpu")], len(theta))
