@@ -15,11 +15,15 @@ import sys
 import numpy as np
 import warp as wp
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
+from varos_warp.kernels.particles.bodies import FARTHEST_GRAIN
+from varos_warp.kernels.particles.floc import ROUND
 from varos_warp.render.particles.cells import reach_of
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import transform
+from varos_warp.scene.water.flocs import flocs
 from varos_warp.scene.water.particles import particle_laws
 
 FOURNIER_FORAND = {"kind": "fournier_forand", "n": 1.10, "mu": 3.5835}
@@ -124,13 +128,26 @@ def layers(of_scene, velocity, seeds):
 
 POINTS = 400_000
 """Bodies by which Campbell's integrals of a block are estimated."""
+POINT = 1.55
+"""Radius of an even disc whose second moments are those of a point's image [pixels]."""
 
 
-def in_block(x, y, R, corner, rng):
-    """Whether a point drawn from a disc lies in a block."""
-    turn, r = 2.0 * np.pi * rng.random(len(x)), R * np.sqrt(rng.random(len(x)))
-    x, y = x + r * np.cos(turn), y + r * np.sin(turn)
-    return (x >= corner[0]) & (x < corner[0] + 8) & (y >= corner[1]) & (y < corner[1] + 8)
+def in_block(x, y, size, corner, rng):
+    """Whether two points of the image of each body, a floc of such a size [pixels], lie in a block: bool [2, N]."""
+    at, radius, share = flocs()
+    shape = rng.integers(len(share), size=len(x))
+    seen = Rotation.random(len(x), rng).as_matrix()[:, :2]
+    loose = np.clip(size * np.linalg.norm(at, axis=-1).max(1)[shape] / ROUND - 1.0, 0.0, 1.0)
+    found = []
+    for _ in "12":
+        grain = (share.cumsum(1)[shape] < rng.random(len(x))[:, None]).sum(1).clip(max=share.shape[1] - 1)
+        off = (loose * size)[:, None] * np.einsum("nij,nj->ni", seen, at[shape, grain])
+        disc = np.hypot(size * (1.0 + loose * (radius[shape, grain] - 1.0)), POINT)
+        turn, r = 2.0 * np.pi * rng.random(len(x)), disc * np.sqrt(rng.random(len(x)))
+        across, down = x + off[:, 0] + r * np.cos(turn), y + off[:, 1] + r * np.sin(turn)
+        inside = (across >= corner[0]) & (across < corner[0] + 8)
+        found.append(inside & (down >= corner[1]) & (down < corner[1] + 8))
+    return np.array(found)
 
 
 def light_of_bodies(law, p, d, t, r, area):
@@ -151,15 +168,14 @@ def campbell(law, corner, rng):
     """Mean and variance [3] of a block's light, by drawing places and sizes of single bodies."""
     (r0, r1), reach, n = law.block.radius_m, reach_of(law), POINTS
     t, r = 0.05 * (reach / 0.05) ** rng.random(n), r0 * (r1 / r0) ** rng.random(n)
-    beside = FOCAL_PX * r / t * 1.3 + 3.0
+    beside = FARTHEST_GRAIN * FOCAL_PX * r / t * 1.3 + 3.0
     x, y = (c - beside + (8 + 2 * beside) * rng.random(n) for c in corner)
     d = np.stack([(x - 32) / FOCAL_PX, np.ones(n), (20 - y) / FOCAL_PX], -1)
     cos = 1.0 / np.linalg.norm(d, axis=1)
     d *= cos[:, None]
     area = t**2 * cos**3 / FOCAL_PX**2
     g = light_of_bodies(law, t[:, None] * d, d, t, r, area) / 64
-    R = np.sqrt(r**2 / area + 0.7**2) + 0.25
-    one, two = (in_block(x, y, R, corner, rng) for _ in "12")
+    one, two = in_block(x, y, r / np.sqrt(area), corner, rng)
     weight = (
         law.density
         * r**-law.block.slope

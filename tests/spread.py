@@ -4,26 +4,37 @@ import numpy as np
 from chance import assert_plausible
 from scipy import stats
 
-from varos_warp.kernels.film.film import SHARE_AROUND, TILE
+from varos_warp.kernels.film.develop import SHARE_AROUND
+from varos_warp.kernels.film.film import BLOCK, IN_BLOCK, TILE
 
 
-def tile_means(image):
-    """Means [H, W, 3] over the tiles that standard errors are averaged over, with a share of those of tiles around."""
-    (height, width), side = image.shape[:2], int(TILE)
-    tops, lefts = range(0, height, side), range(0, width, side)
-    means = np.empty((len(tops), len(lefts), 3))
+def tile_means(image, sides):
+    """Means [H, W, 3] over what standard errors are averaged over, with a share of those of tiles around.
+
+    That is the tile, or its pixels of the same side; at the edge with pixels before it.
+    """
+    (height, width), reach = image.shape[:2], int(TILE)
+    tops, lefts = range(0, height, reach), range(0, width, reach)
+    side = (np.indices((height, width)) // int(BLOCK)).sum(0) % sides
+    means = np.empty((sides, len(tops), len(lefts), 3))
     for i, row in enumerate(tops):
         for j, col in enumerate(lefts):
-            top, left = max(min(row, height - side), 0), max(min(col, width - side), 0)  # at the edge: those before it
-            means[i, j] = image[top : row + side, left : col + side].mean((0, 1))
+            top, left = (
+                max(min(row, height - reach), 0),
+                max(min(col, width - reach), 0),
+            )
+            of_tile = (slice(top, row + reach), slice(left, col + reach))
+            for one in range(sides):
+                means[one, i, j] = image[of_tile][side[of_tile] == one].mean(0)
     around = np.array(
         [
-            [means[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].mean((0, 1)) for j in range(len(lefts))]
+            [means[:, max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].mean((1, 2)) for j in range(len(lefts))]
             for i in range(len(tops))
         ]
-    )
+    ).transpose(2, 0, 1, 3)
     mixed = (1.0 - SHARE_AROUND) * means + SHARE_AROUND * around
-    return mixed.repeat(side, axis=0).repeat(side, axis=1)[:height, :width]
+    row, col = np.indices((height, width))
+    return mixed[side, row // reach, col // reach]
 
 
 def spread_and_expected(radiance, count):
@@ -34,7 +45,8 @@ def spread_and_expected(radiance, count):
     if radiance.ndim == 4:
         radiance, count = radiance[:, None], count[:, None]
     spread, inverse = radiance.var(axis=0, ddof=1), np.mean(1.0 / count, axis=0)
-    expected = sum(one * tile_means(own / one) for own, one in zip(spread, inverse, strict=True))
+    sides = 1 + (np.ptp(count) > 0)
+    expected = sum(one * tile_means(own / one, sides) for own, one in zip(spread, inverse, strict=True))
     return radiance.sum(axis=1).var(axis=0, ddof=1), expected
 
 
@@ -84,4 +96,4 @@ def assert_honest(ratio, radiance, stderr, count=None, where=None, bias=0.0, pre
 
 def evenly(noise, taken, spp, cost):
     """In place of `varos_warp.render.image.adapt.share_out`: all tiles take as many samples."""
-    return np.broadcast_to(np.subtract(spp, taken)[:, None, None, None], noise.shape)
+    return np.broadcast_to(np.subtract(IN_BLOCK * np.asarray(spp), taken)[:, None, None, None], noise.shape)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import yaml
@@ -81,6 +82,16 @@ def test_bytes_follow_from_the_files_alone(publish, made):
         os.utime(path, (1e9, 1e9))
     assert publish.main([*TINY, "-o", str(made)]) == 0
     assert {path.name: path.read_bytes() for path in (made / "upload").iterdir()} == before
+
+
+def test_what_was_found_valid_is_not_validated_again(publish, made, monkeypatch):
+    verbs, call = [], publish.call
+    monkeypatch.setattr(publish, "call", lambda *words, **how: (verbs.append(words[0]), call(*words, **how)))
+    os.utime(made / "datasets" / "coast" / "checksums")
+    for expected in (["sweep", "validate"], ["sweep"]):
+        verbs.clear()
+        assert publish.main([*TINY, "-o", str(made)]) == 0
+        assert verbs == expected
 
 
 def test_a_file_that_has_changed_is_not_packed(publish, made, tmp_path):
@@ -179,3 +190,37 @@ def test_what_would_be_too_large_is_refused_before_anything_is_made(publish, tmp
     assert "more than 50 MB" in told.err
     assert "in 3 waters" in told.out
     assert not out.exists()
+
+
+def test_what_was_begun_goes_on_however_little_room_is_left(publish, made, monkeypatch, capfd):
+    """Its own files have taken the room; a new one is refused."""
+    monkeypatch.setattr(publish.shutil, "disk_usage", lambda _: Usage(free=10))
+    assert publish.main([*TINY, "-o", str(made)]) == 0
+    assert publish.main([*TINY, "-o", str(made.parent / "new")]) == 2
+    assert "MB are free" in capfd.readouterr().err
+    assert not (made.parent / "new").exists()
+
+
+class Usage(NamedTuple):
+    """What is left of a disk."""
+
+    free: int
+
+
+@pytest.mark.parametrize("by", ["validate", "pack"])
+def test_a_damaged_file_is_named_and_made_anew_once_it_is_deleted(publish, made, capfd, by):
+    path = sorted((made / "datasets" / "coast").rglob("A/*.png"))[0]
+    content, card = path.read_bytes(), (made / "upload" / "README.md").read_bytes()
+    path.write_bytes(content[:-20])
+    if by == "validate":
+        (made / "datasets" / "coast" / "log" / "validation.json").unlink()
+    assert publish.main([*TINY, "-o", str(made)]) != 0
+    assert f"{path.relative_to(made / 'datasets' / 'coast')}: is not as it was written" in capfd.readouterr().err
+    path.unlink()
+    assert publish.main([*TINY, "-o", str(made)]) == 0
+    assert (path.read_bytes(), (made / "upload" / "README.md").read_bytes()) == (content, card)
+
+
+def test_without_git_the_commit_is_what_the_environment_says(publish, tmp_path, monkeypatch):
+    monkeypatch.setenv("VAROS_WARP_COMMIT", "c0ffee")
+    assert publish.sys.modules["facts"].git(tmp_path) == ("c0ffee", None)

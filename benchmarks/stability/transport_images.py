@@ -9,7 +9,8 @@ import warp as wp
 from benchmarks.stability.entry import Measured, Sweeps
 from benchmarks.stability.transport import run
 from benchmarks.stability.transport_surfaces import scene_of, shot, wall
-from varos_warp.kernels.film.film import Sums, add_sample, half_difference
+from varos_warp.kernels.film.develop import half_difference
+from varos_warp.kernels.film.film import Sums, add_sample
 from varos_warp.products.images.radiance import to_half
 from varos_warp.render.image import exposure
 from varos_warp.render.renderer import FrameRenderer

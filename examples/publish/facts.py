@@ -1,5 +1,6 @@
 """What is so of the datasets that are published: read from them, never typed."""
 
+import os
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,7 +72,11 @@ class Facts:
 
 
 def git(repository: Path) -> tuple[str | None, str | None]:
-    """Commit of the repository and its date; ``-modified`` if files differ from it, None where there is no git."""
+    """Commit of the repository and its date; ``-modified`` if files differ from it.
+
+    Where there is no git, the commit is what ``$VAROS_WARP_COMMIT`` says, if it says something, and the date None.
+    """
+    given = os.environ.get("VAROS_WARP_COMMIT")
 
     def ask(*words: str) -> str:
         return subprocess.run(
@@ -80,8 +85,8 @@ def git(repository: Path) -> tuple[str | None, str | None]:
 
     try:
         if Path(ask("rev-parse", "--show-toplevel")).resolve() != repository:
-            return None, None
+            return given, None
         changed = "-modified" if ask("status", "--porcelain", "--untracked-files=no") else ""
         return ask("rev-parse", "HEAD") + changed, ask("log", "-1", "--format=%cs")
     except (OSError, subprocess.CalledProcessError):
-        return None, None
+        return given, None

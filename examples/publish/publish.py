@@ -23,6 +23,9 @@ from croissant import valid, write_croissant
 from facts import LICENCES, Facts
 from pack import pack, write_index, write_sums
 
+from varos_warp.dataset import files
+from varos_warp.dataset.validate.outcome import KEPT
+from varos_warp.dataset.write.checksums import NAME as CHECKSUMS
 from varos_warp.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,7 +66,9 @@ KINDS = {
     },
 }
 """What is made: the waters, versions of examples/sweeps/waters.yaml; what changes in the template; the most bytes."""
-OURS = {"made_by.json", "scene.yaml", "varos-warp.schema.json", "waters.yaml", "datasets", "upload", ".upload"}
+MADE_BY = "made_by.json"
+"""What a folder is made of; the first file in it."""
+OURS = {MADE_BY, "scene.yaml", "varos-warp.schema.json", "waters.yaml", "datasets", "upload", ".upload"}
 """All that lies in the folder of a publication."""
 UPLOADED = re.compile(
     r"README\.md|SHA256SUMS|contact_sheet\.png|croissant\.json|frames\.csv|varos_warp-\w+-[\w.+]+\.tar"
@@ -110,14 +115,14 @@ def make(asked: argparse.Namespace) -> None:
     """
     settings = describe(asked)
     check_folder(asked.out, settings)
-    with tempfile.TemporaryDirectory() as scratch:
-        place = Path(scratch)
-        prepare(place, settings)
-        estimate(place, asked, settings)
+    if asked.dry_run or not (asked.out / MADE_BY).exists():  # what was begun has been told, and takes its place already
+        with tempfile.TemporaryDirectory() as scratch:
+            place = Path(scratch)
+            prepare(place, settings)
+            estimate(place, asked, settings)
     if asked.dry_run:
         return
-    asked.out.mkdir(parents=True, exist_ok=True)
-    (asked.out / "made_by.json").write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+    files.write_json(asked.out / MADE_BY, settings)
     if not (asked.out / "waters.yaml").exists():
         prepare(asked.out, settings)
     call(
@@ -131,9 +136,18 @@ def make(asked: argparse.Namespace) -> None:
         "--device",
         asked.device,
     )
-    for water in settings["waters"]:
-        call("validate", asked.out / "datasets" / water, "--quiet", output=False)
+    for root in (asked.out / "datasets" / water for water in settings["waters"]):
+        if not is_validated(root):
+            call("validate", root, "--quiet", output=False)
     upload(asked, settings)
+
+
+def is_validated(root: Path) -> bool:
+    """Whether the last check found nothing, and came after the last run; what changes later, `pack` sees."""
+    outcome = root / KEPT
+    if not outcome.exists() or outcome.stat().st_mtime_ns <= (root / CHECKSUMS).stat().st_mtime_ns:
+        return False
+    return json.loads(outcome.read_text(encoding="utf-8"))["valid"]
 
 
 def describe(asked: argparse.Namespace) -> dict:
@@ -175,14 +189,14 @@ def check_folder(out: Path, settings: dict) -> None:
     there = sorted(path.name for path in out.iterdir()) if out.exists() else []
     if not there:
         return
-    if "made_by.json" not in there:
+    if MADE_BY not in there:
         raise InputError("the folder is not empty and holds no publication", file=out, remedy=remedy)
     try:
-        before = json.loads((out / "made_by.json").read_text(encoding="utf-8"))
+        before = json.loads((out / MADE_BY).read_text(encoding="utf-8"))
     except ValueError:
         before = None
     if not isinstance(before, dict):
-        raise InputError("cannot be read", file=out / "made_by.json", remedy=remedy)
+        raise InputError("cannot be read", file=out / MADE_BY, remedy=remedy)
     for key, value in settings.items():
         if before.get(key) != value:
             raise InputError(
@@ -234,7 +248,9 @@ def estimate(place: Path, asked: argparse.Namespace, settings: dict) -> None:
         "--json",
         "--quiet",
     )["datasets"]
-    total = sum(bytes_of(place, settings, entry) for entry in plan)
+    kinds = {tuple(entry["renders"]) for entry in plan if entry["renders"]}
+    each = {letters: bytes_of_image(place, settings, letters) for letters in kinds}
+    total = sum(entry["images"] * each.get(tuple(entry["renders"]), 0.0) for entry in plan)
     hours, limit = sum(entry["seconds"] for entry in plan) / 3600, KINDS[asked.kind]["most_bytes"]
     print(
         f"{asked.kind}: about {total / 1e6:.4g} MB in {len(plan)} waters (at most {limit / 1e6:g} MB), "
@@ -257,14 +273,12 @@ def estimate(place: Path, asked: argparse.Namespace, settings: dict) -> None:
         )
 
 
-def bytes_of(place: Path, settings: dict, entry: dict) -> float:
-    """What one water adds: the images that are made for it; those of other waters are kept once."""
-    if not entry["renders"]:
-        return 0.0
-    changes = [f"render.outputs=[{','.join(entry['renders'])}]"]
-    set_ = [part for change in [*settings["set"], *changes] for part in ("--set", change)]
+def bytes_of_image(place: Path, settings: dict, letters: tuple[str, ...]) -> float:
+    """What an image takes in the mean, of these types."""
+    changes = [*settings["set"], f"render.outputs=[{','.join(letters)}]"]
+    set_ = [part for change in changes for part in ("--set", change)]
     about = told("info", place / "scene.yaml", *set_, "--json", "--quiet")["dataset"]
-    return about["bytes"] * entry["images"] / about["images"]
+    return about["bytes"] / about["images"]
 
 
 def upload(asked: argparse.Namespace, settings: dict) -> None:
@@ -324,9 +338,12 @@ def command(settings: dict) -> str:
 
 
 def call(*words, output: bool = True) -> None:
-    """Run a verb of varos-warp."""
+    """Run a verb of varos-warp; without ``output``, what it prints is shown only if it fails."""
     line = [sys.executable, "-m", "varos_warp", *map(str, words)]
-    subprocess.run(line, check=True, stdout=None if output else subprocess.DEVNULL)
+    result = subprocess.run(line, stdout=None if output else subprocess.PIPE, text=True)
+    if result.returncode and result.stdout:
+        print(result.stdout, end="", file=sys.stderr)
+    result.check_returncode()
 
 
 def told(*words) -> dict:

@@ -122,7 +122,7 @@ def readiness(
                 "over_seeds": over_seeds(found),
             }
         )
-    elif not quiet:
+    else:
         _print_readiness(found)
         if written:
             print(written)

@@ -9,9 +9,11 @@ import warp as wp
 
 from varos_warp.device.compile import compiling
 from varos_warp.kernels.field.tabulate import tabulate_single_along_camera
-from varos_warp.kernels.film import denoise, film
+from varos_warp.kernels.film import denoise
 from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
+from varos_warp.kernels.film.develop import develop
+from varos_warp.kernels.film.film import BLOCK, CORRECTION_SUMS, SUMS
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.particles.draw import make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
@@ -43,9 +45,9 @@ from varos_warp.scene.water.particles import particle_laws
 
 SPLITTING = 4
 """Camera segments to a subpath, where nothing else is known."""
-SEGMENT_COST = 0.17
-"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.2 was measured on an
-H100, 0.33 on a CPU (Munkholmen)."""
+SEGMENT_COST = 0.13
+"""Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.14 was measured on an
+H200, 0.11 on a CPU (Munkholmen)."""
 
 
 COLOUR_CYCLE = 6
@@ -62,7 +64,7 @@ class SampleKind(NamedTuple):
     """Relative cost of one sample."""
     subpaths: bool
     """Whether they are subpaths, or segments of the camera."""
-    sums: int = film.SUMS
+    sums: int = SUMS
     """Number of sums of each pixel of the film."""
 
 
@@ -74,8 +76,8 @@ def sample_step(view: Camera, with_field: bool) -> int:
     """What samples per pixel of A are a multiple of; 0 if tiles take unlike numbers, whose mean may be any fraction."""
     if optics_spec(view).dispersion:
         return COLOUR_CYCLE
-    # a row of pixels has no neighbours across corners, by which the other side decides
-    return 0 if with_field and min(view.resolution) > 1 else 1
+    # a row of blocks has no neighbours across corners, by which the other side decides
+    return 0 if with_field and min(view.resolution) > BLOCK else 1
 
 
 class LightKernels(NamedTuple):
@@ -124,7 +126,7 @@ def water_kernels(
     if camera := of_paths.camera():
         kinds.append(SampleKind(make_camera_kernel(camera), SPLITTING, SEGMENT_COST, False))
     if subpaths := of_paths.subpaths():
-        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, film.CORRECTION_SUMS))
+        kinds.append(SampleKind(make_subpath_kernel(subpaths), 1, 1.0, True, CORRECTION_SUMS))
     # without the field the base is too noisy to guide
     guided = with_field and spec.surfaces and options.denoise in (None, "oidn")
     return LightKernels(
@@ -235,7 +237,7 @@ def kernels_needed(
         kernels += [tabulate_single_along_camera, average_tiles]
     kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if any(image.is_color for image in wanted):
-        kernels.append(film.develop)
+        kernels.append(develop)
     if any(image.is_color and getattr(scene.render, image.denoise_key) != "none" for image in wanted):
         kernels.append(denoise.clip_negative)
     return list(dict.fromkeys(kernels))

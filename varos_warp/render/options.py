@@ -9,7 +9,7 @@ from varos_warp.errors import InputError
 from varos_warp.products.images.registry import DENOISE_KEYS
 from varos_warp.render.image.denoise import METHODS
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.render import MOST_SPP, field_by_old_name
+from varos_warp.scene.description.render import LEAST_SPP, MOST_SPP, field_by_old_name
 
 LAYERS = ("direct", "single", "multiple")
 INTEGRATORS = ("auto", "field", "path", "reference")
@@ -25,7 +25,7 @@ class RenderOptions:
 
     spp: float | None = None
     """Samples per pixel of A; absent: the scene's, or 64. With the field this is the mean over the image, and fractions
-    count; else they are rounded up."""
+    count, below one too; else they are rounded up."""
     spp_b: int | None = None
     """Samples per pixel of B; absent: the scene's."""
     max_scatterings: int | None = None
@@ -58,7 +58,7 @@ class RenderOptions:
             if names is not None:
                 check_names(key, names if key in ("layers", "copied") else [field_by_old_name(names)], known)
         for key, least, most in (
-            ("spp", 1, MOST_SPP),
+            ("spp", LEAST_SPP, MOST_SPP),
             ("spp_b", 1, MOST_SPP),
             ("max_scatterings", 0, math.inf),
             ("max_bounces", 0, math.inf),

@@ -12,7 +12,8 @@ import warp as wp
 from varos_warp.errors import warn
 from varos_warp.kernels.conventions import ALL
 from varos_warp.kernels.field.open_water import Field
-from varos_warp.kernels.film.film import Film, develop, tile_variances, weigh_guides
+from varos_warp.kernels.film.develop import develop, side_variances, tile_variances, weigh_guides
+from varos_warp.kernels.film.film import IN_BLOCK, Film
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.segment import PathBounds
 from varos_warp.kernels.transport.virtual_lights import VirtualLight
@@ -21,7 +22,7 @@ from varos_warp.products.images.protocol import LetsThrough
 from varos_warp.products.images.radiance import RadianceImage
 from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater, unavailable
-from varos_warp.render.image.adapt import first_samples, other_noise, share_out
+from varos_warp.render.image.adapt import LEAST_FIRST, LEAST_SUBPATHS, first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
 from varos_warp.render.image.films import Films, tile_pixels
 from varos_warp.render.image.frame import block_error, without_noise
@@ -193,7 +194,7 @@ class RadianceRenderer:
                 "max_bounces": bounds.bounces,
                 "key": wp.uint32(shot.key),
             },
-            spp,
+            IN_BLOCK * spp,
             share=self.share(shot.view),
         )
         return self._developed([film])
@@ -219,25 +220,28 @@ class RadianceRenderer:
             of_subpaths["virtual_lights"] = self._virtual_lights(scene, shot, seen, keys[2], kernels.virtual_lights)
         shares = sample_step(view, with_field) == 0
         spp = [kind.to_a_sample * options.spp for kind in kinds]
-        films = [self.films.black(view.resolution, shares, kind.sums) for kind in kinds]
-        first = [first_samples(count) for count in spp] if shares else spp
+        films = [self.films.black(view.resolution, shares, kind.sums, keys[kind.subpaths]) for kind in kinds]
+        denoised = (options.denoise or self.scene.render.denoise) != "none"
+        first = [IN_BLOCK * count for count in spp]
+        if shares:
+            least = [LEAST_SUBPATHS[not denoised] if kind.subpaths else LEAST_FIRST for kind in kinds]
+            first = [*map(first_samples, spp, least)]
         share = self.share(view)
 
-        def take(samples):
-            for kind, film, count in zip(kinds, films, samples, strict=True):
+        def take(samples, before):
+            for kind, film, count, had in zip(kinds, films, samples, before, strict=True):
                 arguments = of_subpaths if kind.subpaths else of_segments
-                self.films.take(film, kind.kernel, arguments, count, queued=kind.subpaths, share=share)
+                self.films.take(film, kind.kernel, arguments, count, queued=kind.subpaths, share=share, before=had)
 
-        take(first)
-        if first != spp:
+        take(first, [0] * len(first))
+        if shares:
             # by the noise of the first, of which a denoiser takes most
-            denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
             statistics = self.films.tile_statistics(films, taken_away if denoised else 1.0)
             cost = [kind.cost for kind in kinds]
             with self.launcher.aside():
                 samples = share_out(other_noise(*statistics), first, spp, cost)
-            take(samples)
+            take(samples, first)
         return films
 
     def _virtual_lights(self, scene, shot: Shot, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
@@ -298,7 +302,7 @@ class RadianceRenderer:
             film,
             kernels.samples,
             {"scene": world.data, "camera": seen.camera, "moments": seen.moments, "key": wp.uint32(shot.key)},
-            shot.options.spp_b,
+            IN_BLOCK * shot.options.spp_b,
         )
         taken = self._developed([film])
         guides = shot.guides(kernels.guides) if kernels.guides else {}
@@ -330,10 +334,12 @@ class RadianceRenderer:
         """The image that is the sum of films, which are taken back."""
         shape = films[0].sums.shape[1:]
         images = {name: wp.zeros(shape, dtype=wp.vec3, device=self.device) for name in DEVELOPED}
-        variance, blocks = (wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device) for _ in "vb")
+        blocks = wp.zeros(tile_pixels(*shape).shape, dtype=wp.vec3d, device=self.device)
         for film in films:
-            self.launcher.run(tile_variances, blocks.shape, {"film": film, "samples": variance, "blocks": blocks})
-            self.launcher.run(develop, shape, {"film": film, "variance": variance, **images})
+            sides = {name: self.films.buffer(*film.count.shape) for name in ("variance", "squares")}
+            self.launcher.run(side_variances, film.count.shape, {"film": film, **sides})
+            self.launcher.run(tile_variances, blocks.shape, {"film": film, "blocks": blocks})
+            self.launcher.run(develop, shape, {"film": film, **sides, **images})
             self.films.keep(film)
         counted = [array for film in films for array in (film.lost, film.count)]
         return Taken(images, [(blocks, np.eye(3))], counted, kinds, {})
@@ -406,7 +412,9 @@ def _facts_of_samples(
             "and the image is darker there"
         )
     area = tile_pixels(*shape) / np.prod(shape)
-    spent = sum(kind.cost * float((count.mean(0) * area).sum()) for count, kind in zip(counts, kinds, strict=True))
+    spent = sum(
+        kind.cost * float((count.mean(0) * area).sum()) / IN_BLOCK for count, kind in zip(counts, kinds, strict=True)
+    )
     return {"lost_samples": lost, "spp": round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6)}
 
 

@@ -44,9 +44,7 @@ def plain_number(value: float) -> float:
     return int(value) if float(value).is_integer() else value
 
 
-AtLeastOne = Annotated[
-    float, Field(ge=1.0), AfterValidator(plain_number), PlainSerializer(plain_number, return_type=Any)
-]
+PlainNumber = Annotated[float, AfterValidator(plain_number), PlainSerializer(plain_number, return_type=Any)]
 
 
 def _has_area(value):

@@ -401,14 +401,21 @@ def _sees(parts, boxes, camera, T_w_c, reach):
     R, start = T_w_c[:, None, :3, :3], T_w_c[:, None, :3, 3]
     origin = (R @ rays.origin[seen][..., None])[..., 0] + start
     along = (R @ rays.direction[seen][..., None])[..., 0]
-    t = ranges(parts, origin.reshape(-1, 3), along.reshape(-1, 3), reach)
-    found = np.isfinite(t).reshape(len(T_w_c), -1).any(axis=1)
+
+    def meets(some, k):
+        t = ranges(some, origin[k].reshape(-1, 3), along[k].reshape(-1, 3), reach)
+        return np.isfinite(t).reshape(len(k), along.shape[1]).any(axis=1)
+
+    copied = [part for part in parts if isinstance(part, Instances)]
+    found = meets([part for part in parts if not isinstance(part, Instances)], np.arange(len(T_w_c)))
     middles = boxes.mean(axis=1)
     for k in np.flatnonzero(~found):
         points = (middles - T_w_c[k, :3, 3]) @ T_w_c[k, :3, :3]
         points = points[np.linalg.norm(points, axis=1) < reach]
         pixels = model.project(points)
         found[k] = ((pixels >= 0.0) & (pixels <= camera.resolution)).all(axis=1).any()
+    blind = np.flatnonzero(~found)
+    found[blind] = meets(copied, blind)  # last, for there are many
     return found
 
 

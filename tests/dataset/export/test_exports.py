@@ -265,6 +265,22 @@ def test_one_frame_is_one_frame_and_has_no_motion(one_frame, tmp_path, form, nee
     assert (f"{form} is for odometry and SLAM, and this dataset has one frame" in told) == needs_motion
 
 
+@pytest.mark.parametrize(
+    ("form", "needs_depth"),
+    [("tum", True), ("colmap", True), ("nerfstudio", True), ("vslamlab", True), ("euroc", False), ("stream", False)],
+)
+@pytest.mark.parametrize("outputs", ["AD", "A"])
+def test_an_export_without_depth_says_so(tmp_path, monkeypatch, form, needs_depth, outputs):
+    standins.install(monkeypatch)
+    scene = make_scene(vehicle={"cameras": [{"id": "M0", "resolution": [16, 9]}]}, render={"outputs": [*outputs]})
+    produce(scene, tmp_path / "data", frames=slice(0, 2), quiet=True)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        export(tmp_path / "data", form, tmp_path / "out")
+    told = [str(each.message) for each in caught]
+    assert any("the dataset has no D" in words for words in told) == (needs_depth and outputs == "A")
+
+
 def test_the_command_line_sets_the_clock_and_tells_of_noise(noisy, tmp_path):
     done = CliRunner().invoke(
         cli.app,

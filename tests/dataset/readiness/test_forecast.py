@@ -163,6 +163,17 @@ def test_datasets_that_differ_in_their_seed_alone_are_one_with_a_standard_error(
     assert all(0 <= each["failure_chance"] <= 1 for each in told["datasets"])
 
 
+def test_the_same_seed_twice_is_no_spread(tmp_path):
+    """Whether both name it, or one has that of the scene."""
+    asked = {"a": {}, "b": {"seed": 3}, "c": {"seed": 4}, "d": {"x": 1}, "e": {"x": 1, "seed": 3}}
+    versions = [{"name": name, "overrides": of, "datasets": [{"folder": name}]} for name, of in asked.items()]
+    (tmp_path / "sweep.json").write_text(json.dumps({"versions": versions}))
+    for name, of in asked.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "dataset.json").write_text(json.dumps({"seed": of.get("seed", 3)}))
+    assert sorted(folder.name for folder in of_one_sea([tmp_path])) == ["a", "c"]
+
+
 def test_a_mean_over_seeds_is_not_that_of_those_that_did_well():
     assert seeds.mean_and_error([1.0, None]) == (None, None)
     assert seeds.mean_and_error([1.0]) == (1.0, None)

@@ -52,3 +52,16 @@ def test_a_shift_is_found_on_hills_of_triangles():
         sound = normals(shape)
         assert problems(sound, of_facets(sound, size, 0)) == []
         assert "shift: " in problems(np.roll(sound, 2, 1), of_facets(sound, size, 0))[0]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_step_in_depth_is_no_slope_whether_it_lies_between_rows_or_columns(axis):
+    """A wall of two heights, seen from above: beside the step nothing is told, elsewhere its normal."""
+    row, col = np.indices((12, 12))
+    depth = np.where((row, col)[axis] < 6, 2.0, 3.0)
+    rays = np.stack([0.1 * (col - 5.5), 0.1 * (row - 5.5), np.ones(row.shape)], -1)
+    found = surfaces.normals_of(rays * depth[..., None], rays)[1:-1, 1:-1]
+    told = np.isfinite(found).all(-1)
+    beside = np.isin((row, col)[axis][1:-1, 1:-1], (5, 6))
+    assert (told == ~beside).all()
+    assert found[told] == pytest.approx(np.tile([0.0, 0.0, -1.0], (told.sum(), 1)), abs=1e-9)

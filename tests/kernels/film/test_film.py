@@ -6,6 +6,7 @@ import warp as wp
 from chance import run
 
 from varos_warp.kernels.conventions import LONG_KERNEL
+from varos_warp.kernels.film import develop as developing
 from varos_warp.kernels.film import film as kernel
 from varos_warp.kernels.film.adapt import pixel_statistics
 from varos_warp.render.image.films import tile_pixels
@@ -27,20 +28,30 @@ def expose(samples: wp.array4d(dtype=wp.vec3), film: kernel.Film):
     kernel.store(film, wp.tid(), sums)
 
 
-def exposed(samples, most, takes, sides=1, lot=1000, sums=kernel.SUMS):
-    """Film of samples [layer, sample, H, W, 3], of which each side's tiles take so many more, take by take.
+IN_BLOCK = int(kernel.IN_BLOCK)
+
+
+def sides_of(shape):
+    """The side of each pixel [H, W], if there are two."""
+    row, col = np.indices(shape)
+    return (row // 2 + col // 2) % 2
+
+
+def exposed(samples, most, takes, sides=1, lot=1000, sums=kernel.SUMS, key=0):
+    """Film of samples [layer, sample, H, W, 3], of which each side's tiles take so many more a pixel, take by take.
 
     In parts of ``most`` samples, so many parts at a time.
     """
     shape, tiles = samples.shape[2:4], tuple(-(-side // int(kernel.TILE)) for side in samples.shape[2:4])
     film = kernel.Film()
+    film.key = wp.uint32(key)
     film.sums = wp.zeros((sums, *shape), dtype=wp.vec3d, device="cpu")
     film.count, film.wanted = (wp.zeros((sides, *tiles), dtype=int, device="cpu") for _ in "cw")
     film.lost = wp.zeros(1, dtype=int, device="cpu")
     device_samples = wp.array(samples.astype(np.float32), dtype=wp.vec3, device="cpu")
     counts = wp.zeros(int(kernel.TILE) ** 2 * tiles[0] * tiles[1], dtype=int, device="cpu")
     for take in takes:
-        film.wanted.assign(np.broadcast_to(np.int32(take), film.count.shape))
+        film.wanted.assign(np.broadcast_to(np.int32(IN_BLOCK * np.asarray(take)), film.count.shape))
         wp.launch(kernel.count_batches, dim=counts.shape, inputs=[film, most], outputs=[counts], device="cpu")
         ends = wp.array(np.cumsum(counts.numpy()), dtype=int, device="cpu")
         total = int(ends.numpy()[-1])
@@ -63,17 +74,24 @@ NAMES = ("direct", "single", "multiple", "correction", "base_variance", "radianc
 def developed(film):
     """The ``NAMES`` [H, W, 3]."""
     shape = film.sums.shape[1:]
-    variance, _ = tile_variances(film)
+    variance, squares = side_variances(film)
     out = [wp.zeros(shape, dtype=wp.vec3, device="cpu") for _ in NAMES]
-    wp.launch(kernel.develop, dim=shape, inputs=[film, variance], outputs=out, device="cpu")
+    wp.launch(developing.develop, dim=shape, inputs=[film, variance, squares], outputs=out, device="cpu")
     return dict(zip(NAMES, (image.numpy() for image in out), strict=True))
 
 
-def tile_variances(film):
-    """Of one sample, and of the mean of a block, [tile row, tile column]."""
-    out = [wp.zeros(film.count.shape[1:], dtype=wp.vec3d, device="cpu") for _ in "sb"]
-    wp.launch(kernel.tile_variances, dim=out[0].shape, inputs=[film], outputs=out, device="cpu")
+def side_variances(film):
+    """Of one sample, and squares of the light, [side, tile row, tile column]."""
+    out = [wp.zeros(film.count.shape, dtype=wp.vec3d, device="cpu") for _ in "vs"]
+    wp.launch(developing.side_variances, dim=out[0].shape, inputs=[film], outputs=out, device="cpu")
     return out
+
+
+def tile_variances(film):
+    """Of the mean of a tile, [tile row, tile column, 3]."""
+    out = wp.zeros(film.count.shape[1:], dtype=wp.vec3d, device="cpu")
+    wp.launch(developing.tile_variances, dim=out.shape, inputs=[film], outputs=[out], device="cpu")
+    return out.numpy()
 
 
 def statistics(film, denoised=1.0):
@@ -134,7 +152,7 @@ def test_the_squared_error_is_unbiased(spp):
         * np.array([1.0, 2.0])[:, None, None, None, None]
     )
     film = exposed(samples, 3, [spp], lot=100_000)
-    variance, size = tile_variances(film)[0].numpy(), np.prod(samples.shape[2:])
+    variance, size = side_variances(film)[0].numpy()[0], np.prod(samples.shape[2:])
     pixels = tile_pixels(*samples.shape[2:4])[..., None]
     assert abs((variance * pixels).sum() / size - 5.0) < 4.0 * 5.0 * np.sqrt(2.0 / size)
 
@@ -191,15 +209,18 @@ def test_a_standard_error_is_that_of_the_pixels_of_a_tile():
 def test_a_tile_that_the_edge_cuts_takes_pixels_before_it():
     """Of a single pixel the half difference would tell next to nothing."""
     samples = np.random.default_rng(3).normal(size=(4, 8, 9, 9, 3))
-    whole, alone = (tile_variances(exposed(part, 8, [8]))[0].numpy() for part in (samples, samples[:, :, 1:, 1:]))
+    whole, alone = (side_variances(exposed(part, 8, [8]))[0].numpy()[0] for part in (samples, samples[:, :, 1:, 1:]))
     np.testing.assert_allclose(whole[1, 1], alone[0, 0], rtol=1e-12)
 
 
-def test_of_a_tile_with_two_sides_those_with_more_samples_claim_less():
+def test_of_a_tile_with_two_sides_each_claims_by_its_own_samples():
+    """How many these are follows from the other side's noise, which must not tell what is claimed."""
     samples = np.random.default_rng(2).normal(size=(4, 32, 8, 8, 3))
     film = exposed(samples, 8, [np.array([[[8]], [[32]]])], sides=2)
-    stderr = developed(film)["stderr"]
-    np.testing.assert_allclose(stderr[::2, ::2], 2.0 * stderr[::2, 1::2], rtol=1e-6)
+    stderr, total, side = developed(film)["stderr"], np.float32(samples[:3]).astype(float).sum(axis=0), sides_of((8, 8))
+    for one, n in enumerate((8, 32)):
+        expected = np.sqrt(one_variance(total[:n])[side == one].mean(0) / n)
+        np.testing.assert_allclose(stderr[side == one], np.broadcast_to(expected, (32, 3)), rtol=1e-6)
 
 
 def test_the_mean_does_not_stall_however_many_samples_there_are():
@@ -251,7 +272,7 @@ def test_the_two_sides_of_tiles_may_take_unlike_numbers_of_samples():
     counts = np.sum(takes, axis=0)
     light = np.float32(samples[:3]).astype(float).sum(axis=0)
     for row, col in ((0, 0), (7, 8), (8, 7), (8, 16), (0, 1)):
-        side = (row + col) % 2
+        side = (row // 2 + col // 2) % 2
         taken = light[np.arange(counts[side, row // 8, col // 8]) ^ side, row, col]
         np.testing.assert_allclose(radiance[row, col], taken.mean(0), rtol=1e-6)
 
@@ -271,23 +292,23 @@ def test_samples_that_are_not_numbers_are_counted_and_black(bad):
 # -------------------------------------------------------------------------------------------- one subpath in a pixel
 
 
-def subpaths(samples, counts):
+def subpaths(samples, counts, key=0):
     """Film of a correction alone, samples [sample, H, W, 3], whose sides take ``counts``: two, or two of each tile."""
     full = np.zeros((4, *samples.shape))
     full[2] = samples
     take = np.reshape(counts, (2, 1, 1) if np.ndim(counts) == 1 else np.shape(counts))
-    return exposed(full, 4, [take], sides=2, sums=kernel.CORRECTION_SUMS)
+    return exposed(full, 4, [take], sides=2, sums=kernel.CORRECTION_SUMS, key=key)
 
 
 def test_pixels_of_the_second_side_begin_with_the_other_half():
     samples = np.arange(1.0, 4.0)[:, None, None, None] * np.ones((3, 8, 8, 3))
-    row, col = np.indices((8, 8))
+    side = sides_of((8, 8))
     for count, first, second in ((1, 1.0, 2.0), (3, 2.0, 7.0 / 3.0)):  # of samples 0; 1; 0, 1, 2; 1, 0 and one beyond
         given = np.concatenate([samples, 4.0 * np.ones((1, 8, 8, 3))])
         sums = subpaths(given, [count, count]).sums.numpy()
-        means = np.where((row + col) % 2, second, first)
+        means = np.where(side, second, first)
         np.testing.assert_allclose(sums[0], count * means[..., None] * np.ones(3), rtol=1e-12)
-    np.testing.assert_allclose(subpaths(samples, [1, 1]).sums.numpy()[1][..., 0], 2.0 * ((row + col) % 2))
+    np.testing.assert_allclose(subpaths(samples, [1, 1]).sums.numpy()[1][..., 0], 2.0 * side)
 
 
 @pytest.mark.parametrize("shape", [(96, 120), (97, 121)])
@@ -296,7 +317,7 @@ def test_of_one_subpath_the_squared_error_is_unbiased(shape):
     samples = 2.0 * np.random.default_rng(4).normal(size=(2, *shape, 3))
     film = subpaths(samples, [1, 1])
     pixels = tile_pixels(*shape)[..., None]
-    variance = (tile_variances(film)[0].numpy() * pixels).sum((0, 1)) / np.prod(shape)
+    variance = (side_variances(film)[0].numpy().mean(0) * pixels).sum((0, 1)) / np.prod(shape)
     assert np.abs(variance - 4.0).max() < 4.0 * 4.0 * np.sqrt(4.0 / np.prod(shape))
     images = developed(film)
     assert not images["base_variance"].any()  # all is correction
@@ -315,21 +336,22 @@ def test_of_one_subpath_at_a_lone_edge_next_to_tiles_with_more_the_squared_error
 
 
 def test_of_one_subpath_slopes_of_the_light_count_as_noise_but_not_in_blocks():
-    """A step of 0.1 to each next column: half its square, too little to matter. Means of the sides are the same."""
+    """A step of 0.1 to each next column: of blocks of four samples twice that, so 8 times its square."""
     samples = 0.1 * np.arange(24.0)[None, None, :, None] * np.ones((2, 16, 1, 3))
-    variance, blocks = (image.numpy() for image in tile_variances(subpaths(samples, [1, 1])))
-    np.testing.assert_allclose(variance, 0.5 * 0.1**2, rtol=1e-5)
+    film = subpaths(samples, [1, 1])
+    variance, blocks = side_variances(film)[0].numpy(), tile_variances(film)
+    np.testing.assert_allclose(variance, 8.0 * 0.1**2, rtol=1e-5)
     np.testing.assert_allclose(blocks, 0.0, atol=1e-12)
 
 
 def test_what_one_side_is_told_of_noise_is_of_the_other_side_alone():
     """Noise in one side: the variance of the other's only samples is none."""
-    row, col = np.indices((16, 16))
-    samples = np.random.default_rng(6).normal(size=(2, 16, 16, 3)) * ((row + col) % 2 == 1)[..., None]
+    side = sides_of((16, 16))
+    samples = np.random.default_rng(6).normal(size=(2, 16, 16, 3)) * side[..., None]
     film = subpaths(samples, [1, 1])
     _, variance = statistics(film)
-    assert not variance[(row + col) % 2 == 0].any()
-    assert variance[(row + col) % 2 == 1].min() > 0.0
+    assert not variance[side == 0].any()
+    assert variance[side == 1].min() > 0.0
 
 
 @pytest.mark.parametrize("shared", [0.0, 1.0])
@@ -343,12 +365,83 @@ def test_block_variances_of_one_subpath_are_those_of_block_means(counts, least, 
         for half in (0, 1):
             samples[half::2] += shared * rng.normal()
         film = subpaths(samples, counts)
-        estimates.append(tile_variances(film)[1].numpy()[0, 0])
+        estimates.append(tile_variances(film)[0, 0])
         means.append(developed(film)["radiance"].mean((0, 1)))
     ratio = np.mean(estimates, axis=0) / np.var(means, axis=0, ddof=1)
     unsure = np.exp(4.0 * np.sqrt(4.0 / films))
     assert least / unsure < ratio.min()
     assert ratio.max() < most * unsure
+
+
+# ----------------------------------------------------------------------------------------- fewer samples than pixels
+
+
+@pytest.mark.parametrize("of_block", [1, 2, 3])
+def test_of_a_block_with_fewer_samples_than_pixels_each_pixel_is_as_likely_and_right_in_the_mean(of_block):
+    """Over keys: the number of hits of a pixel is binomial. Pixels of a block that the edge cuts always have one."""
+    keys = 400
+    light = 1.0 + np.arange(17 * 24).reshape(17, 24, 1) * np.ones(3)
+    films = [subpaths(np.stack([light] * 2), [0.25 * of_block] * 2, key) for key in range(keys)]
+    images = np.array([developed(film)["radiance"] for film in films])
+    seen = images[:, :16, :, 0] > 0
+    assert np.all(seen.reshape(keys, 8, 2, 12, 2).sum((2, 4)) == of_block)
+    chance = of_block / 4
+    off = (seen.mean(0) - chance) / np.sqrt(chance * (1 - chance) / keys)
+    assert np.abs(off).max() < 5.0
+    assert 0.8 < np.mean(off**2) < 1.2
+    np.testing.assert_allclose(images[:, :16], np.where(seen[..., None], light[:16] / chance, 0.0), rtol=1e-6)
+    np.testing.assert_allclose(images[:, 16], np.broadcast_to(light[16], images[:, 16].shape), rtol=1e-6)
+
+
+def test_two_samples_of_a_block_are_across_the_corner():
+    """For a denoiser: two in a row or column would leave more of a hole."""
+    images = developed(subpaths(np.ones((2, 16, 16, 3)), [0.5, 0.5]))["radiance"][..., 0]
+    blocks = images.reshape(8, 2, 8, 2).swapaxes(1, 2)
+    assert np.array_equal(blocks[..., 0, 0], blocks[..., 1, 1])
+    assert np.array_equal(blocks[..., 0, 1], blocks[..., 1, 0])
+    assert np.all(blocks[..., 0, 0] != blocks[..., 0, 1])
+    assert 0.2 < np.mean(blocks[..., 0, 0] > 0) < 0.8
+
+
+@pytest.mark.parametrize("counts", [(0.25, 0.25), (0.5, 0.5), (0.75, 0.75), (0.25, 1), (0.5, 3)])
+def test_of_fewer_samples_than_pixels_errors_are_what_images_with_other_random_numbers_differ_by(counts):
+    """Light 3 with a deviation of 2: squared errors of pixels, of tiles' means, and what a sample is told to vary.
+
+    Errors of tiles have one degree of freedom each; where a side has more samples, what these are off by counts twice.
+    """
+    rng, films, shape = np.random.default_rng(11), 100, (40, 48)
+    images, claimed, blocks, variances = [], [], [], []
+    for key in range(films):
+        film = subpaths(3.0 + 2.0 * rng.normal(size=(4, *shape, 3)), counts, key)
+        image = developed(film)
+        images.append(image["radiance"])
+        claimed.append(image["stderr"])
+        blocks.append(tile_variances(film))
+        variances.append(statistics(film)[1])
+    images, claimed = np.array(images, float), np.square(claimed, dtype=float)
+    spread, side = images.var(axis=0, ddof=1), sides_of(shape)
+    for one in (0, 1):
+        n = counts[one]
+        truth = 4.0 / n + 9.0 * max(1.0 / n - 1.0, 0.0)
+        error = np.sqrt(2.0 / films / (side == one).sum()) * 4.0 * (1.0 + 9.0 / 4.0)  # tails of what is seen or not
+        assert spread[side == one].mean() / truth == pytest.approx(1.0, abs=4.0 * error)
+        assert claimed[:, side == one].mean() / truth == pytest.approx(1.0, abs=4.0 * error)
+        assert np.mean(variances, axis=0)[side == one].mean() == pytest.approx(4.0, rel=4.0 * error)
+    tiles = images.reshape(films, 5, 8, 6, 8, 3).mean((2, 4))
+    ratio = np.mean(blocks) / tiles.var(axis=0, ddof=1).mean()
+    unsure = np.exp(4.0 * np.sqrt(4.0 / films / 30))
+    assert 1.0 / unsure < ratio < unsure * (1.5 if max(counts) > 1 else 1.0)
+
+
+def test_where_all_of_the_light_is_noise_fewer_samples_than_pixels_claim_so():
+    """One path in a hundred carries light: the mean is dark, and the chance to have a sample adds next to nothing."""
+    rng, films, shape = np.random.default_rng(12), 100, (40, 48)
+    images = [
+        developed(subpaths(100.0 * (rng.random((2, *shape, 3)) < 0.01), [0.25, 0.25], key)) for key in range(films)
+    ]
+    spread = np.array([image["radiance"] for image in images], float).var(axis=0, ddof=1).mean()
+    claimed = np.square([image["stderr"] for image in images], dtype=float).mean()
+    assert claimed / spread == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / (films * 40 * 48 / 4 * 0.01)))
 
 
 # ------------------------------------------------------------------------------------------------------------- blocks
@@ -366,7 +459,7 @@ def test_block_variances_are_those_of_block_means_shared_errors_included(shared)
             samples[0, half::2] += shared * rng.normal()
         film = exposed(samples, 3, [spp])
         image = developed(film)["radiance"]
-        estimates.append(tile_variances(film)[1].numpy()[[0, 1], [0, 1]])
+        estimates.append(tile_variances(film)[[0, 1], [0, 1]])
         means.append([image[:8, :8].mean((0, 1)), image[8:, 8:].mean((0, 1))])
     # estimates are chi-square with one degree of freedom; channels have what is shared in common
     ratio = np.mean(estimates, axis=0) / np.var(means, axis=0, ddof=1)
@@ -374,4 +467,4 @@ def test_block_variances_are_those_of_block_means_shared_errors_included(shared)
 
 
 def test_block_variances_are_unknown_after_one_sample():
-    assert np.isinf(tile_variances(exposed(samples_of("even", 1), 4, [1]))[1].numpy()).all()
+    assert np.isinf(tile_variances(exposed(samples_of("even", 1), 4, [1]))).all()

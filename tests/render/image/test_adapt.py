@@ -28,7 +28,7 @@ def trial(rng, own):
     """Mean of the image when the number of samples of a side follows from the other, or (wrongly) from its own."""
     hits, mean, variance = sides(rng, FIRST)
     noise = other_noise(mean[None, ::-1], variance[None, ::-1]) if own else other_noise(mean[None], variance[None])
-    more = share_out(noise, FIRST, SPP, 1.0)[0]
+    more = share_out(noise, 4 * FIRST, SPP, 1.0)[0] // 4
     total = hits + rng.binomial(more[..., None], RARE)
     return (total / RARE / (FIRST + more)[..., None]).mean()
 
@@ -53,22 +53,33 @@ def uneven():
 def test_samples_are_shared_out_in_proportion_to_the_deviation():
     """As many as asked on average, ten times as many where the deviation is ten times as large, within the limits."""
     noise = other_noise(*uneven())
-    count = share_out(noise, 2, 40.0, 1.0)[0] + 2
+    count = share_out(noise, 8, 40.0, 1.0)[0] / 4 + 2
     assert count.mean() == pytest.approx(40.0, abs=1.0)
     assert np.all(count[:, 22:] == 2)
     assert np.all(np.abs(count[:, :9] - 10.0 * count[:, 14:18].mean()) <= 10.0)
     noise[:, :, 0, 0] = 1e9
-    count = share_out(noise, 2, 40.0, 1.0)[0] + 2
+    count = share_out(noise, 8, 40.0, 1.0)[0] / 4 + 2
     assert count.max() == MOST_SHARED * 40
     assert count.mean() == pytest.approx(40.0, abs=1.0)
-    assert not share_out(np.zeros((1, 2, 3, 4)), 2, 40.0, 1.0).any()
+    assert not share_out(np.zeros((1, 2, 3, 4)), 8, 40.0, 1.0).any()
+
+
+@pytest.mark.parametrize("spp", [0.3, 0.5, 1.0, 1.25])
+def test_below_one_sample_a_pixel_blocks_take_whole_numbers_and_as_many_as_asked(spp):
+    """Quiet tiles have one of four pixels; whole samples of a pixel follow one of each."""
+    mean, variance = uneven()
+    of_block = share_out(other_noise(mean, variance), 1, spp, 1.0)[0] + 1
+    assert of_block.mean() / 4 == pytest.approx(spp, rel=0.02)
+    assert np.all(of_block[:, 22:] == 1)
+    assert np.all((of_block <= 4) | (of_block % 4 == 0))
+    assert len(np.unique(of_block)) > 1
 
 
 def test_the_share_of_a_side_does_not_follow_from_its_own_samples():
     mean, variance = uneven()
     changed = variance.copy()
     changed[:, 0] *= np.linspace(0.5, 2.0, 30)[:, None]
-    before, after = (share_out(other_noise(mean, v), 2, 40.0, 1.0)[0] for v in (variance, changed))
+    before, after = (share_out(other_noise(mean, v), 8, 40.0, 1.0)[0] for v in (variance, changed))
     assert np.array_equal(before[0], after[0])
     assert not np.array_equal(before[1], after[1])
 
@@ -76,13 +87,13 @@ def test_the_share_of_a_side_does_not_follow_from_its_own_samples():
 def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
     np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
     black = np.zeros((1, 2, 3, 3, 3))
-    assert not share_out(other_noise(black, black), 4, 64, 1.0).any()
+    assert not share_out(other_noise(black, black), 16, 64, 1.0).any()
 
 
 def test_cheap_samples_are_many():
     """Of two kinds that are as noisy, one of a hundredth of the cost: ten times as many, for as much work as asked."""
     noise, spp, cost = np.full((2, 2, 6, 8), 0.01), np.array([4.0, 16.0]), np.array([0.01, 1.0])
-    count = share_out(noise, [2, 2], spp, cost) + 2
+    count = share_out(noise, [8, 8], spp, cost) / 4 + 2
     assert count[0].mean() == pytest.approx(10.0 * count[1].mean(), rel=0.02)
     assert count.mean((1, 2, 3)) @ cost == pytest.approx(spp @ cost, rel=0.02)
 

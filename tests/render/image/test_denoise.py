@@ -17,7 +17,7 @@ from scipy.ndimage import uniform_filter
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.kernels.film.denoise import add_mixed
-from varos_warp.kernels.film.film import weigh_guides
+from varos_warp.kernels.film.develop import weigh_guides
 from varos_warp.render.image import denoise as module
 from varos_warp.render.image import oidn
 from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, Denoiser, denoise_image

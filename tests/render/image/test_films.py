@@ -52,17 +52,44 @@ def test_every_sample_is_taken_once(monkeypatch, shape, most, lot, sides):
     made = Films(Launcher("cpu", threads=2))
     film = made.black(shape[::-1], adapts=sides == 2)
     rng = np.random.default_rng(1)
-    takes = [3, rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 1]
+    takes = [12, 4 * rng.integers(0, 12, film.count.shape), np.zeros(film.count.shape, int), 4]
+    before = 0
     for samples in takes:
-        made.take(film, count_samples, {}, samples)
+        made.take(film, count_samples, {}, samples, before=before)
+        before = before + np.broadcast_to(samples, film.count.shape)
     assert film.batches is None or not film.batches.shape[0]
     row, col = np.indices(shape)
     taken = sum(np.broadcast_to(samples, film.count.shape) for samples in takes)
     assert np.array_equal(film.count.numpy(), taken)
-    expected = taken[(row + col) % sides, row // 8, col // 8]
+    expected = taken[(row // 2 + col // 2) % sides, row // 8, col // 8] // 4
     sums = film.sums.numpy()[..., 0]
     assert np.array_equal(sums[0], expected)
     assert np.array_equal(sums[1], expected * (expected - 1) / 2)
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (9, 17), (16, 24)])
+@pytest.mark.parametrize("most", [1, 4])
+def test_of_fewer_samples_than_pixels_each_block_has_its_number_and_what_the_edge_cuts_one_each(
+    monkeypatch, shape, most
+):
+    """Numbers of one side of a tile are its own; pixels of a block that is taken again have none twice."""
+    monkeypatch.setitem(films.MOST_SAMPLES, "cpu", most)
+    made = Films(Launcher("cpu", threads=2))
+    film = made.black(shape[::-1], adapts=True, key=7)
+    more = np.random.default_rng(2).choice([0, 1, 2, 3, 7], film.count.shape)
+    made.take(film, count_samples, {}, 1)
+    made.take(film, count_samples, {}, more, before=1)
+    row, col = np.indices(shape)
+    of_block = 1 + more[(row // 2 + col // 2) % 2, row // 8, col // 8]
+    height, width = (size // 2 * 2 for size in shape)
+    sums = film.sums.numpy()[..., 0]
+    in_blocks = sums[0, :height, :width].reshape(height // 2, 2, width // 2, 2)
+    assert np.array_equal(in_blocks.sum((1, 3)), of_block[:height:2, :width:2])
+    assert in_blocks.max((1, 3)).max() == 2
+    assert np.all(in_blocks.max((1, 3)) - in_blocks.min((1, 3)) <= 1)
+    cut = (row >= height) | (col >= width)
+    assert np.array_equal(sums[0][cut], -(-of_block[cut] // 4))
+    assert np.array_equal(sums[1], sums[0] * (sums[0] - 1) / 2)
 
 
 @pytest.mark.parametrize("lot", [7, 1 << 22])
@@ -73,8 +100,8 @@ def test_threads_go_on_to_parts_that_none_has_begun(monkeypatch, resident, lot):
     made = Films(Launcher("cpu", threads=1))  # on a CPU the queue is not for several threads
     made._resident = resident
     film = made.black((9, 17))
-    for samples in (3, 5):
-        made.take(film, count_parts_in_turn, {}, samples, queued=True)
+    for samples, before in ((3, 0), (5, 3)):
+        made.take(film, count_parts_in_turn, {}, 4 * samples, queued=True, before=4 * before)
     sums = film.sums.numpy()[..., 0]
     assert np.array_equal(sums[0], np.full((17, 9), 8))
     assert np.array_equal(sums[1], np.full((17, 9), 28))
@@ -87,7 +114,7 @@ def test_films_are_black_when_they_are_used_again():
     made = Films(Launcher("cpu"))
     made.keeps = True
     film = made.black((5, 3))
-    made.take(film, count_samples, {}, 2)
+    made.take(film, count_samples, {}, 8)
     sums = film.sums
     made.keep(film)
     again = made.black((5, 3))

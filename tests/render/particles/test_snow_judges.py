@@ -108,7 +108,7 @@ def test_two_cameras_triangulate_the_same_bodies():
     """Bright ones that stand alone in both images, by their brightest places; the cells tell where they are."""
     view = {"resolution": [192, 108]}
     pair = [CAMERA | view | {"id": name, "position": [x, 0, 0]} for name, x in (("L0", -0.06), ("R0", 0.06))]
-    scene = snow_scene(particles={"share": 0.008, "radius_m": [0.003, 0.006], "wander_m_s": 0, "least_px": 0.3})
+    scene = snow_scene(particles={"share": 0.001, "radius_m": [0.001, 0.0015], "wander_m_s": 0, "least_px": 0.15})
     scene = scene.model_copy(
         update={
             "vehicle": scene.vehicle.model_copy(

@@ -60,8 +60,8 @@ def test_between_unlike_poses_frames_take_what_the_more_demanding_one_needs():
 
 def test_stretches_are_halved_where_their_ends_need_unlike_numbers():
     needed = {("M0", 0): 4, ("M0", 10): 6, ("M0", 20): 20, ("M0", 21): 60, ("M0", 41): 9, ("M1", 0): 40, ("M1", 9): 40}
-    assert halfway(needed) == {("M0", 31): 34.5, ("M0", 15): 13}  # a quarter of seven: not the one from 4 to 6
-    assert halfway({("M0", 0): 9, ("M0", 8): 13, ("M1", 0): 99}) == {}
+    assert halfway(needed, 1) == {("M0", 31): 34.5, ("M0", 15): 13}  # a quarter of seven: not the one from 4 to 6
+    assert halfway({("M0", 0): 9, ("M0", 8): 13, ("M1", 0): 99}, 1) == {}
 
 
 def test_a_peak_between_even_poses_is_found_and_followed():
@@ -133,8 +133,17 @@ def test_errors_are_told_by_images_that_know_nothing_of_those_they_are_of():
     for one in tried:
         np.testing.assert_allclose(of_others(error, one, tried, 0.0), 0.5 / np.sqrt(one.spp), rtol=0.1)
     few = trial(noisy_images(0.5), 2, FIELD)
-    assert [(one.spp, one.denoised is None) for one in few] == [(1, False), (1, True), (2, False)]
+    assert [(one.spp, one.denoised is None) for one in few] == [(0.5, False), (1, False), (2, False)]
+    fewest = trial(noisy_images(0.5), 0.5, FIELD)
+    assert [(one.spp, one.denoised is None) for one in fewest] == [(0.25, False), (0.25, True), (0.5, False)]
     assert [one.spp for one in trial(noisy_images(0.5), 5, SAMPLES["path"])] == [2, 3, 5]
+
+
+@pytest.mark.parametrize("samples", [*SAMPLES.values(), FIELD.in_multiples(1), FIELD.in_multiples(6)])
+def test_a_first_guess_has_two_unlike_numbers_of_samples_so_that_a_law_can_be_told(samples):
+    """Those of a view that nothing is known of, by paths and where colours part, too."""
+    assert len({one.spp for one in trial(noisy_images(0.5), by_frame.first_guess(samples), samples)}) > 1
+    assert samples_needed(noisy_images(0.001), by_frame.first_guess(samples), 0.02, samples) >= samples.fewest
 
 
 def test_images_are_added_while_they_do_not_tell():

@@ -49,7 +49,8 @@ def test_a_target_that_no_number_of_samples_reaches_asks_for_the_most(target):
 @pytest.mark.parametrize(
     ("integrator", "needed", "planned"),
     [
-        ("field", 0.3, 1),
+        ("field", 0.1, 0.25),
+        ("field", 0.3, 0.375),
         ("field", 1.01, 1.125),
         ("field", 1.125, 1.125),
         ("field", 3.1, 3.25),

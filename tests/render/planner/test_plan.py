@@ -193,7 +193,7 @@ def test_samples_stay_within_limits_and_the_plan_says_so(planned):
 @pytest.mark.parametrize(
     ("camera", "fewest", "step"),
     [
-        ({}, 1, 0.125),
+        ({}, 0.25, 0.125),
         ({"resolution": [48, 1]}, 2, 1.0),
         ({"port": {"kind": "flat", "distance_m": 0.02}, "n_water": [1.331, 1.335, 1.342]}, 6, 6.0),
     ],

@@ -19,7 +19,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.export.shared import moving, shutters
 from varos_warp.dataset.export.shared.job import EXPORTED, Clocked, Job
 from varos_warp.errors import InputError, did_you_mean
-from varos_warp.scene.description.image_types import AMBIENT, WATER
+from varos_warp.scene.description.image_types import AMBIENT, DEPTH, WATER
 
 LABELS = ("coco", "yolo", "bop")
 """Formats of labels, which need image S."""
@@ -107,10 +107,7 @@ def export(
         job = replace(job, cameras=tuple(module.cameras(job)))
     if left := [camera for camera in chosen if camera not in job.cameras]:
         warnings.warn(f"{to} holds {module.HOLDS}; left out: {', '.join(left)}", stacklevel=2)
-    if to in SEQUENCES and len(data) == 1:
-        warnings.warn(
-            f"{to} is for odometry and SLAM, and this dataset has one frame: its cameras do not move", stacklevel=2
-        )
+    _tell_what_is_missing(data, to, module)
     # ``A`` alone among A and B stands for the chosen one
     wanted = {images if letter == WATER and not _has_all_types(module) else letter for letter in module.IMAGES}
     data.require_images(sorted(wanted & set(data.outputs)), job.cameras)
@@ -120,6 +117,20 @@ def export(
             shutters.write(replace(job, out=temp))
         moving.write(replace(job, out=temp))
     return job
+
+
+def _tell_what_is_missing(data: Clocked, to: str, module) -> None:
+    """Warn of a dataset that gives a format less than its users look for."""
+    if to in SEQUENCES and len(data) == 1:
+        warnings.warn(
+            f"{to} is for odometry and SLAM, and this dataset has one frame: its cameras do not move", stacklevel=3
+        )
+    if DEPTH in module.IMAGES and DEPTH not in data.outputs and not _has_all_types(module):
+        warnings.warn(
+            "the dataset has no D, so there is neither depth nor what follows from it, such as points: add D to "
+            "render.outputs and `run` again",
+            stacklevel=3,
+        )
 
 
 def _has_all_types(module) -> bool:

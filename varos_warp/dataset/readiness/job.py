@@ -20,19 +20,23 @@ SWEEP = "sweep.json"
 def of_one_sea(roots: Sequence[Path]) -> dict[Path, str]:
     """A name for what datasets of sweeps have in common that differ in nothing but the key ``seed``, by folder.
 
-    Those that no other one is like are left out.
+    Those that no other one is like are left out, and so are those with a seed that one before them has: they are the
+    same again, and tell nothing of the spread.
     """
-    alike: dict[tuple[Path, str], list[tuple[str, Path]]] = {}
+    alike: dict[tuple[Path, str], dict[int, tuple[str, Path]]] = {}
     for root in roots:
         if not is_file(root / SWEEP):
             continue
         for version in files.read_json(root / SWEEP)["versions"]:
             rest = {key: value for key, value in version.get("overrides", {}).items() if key != "seed"}
             for entry in version["datasets"]:
-                vehicle = Path(entry["folder"]).relative_to(version["name"])
-                key = (root, json.dumps([rest, str(vehicle)], sort_keys=True))
-                alike.setdefault(key, []).append((_named(root / vehicle, rest), root / entry["folder"]))
-    return {folder.absolute(): name for group in alike.values() if len(group) > 1 for name, folder in group}
+                vehicle, folder = Path(entry["folder"]).relative_to(version["name"]), root / entry["folder"]
+                if is_file(folder / "dataset.json"):
+                    key = (root, json.dumps([rest, str(vehicle)], sort_keys=True))
+                    seed = files.read_json(folder / "dataset.json")["seed"]
+                    alike.setdefault(key, {}).setdefault(seed, (_named(root / vehicle, rest), folder))
+    groups = [list(group.values()) for group in alike.values() if len(group) > 1]
+    return {folder.absolute(): name for group in groups for name, folder in group}
 
 
 def _named(root: Path, rest: dict) -> str:

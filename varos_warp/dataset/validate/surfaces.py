@@ -86,11 +86,16 @@ def normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
         n = np.cross(across, down)
         n /= np.sqrt(np.einsum("...i,...i", n, n))[..., None]
         n *= -np.sign(np.einsum("...i,...i", n, rays[1:-1, 1:-1]))[..., None]
-        # a step in depth between neighbours is an edge, not a slope
-        second = points[1:-1, 2:] + points[1:-1, :-2] - 2 * points[1:-1, 1:-1]
-        smooth = np.einsum("...i,...i", second, second) < 0.04 * np.einsum("...i,...i", across, across)
+        smooth = _is_smooth(points[1:-1, :-2], points[1:-1, 1:-1], points[1:-1, 2:])
+        smooth &= _is_smooth(points[:-2, 1:-1], points[1:-1, 1:-1], points[2:, 1:-1])
     normal[1:-1, 1:-1] = np.where(smooth[..., None], n, np.nan)
     return normal
+
+
+def _is_smooth(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Whether three neighbours in a line are of a slope: a step in depth between two of them is an edge."""
+    second, first = before + after - 2 * here, after - before
+    return np.einsum("...i,...i", second, second) < 0.04 * np.einsum("...i,...i", first, first)
 
 
 def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float, top: int, height: int) -> np.ndarray:

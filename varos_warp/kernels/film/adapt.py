@@ -2,16 +2,8 @@
 
 import warp as wp
 
-from varos_warp.kernels.film.film import (
-    TILE,
-    Film,
-    base_difference,
-    correction_difference,
-    of_tile,
-    side_of,
-    sums_of,
-    total_radiance,
-)
+from varos_warp.kernels.film.develop import deviation
+from varos_warp.kernels.film.film import TILE, Film, expected_count, side_of, sums_of, total_radiance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -30,12 +22,9 @@ def pixel_statistics(
     """
     row, col = wp.tid()
     sums = sums_of(film, row, col)
-    count = of_tile(film.count, row, col)
-    # one difference for both: base and correction share the image point and the surface's reflectance
-    off = base_difference(film, sums, row, col)
-    off += correction_difference(film, sums, row, col) / wp.sqrt(wp.float64(denoised))
-    mean[row, col] = total_radiance(sums) / wp.float64(count)
-    variance[row, col] = wp.cw_mul(off, off) * wp.float64(count)
+    off = deviation(film, sums, wp.float64(denoised), row, col)
+    mean[row, col] = total_radiance(sums) / expected_count(film, row, col)
+    variance[row, col] = wp.cw_mul(off, off)
 
 
 @wp.kernel(enable_backward=False)

@@ -1,18 +1,22 @@
-"""Sums of radiance samples in float64, and the means and standard errors that follow from them.
+"""Sums of radiance samples in float64.
 
 In float32 a running mean stalls: after 100 000 samples it is silently off by a hundred standard errors.
 """
 
 import warp as wp
 
+from varos_warp.kernels.sampling import uniforms
+
 wp.set_module_options({"enable_backward": False})
 
 TILE = wp.constant(8)
-"""Width of a tile [pixels]. All pixels of a tile, or of each of its two sides, get equally many samples."""
+"""Width of a tile [pixels]. All blocks of a tile, or of each of its two sides, get equally many samples."""
 
-SHARE_AROUND = wp.constant(0.1)
-"""Weight of the surrounding tiles in a tile's variance. If rare samples light a dark image, whole tiles miss them: the
-squared errors there are 1.5 to 1.8 times the variance without this weight, 0.9 to 1.1 times with a tenth."""
+BLOCK, IN_BLOCK = wp.constant(2), wp.constant(4)
+"""Width of a block [pixels] and number of its pixels: samples are counted by block, so that fewer than one a pixel are
+whole numbers, too. Either IN_BLOCK samples or fewer, or a multiple of IN_BLOCK."""
+PLACE = wp.constant(1 << 20)
+"""Group of the random number that tells which pixels of a block are sampled first; no path gets there."""
 
 SUMS, CORRECTION_SUMS = wp.constant(6), wp.constant(2)
 """Sums per pixel: those of `Sums` except ``lost``; two of them if all light is the correction, in `multiple`."""
@@ -50,15 +54,20 @@ class Batch:
 class Film:
     """Sums over the samples of one image.
 
-    Pixels form one side, or two that alternate like the squares of a chessboard and may take different numbers of
-    samples (render/image/adapt.py). Samples are taken in batches of a few each, since otherwise a GPU would finally
+    Blocks of 2 x 2 pixels form one side, or two that alternate like the squares of a chessboard and may take different
+    numbers of samples (render/image/adapt.py). Fewer samples than pixels go to as many pixels of a block, drawn by
+    chance, and the others are black: what is seen of a sample is divided by its chance to be taken, so each pixel is
+    right in the mean, and a block misses nothing but noise. Blocks that the edge cuts have one sample in each pixel at
+    least. Samples are taken in batches of a few each, since otherwise a GPU would finally
     wait for the threads of noisy pixels; the sums of batches are added up in a fixed order.
     """
 
+    key: wp.uint32
+    """Key of the random numbers that tell which pixels of a block are sampled first."""
     wanted: wp.array3d(dtype=int)
-    """Samples that each pixel is to take next [side, tile row, tile column]."""
+    """Samples that each block is to take next [side, tile row, tile column]."""
     count: wp.array3d(dtype=int)
-    """Samples that each pixel has, in the same layout."""
+    """Samples that each block has, in the same layout."""
     batches: wp.array(dtype=Batch)
     batch_sums: wp.array2d(dtype=wp.vec3d)
     """The batches, and their sums [SUMS or CORRECTION_SUMS, batches]."""
@@ -115,8 +124,8 @@ def first_sample(batch: int, batches: int, spp: int):
 
 @wp.func
 def side_of(sides: int, row: int, col: int):
-    """The side that a pixel belongs to."""
-    return (row + col) % sides
+    """The side that a pixel belongs to, as its block does."""
+    return (row / BLOCK + col / BLOCK) % sides
 
 
 @wp.func
@@ -135,16 +144,42 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 
 @wp.func
-def half_difference(total: wp.vec3d, odd: wp.vec3d, count: int, side: int):
-    """Difference of the means of odd and even samples; its square estimates the variance of the mean.
+def is_cut(film: Film, row: int, col: int):
+    """Whether the edge of the image cuts a pixel's block."""
+    return (row ^ 1) >= film.sums.shape[1] or (col ^ 1) >= film.sums.shape[2]
 
-    Infinite for one sample. Pixels of side 1 begin with the odd ones (`sample_of`).
-    """
-    if count < 2:
-        return wp.vec3d(wp.float64(wp.inf))
-    evens = wp.float64((count + 1 - side) / 2)
-    odds = wp.float64(count) - evens
-    return ((total - odd) / evens - odd / odds) * (wp.sqrt(evens * odds) / (evens + odds))
+
+@wp.func
+def rank_in_block(film: Film, row: int, col: int):
+    """When a pixel's turn comes among those of its block, 0 to 3: two in a row are across the corner."""
+    if is_cut(film, row, col):
+        return 0
+    block = row / BLOCK * film.sums.shape[2] + col / BLOCK
+    drawn = int(float(IN_BLOCK) * uniforms(film.key, block, 0, PLACE)[0])
+    return (2 * ((row ^ col) & 1) + (col & 1)) ^ drawn
+
+
+@wp.func
+def of_pixel(film: Film, of_block: int, row: int, col: int):
+    """Number of a pixel's samples, from that of its block."""
+    if of_block % IN_BLOCK == 0:
+        return of_block / IN_BLOCK
+    return (of_block + IN_BLOCK - 1 - rank_in_block(film, row, col)) / IN_BLOCK
+
+
+@wp.func
+def pixel_count(film: Film, row: int, col: int):
+    """Number of samples that a pixel has."""
+    return of_pixel(film, of_tile(film.count, row, col), row, col)
+
+
+@wp.func
+def expected_count(film: Film, row: int, col: int):
+    """Number of samples that a pixel may expect, of which its sum is divided: less than one where chance decides."""
+    of_block = of_tile(film.count, row, col)
+    if of_block < IN_BLOCK and not is_cut(film, row, col):
+        return wp.float64(of_block) / wp.float64(IN_BLOCK)
+    return wp.float64(of_pixel(film, of_block, row, col))
 
 
 @wp.func
@@ -173,7 +208,14 @@ def count_batches(
     row, col = tile_pixel(film.count.shape[2], i)
     counts[i] = 0
     if row < film.sums.shape[1] and col < film.sums.shape[2]:
-        counts[i] = (of_tile(film.wanted, row, col) + most - 1) / most
+        counts[i] = (wanted_count(film, row, col) + most - 1) / most
+
+
+@wp.func
+def wanted_count(film: Film, row: int, col: int):
+    """Number of samples that a pixel is to take next."""
+    after = of_tile(film.count, row, col) + of_tile(film.wanted, row, col)
+    return of_pixel(film, after, row, col) - pixel_count(film, row, col)
 
 
 @wp.func
@@ -200,8 +242,8 @@ def list_batches(
         batch = Batch()
         batch.row = row
         batch.col = col
-        wanted = of_tile(film.wanted, row, col)
-        taken = of_tile(film.count, row, col)
+        wanted = wanted_count(film, row, col)
+        taken = pixel_count(film, row, col)
         batch.begin = taken + first_sample(k - start, ends[i] - start, wanted)
         batch.end = taken + first_sample(k - start + 1, ends[i] - start, wanted)
         film.batches[k - begin] = batch
@@ -256,40 +298,6 @@ def total_radiance(sums: Sums):
     return sums.direct + sums.single + sums.multiple
 
 
-@wp.func
-def base_difference(film: Film, sums: Sums, row: int, col: int):
-    """`half_difference` of all but the correction."""
-    if film.sums.shape[0] == CORRECTION_SUMS:
-        return wp.vec3d(wp.float64(0.0))
-    count = of_tile(film.count, row, col)
-    base = total_radiance(sums) - sums.correction
-    return half_difference(base, sums.odd - sums.odd_correction, count, side_of(film.count.shape[0], row, col))
-
-
-@wp.func
-def correction_difference(film: Film, sums: Sums, row: int, col: int):
-    """`half_difference` of the correction; of one sample, of a film with sides, its difference to a neighbour's.
-
-    The correction is smooth, so most of that difference is noise. The neighbour across the corner is of the same side.
-    """
-    count = of_tile(film.count, row, col)
-    sides = film.count.shape[0]
-    if count > 1 or sides == 1:
-        return half_difference(sums.correction, sums.odd_correction, count, side_of(sides, row, col))
-    other_row, other_col = paired(row, film.sums.shape[1]), paired(col, film.sums.shape[2])
-    there = sums_of(film, other_row, other_col).correction
-    n = wp.float64(of_tile(film.count, other_row, other_col))  # 1, but beyond a row or column that is alone
-    return (sums.correction - there / n) / wp.sqrt(wp.float64(1.0) + wp.float64(1.0) / n)
-
-
-@wp.func
-def paired(i: int, size: int):
-    """The other one of the two indices 2k and 2k + 1; of the last, if it is alone, the one before."""
-    if i == size - 1 and i % 2 == 0:
-        return i - 1
-    return i ^ 1
-
-
 @wp.kernel(enable_backward=False)
 def weigh_batches(
     share: wp.array2d(dtype=wp.float64),  # of each pixel
@@ -329,139 +337,3 @@ def note_samples(film: Film):
     """Count the wanted samples as taken."""
     side, tile_row, tile_col = wp.tid()
     film.count[side, tile_row, tile_col] += film.wanted[side, tile_row, tile_col]
-
-
-@wp.kernel(enable_backward=False)
-def tile_variances(
-    film: Film,
-    # out, [tile row, tile column]
-    samples: wp.array2d(dtype=wp.vec3d),  # of one sample
-    blocks: wp.array2d(dtype=wp.vec3d),  # of the mean of all pixels, added
-):
-    """Estimates of variances; without sides infinite for one sample.
-
-    A single value of ``blocks`` is a poor estimate; average them. Half the difference of the two halves of a pixel's
-    samples is distributed like the error of their mean. The error that all pixels of a block share remains in the mean
-    over the block.
-    """
-    tile_row, tile_col = wp.tid()
-    height, width = film.sums.shape[1], film.sums.shape[2]
-    sides = film.count.shape[0]
-    # for the variance of samples, a tile cut by the image's edge borrows pixels before it
-    top = wp.max(wp.min(tile_row * TILE, height - TILE), 0)
-    left = wp.max(wp.min(tile_col * TILE, width - TILE), 0)
-    squares = wp.vec3d(wp.float64(0.0))
-    around = wp.float64(0.0)
-    total = wp.vec3d(wp.float64(0.0))
-    pixels = wp.float64(0.0)
-    for row in range(top, wp.min((tile_row + 1) * TILE, height)):
-        for col in range(left, wp.min((tile_col + 1) * TILE, width)):
-            sums = sums_of(film, row, col)
-            count = of_tile(film.count, row, col)
-            off = base_difference(film, sums, row, col) + correction_difference(film, sums, row, col)
-            squares += wp.cw_mul(off, off) * wp.float64(wp.max(count, 1))
-            around += wp.float64(1.0)
-            if row >= tile_row * TILE and col >= tile_col * TILE:
-                pixels += wp.float64(1.0)
-                if count > 1 or sides == 1:
-                    total += off
-    mean = total / pixels
-    if sides == 2 and wp.min(film.count[0, tile_row, tile_col], film.count[1, tile_row, tile_col]) == 1:
-        mean += half_of_sides_apart(film, tile_row, tile_col)
-    samples[tile_row, tile_col] = squares / around
-    blocks[tile_row, tile_col] += wp.cw_mul(mean, mean)
-
-
-@wp.func
-def half_of_sides_apart(film: Film, tile_row: int, tile_col: int):
-    """Half the difference of the means of a tile's sides, of which slopes of the light leave nothing."""
-    first = wp.vec3d(wp.float64(0.0))
-    second = wp.vec3d(wp.float64(0.0))
-    firsts = wp.float64(0.0)
-    seconds = wp.float64(0.0)
-    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
-        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
-            light = total_radiance(sums_of(film, row, col)) / wp.float64(of_tile(film.count, row, col))
-            if side_of(2, row, col) == 0:
-                first += light
-                firsts += wp.float64(1.0)
-            else:
-                second += light
-                seconds += wp.float64(1.0)
-    return wp.float64(0.5) * (first / firsts - second / wp.max(seconds, wp.float64(1.0)))
-
-
-@wp.func
-def with_tiles_around(variance: wp.array2d(dtype=wp.vec3d), tile_row: int, tile_col: int):
-    """A tile's variance with `SHARE_AROUND` of the mean over it and the tiles around."""
-    total = wp.vec3d(wp.float64(0.0))
-    count = wp.float64(0.0)
-    for row in range(wp.max(tile_row - 1, 0), wp.min(tile_row + 2, variance.shape[0])):
-        for col in range(wp.max(tile_col - 1, 0), wp.min(tile_col + 2, variance.shape[1])):
-            total += variance[row, col]
-            count += wp.float64(1.0)
-    share = wp.float64(SHARE_AROUND)
-    return (wp.float64(1.0) - share) * variance[tile_row, tile_col] + share * total / count
-
-
-@wp.kernel(enable_backward=False)
-def weigh_guides(
-    direct: wp.array2d(dtype=wp.vec3),
-    radiance: wp.array2d(dtype=wp.vec3),
-    correction: wp.array2d(dtype=wp.vec3),
-    surface_albedo: wp.array2d(dtype=wp.vec3),
-    surface_normal: wp.array2d(dtype=wp.vec3),
-    # out
-    albedo: wp.array2d(dtype=wp.vec3),
-    normal: wp.array2d(dtype=wp.vec3),
-):
-    """Guides for a denoiser of light that comes from surfaces and water: their mean, weighted by the light of each.
-
-    Surfaces count as much as direct light does in all but the correction. Water has the albedo 1 and no normal.
-    """
-    row, col = wp.tid()
-    base = radiance[row, col] - correction[row, col]
-    share = wp.vec3(0.0)
-    for c in range(3):
-        if base[c] > 0.0:
-            share[c] = wp.clamp(direct[row, col][c] / base[c], 0.0, 1.0)
-    albedo[row, col] = wp.vec3(1.0) + wp.cw_mul(share, surface_albedo[row, col] - wp.vec3(1.0))
-    normal[row, col] = (share[0] + share[1] + share[2]) / 3.0 * surface_normal[row, col]
-
-
-@wp.kernel(enable_backward=False)
-def develop(
-    film: Film,
-    variance: wp.array2d(dtype=wp.vec3d),  # of samples, of tile_variances
-    # out
-    direct: wp.array2d(dtype=wp.vec3),
-    single: wp.array2d(dtype=wp.vec3),
-    multiple: wp.array2d(dtype=wp.vec3),
-    correction: wp.array2d(dtype=wp.vec3),
-    base_variance: wp.array2d(dtype=wp.vec3),
-    radiance: wp.array2d(dtype=wp.vec3),
-    stderr: wp.array2d(dtype=wp.vec3),
-):
-    """Add a film to an image that is the sum of several: mean of each layer, their sum and its standard error.
-
-    All are [height, width] and 0 before the first film; ``correction`` is contained in the layers. The standard error
-    comes from the samples of all pixels of a tile, and a little from the tiles around, because pixels that missed rare
-    bright samples would claim too small an error. ``base_variance`` is the pixel's own variance of everything but the
-    correction: mostly edges, textures and the blur of a lens.
-    """
-    row, col = wp.tid()
-    sums = sums_of(film, row, col)
-    count = of_tile(film.count, row, col)
-    n = wp.float64(wp.max(count, 1))
-    direct[row, col] += wp.vec3(sums.direct / n)
-    single[row, col] += wp.vec3(sums.single / n)
-    multiple[row, col] += wp.vec3(sums.multiple / n)
-    correction[row, col] += wp.vec3(sums.correction / n)
-    # the sum of the layers as stored, so that they add up to it exactly
-    radiance[row, col] = direct[row, col] + single[row, col] + multiple[row, col]
-    off = base_difference(film, sums, row, col)
-    base_variance[row, col] += wp.vec3(wp.cw_mul(off, off))
-    before = stderr[row, col]
-    variance_here = with_tiles_around(variance, row / TILE, col / TILE) / n
-    for c in range(3):
-        stderr[row, col][c] = wp.sqrt(before[c] * before[c] + float(variance_here[c]))

@@ -19,10 +19,23 @@ MOST_IN_CELL = wp.constant(64)
 NEAREST, FADE = wp.constant(0.05), wp.constant(0.05)
 """Bodies nearer than this to the camera's port or to a lamp [m] stay in the water, as there are housings; over the
 next stretch they fade in. So the variance of the image is finite."""
+FARTHEST_GRAIN = wp.constant(5.2)
+"""How far a body reaches at most, over the radius of its cross section."""
 FAR_FADE = wp.constant(0.5)
 """Bodies as large in the image as the least that is drawn fade in until they are larger by this share."""
 NUMBERS = wp.constant(2)
 """Hashes of a body, of four words each."""
+
+
+@wp.struct
+class Grain:
+    """A part of a floc whose cross section is that of a sphere of radius 1."""
+
+    at: wp.vec3
+    """From the floc's middle."""
+    radius: float
+    share: float
+    """Of the floc's cross section."""
 
 
 @wp.struct
@@ -33,6 +46,8 @@ class Particles:
     """Of a body."""
     sigma_s: wp.vec3
     """Scattering coefficient of all of them, that much of the water's [1/m]."""
+    grains: wp.array2d(dtype=Grain)
+    """Of flocs, [shape, grain]."""
     albedo: wp.vec3
     """Of a body: what it scatters of the light that falls on it, 1 in the brightest channel."""
     opacity: float

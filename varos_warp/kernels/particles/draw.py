@@ -6,8 +6,10 @@ from varos_warp.kernels.conventions import CPU_FLAGS
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.particles.bodies import (
+    FARTHEST_GRAIN,
     Body,
     Cells,
+    Grain,
     Particles,
     bodies_in_cell,
     body_at,
@@ -16,15 +18,14 @@ from varos_warp.kernels.particles.bodies import (
     drawn_of_body,
     ramp,
 )
+from varos_warp.kernels.particles.disc import edge_of, radius_of
 from varos_warp.kernels.particles.field_light import field_on_body
+from varos_warp.kernels.particles.floc import Floc, floc_extent, lies_along, looseness, shape_of
 from varos_warp.kernels.particles.image import Directions, Image, camera_between, make_image_of
 from varos_warp.kernels.particles.splat import (
     LARGEST_PX,
-    OPTICS_PX,
-    ROUND_PX,
     Splat,
     SplatList,
-    edge_of,
     list_splat,
     profile_sum,
     tiles_of,
@@ -32,7 +33,7 @@ from varos_warp.kernels.particles.splat import (
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.next_event import irradiance
-from varos_warp.kernels.world.camera import GREEN
+from varos_warp.kernels.world.camera import GREEN, Camera
 from varos_warp.kernels.world.intersect import Instance, SceneData, make_rays
 from varos_warp.kernels.world.lights.disk import sample_point
 from varos_warp.kernels.world.lights.light import get_light, light_count, light_sample
@@ -121,7 +122,7 @@ def is_out_of_sight(cone: Cone, particles: Particles, body: Body):
     if body.r < particles.least_angle * (away - cone.slack):
         return True
     angle = wp.atan2(wp.length(wp.cross(v, cone.axis)), wp.dot(v, cone.axis))
-    return angle - wp.asin(wp.min((body.r + cone.slack) / away, 1.0)) > cone.half_angle
+    return angle - wp.asin(wp.min((FARTHEST_GRAIN * body.r + cone.slack) / away, 1.0)) > cone.half_angle
 
 
 @wp.func
@@ -152,6 +153,32 @@ def lamp_on_body(scene: SceneData, light: Light, p: wp.vec3, particles: Particle
     if share == 0.0:
         return wp.vec3(0.0)
     return share * phase_eval(particles.phase, 1.0 - wp.dot(d, sample.d)) * irradiance(scene.medium, sample)
+
+
+@wp.func
+def floc_of(camera: Camera, particles: Particles, body: Body, image: Image, size: float):
+    """How a body lies in an image that is so many pixels large."""
+    floc = Floc()
+    floc.shape = shape_of(body, particles.grains.shape[0])
+    floc.size = size
+    floc.blur = image.blur
+    right = wp.normalize(camera.right - wp.dot(camera.right, image.d) * image.d)
+    floc.across = size * lies_along(particles, body, right)
+    floc.down = size * lies_along(particles, body, wp.cross(image.d, right))
+    return floc
+
+
+@wp.func
+def loosened(splat: Splat, grains: wp.array2d(dtype=Grain)):
+    """A splat whose grains are as far apart as is seen of them."""
+    after = splat
+    extent = floc_extent(splat.floc, grains)
+    loose = looseness(wp.length(extent), splat.floc.blur, wp.length(splat.along))
+    after.floc.loose = loose
+    after.floc.across *= loose
+    after.floc.down *= loose
+    after.reach = loose * extent
+    return after
 
 
 @specialised("instances", "masks", "optics", "rolling", "field")
@@ -235,21 +262,21 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         splat = Splat()
         image = found.image
         size = body.r / wp.sqrt(image.area)
-        splat.radius = wp.sqrt(size * size + image.blur * image.blur + OPTICS_PX * OPTICS_PX)
-        sharp = size / splat.radius
-        splat.uneven = wp.clamp(size / ROUND_PX - 1.0, 0.0, 1.0) * sharp * sharp
+        splat.radius = radius_of(size, image.blur)
         splat.edge = edge_of(size, image.blur)
-        if splat.radius > LARGEST_PX:
-            splat.edge *= LARGEST_PX / splat.radius
-            splat.radius = LARGEST_PX
         splat.x = image.x
         splat.y = image.y
         splat.t = image.t
         splat.along = half_streak(exposure, particles, body, found, channel)
-        if wp.length(splat.along) > splat.radius:
-            splat.uneven = 0.0  # the outline of a long streak is straight
-        splat.turn = wp.tau * body.u[3] + particles.turn
-        splat.phases = wp.tau * wp.vec3(body.u[0], body.u[1], body.u[2])
+        if splat.radius > LARGEST_PX:
+            splat.edge *= LARGEST_PX / splat.radius
+            splat.radius = LARGEST_PX
+        elif looseness(FARTHEST_GRAIN * size, image.blur, wp.length(splat.along)) > 0.0:
+            camera = camera_between(exposure.moments, 0.5 * (found.begin + found.end))
+            splat.floc = floc_of(camera, particles, body, image, size)
+            splat = loosened(splat, particles.grains)
+        reach = splat.radius + 0.5 * splat.edge
+        splat.reach += wp.vec2(reach, reach)
         splat.cover = drawn * wp.pi * size * size
         if wp.static(channels > 1):
             if channel != GREEN:

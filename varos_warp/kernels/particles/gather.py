@@ -3,7 +3,8 @@
 import warp as wp
 
 from varos_warp.kernels.numerics import brightest
-from varos_warp.kernels.particles.splat import TILE, Splat, profile
+from varos_warp.kernels.particles.bodies import Grain
+from varos_warp.kernels.particles.splat import TILE, Splat, share_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,6 +48,7 @@ def share_before(hits: wp.array3d(dtype=float), row: int, col: int, t: float):
 @wp.kernel
 def gather_splats(
     splats: wp.array(dtype=Splat),
+    grains: wp.array2d(dtype=Grain),
     order: wp.array(dtype=int),  # of the splats, by tiles
     starts: wp.array(dtype=int),
     hits: wp.array3d(dtype=float),  # where rays of the pixels end, [ray, height, width]
@@ -67,7 +69,7 @@ def gather_splats(
     most = float(0.0)
     for i in range(starts[tile], starts[tile + 1]):
         splat = splats[order[i]]
-        share = profile(splat, col, row) * splat.scale
+        share = share_of(splat, grains, col, row)
         if share > 0.0:
             share *= share_before(hits, row, col, splat.t)
             L += share * splat.flux

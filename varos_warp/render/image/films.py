@@ -5,6 +5,7 @@ samples are taken, and the sums of the batches are added up in a fixed order: ne
 of the lists changes a byte.
 """
 
+import functools
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,6 +18,8 @@ from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.conventions import RESIDENT_THREADS
 from varos_warp.kernels.film.adapt import average_tiles, pixel_statistics
 from varos_warp.kernels.film.film import (
+    BLOCK,
+    IN_BLOCK,
     SUMS,
     TILE,
     Batch,
@@ -54,15 +57,17 @@ class Films:
         self._resident = processors * RESIDENT_THREADS if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one batch."""
 
-    def black(self, resolution, adapts: bool = False, sums: int = SUMS) -> Film:
+    def black(self, resolution, adapts: bool = False, sums: int = SUMS, key: int = 0) -> Film:
         """A film without samples for an image of width and height, until it is given to `keep`.
 
         Args:
             resolution: Width and height.
             adapts: Whether tiles have two sides, see render/image/adapt.py.
             sums: Of each pixel: SUMS or CORRECTION_SUMS.
+            key: Of the random numbers that tell where samples are where they are fewer than pixels.
         """
         film = Film()
+        film.key = wp.uint32(key)
         unused = self._unused[sums, *resolution[::-1]]
         film.sums = unused.pop() if unused else self.buffer(sums, *resolution[::-1])
         tiles = (1 + adapts, *(-(-side // TILE) for side in resolution[::-1]))
@@ -90,6 +95,7 @@ class Films:
         samples: int | np.ndarray,
         queued: bool = False,
         share: wp.array | None = None,
+        before: int | np.ndarray = 0,
     ):
         """Take more samples.
 
@@ -97,20 +103,24 @@ class Films:
             film: The film.
             kernel: Takes the samples of ``film.batches`` from its first row on.
             arguments: All others, by the names of its parameters.
-            samples: How many, of all pixels or [side, tile row, tile column].
+            samples: How many, of each block of IN_BLOCK pixels, or [side, tile row, tile column].
             queued: Whether its threads go on to the `next_batch`.
             share: Of the light that reaches each pixel, float64 [height, width]; None: all.
+            before: How many the film has, alike.
         """
         self.launcher.upload(samples, film.wanted)
-        samples = np.broadcast_to(samples, film.count.shape)
-        area = tile_pixels(*film.sums.shape[1:])
-        pixels = area[None] if len(samples) == 1 else np.stack([(area + 1) // 2, area // 2])  # of each side
-        most = self._batch_size(int((samples * pixels).sum()))
+        blocks, cut = tile_blocks(film.sums.shape[1:], len(film.count))
+        samples, before = (np.broadcast_to(number, film.count.shape) for number in (samples, before))
+        # of the pixels of whole blocks, and of each that is cut
+        of_pixels = [(samples + i) // IN_BLOCK for i in range(IN_BLOCK)]
+        of_cut = -(-(before + samples) // IN_BLOCK) + before // -IN_BLOCK
+        most = self._batch_size(int((samples * blocks + of_cut * cut).sum()))
         places = int(np.prod(film.count.shape[1:])) * TILE**2
         counts, ends = (wp.empty(places, dtype=int, device=self.device) for _ in "ce")  # of batches, tile by tile
         self.launcher.run(count_batches, counts.shape, {"film": film, "most": most, "counts": counts})
         wp.utils.array_scan(counts, ends, inclusive=True)
-        total, lot = int((-(-samples // most) * pixels).sum()), MOST_BATCHES[kind_of(self.device)]
+        batches_of = sum(-(-number // most) for number in of_pixels) * blocks - (-of_cut // most) * cut
+        total, lot = int(batches_of.sum()), MOST_BATCHES[kind_of(self.device)]
         for begin in range(0, total, lot):
             batches = min(lot, total - begin)
             film.batches = wp.empty(batches, dtype=Batch, device=self.device)
@@ -162,3 +172,16 @@ def tile_pixels(height: int, width: int) -> np.ndarray:
     """Pixels of the tiles of an image [tile row, tile column], of which the last ones may be smaller."""
     rows, cols = (np.diff(np.minimum(TILE * np.arange(-(-side // TILE) + 1), side)) for side in (height, width))
     return np.outer(rows, cols)
+
+
+@functools.lru_cache(maxsize=16)
+def tile_blocks(shape: tuple[int, int], sides: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each side of each tile, how many blocks are whole and how many pixels are of cut ones, [side, row, column]."""
+    row, col = np.indices(shape)
+    side = (row // BLOCK + col // BLOCK) % sides
+    cut = (row ^ 1 >= shape[0]) | (col ^ 1 >= shape[1])
+    tiles = (sides, *tile_pixels(*shape).shape)
+    counts = [np.zeros(tiles, int) for _ in "wc"]
+    for count, where in zip(counts, (~cut, cut), strict=True):
+        np.add.at(count, (side[where], row[where] // TILE, col[where] // TILE), 1)
+    return counts[0] // IN_BLOCK, counts[1]

@@ -9,11 +9,12 @@ import numpy as np
 import warp as wp
 
 from varos_warp.errors import InputError
-from varos_warp.kernels.particles.bodies import FADE, FAR_FADE, NEAREST, Cells
+from varos_warp.kernels.particles.bodies import FADE, FAR_FADE, FARTHEST_GRAIN, NEAREST, Cells, Grain
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
 from varos_warp.kernels.particles.draw import Cone
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.optics.camera import camera_model
+from varos_warp.scene.water.flocs import flocs
 from varos_warp.scene.water.particles import ParticleLaw
 
 IN_CELL = 8.0
@@ -57,6 +58,16 @@ def reach_of(law: ParticleLaw) -> float:
     return float(np.clip(OPTICAL_DEPTHS / max(law.water.sigma_t.min(), 1e-9), 4.0 * NEAREST, FARTHEST_M))
 
 
+@lru_cache(maxsize=16)
+def grains_on(device: str) -> wp.array:
+    """The shapes of flocs on a device, [shape, grain]."""
+    shapes = flocs()
+    table = np.empty(shapes.radius.shape, Grain.numpy_dtype())
+    for name, values in shapes._asdict().items():
+        table[name] = values
+    return wp.array(table, dtype=Grain, device=device)
+
+
 def particle_record(law: ParticleLaw, pixel_angle: float, device: str) -> ParticleData:
     """What kernels know of the bodies of a block, but for their motion; keeps what it points to alive itself.
 
@@ -75,6 +86,7 @@ def particle_record(law: ParticleLaw, pixel_angle: float, device: str) -> Partic
         wp.array(values[::FINE].astype(np.float32), dtype=float, device=device) for values in (share, depth)
     )
     record.sigma_s, record.albedo = wp.vec3(*law.sigma_s), wp.vec3(*law.albedo)
+    record.grains = grains_on(device)
     record.phase, record.opacity = law.phase.device_record(device), law.block.opacity
     return record
 
@@ -106,7 +118,7 @@ def slack_of(law: ParticleLaw, view: Camera, way: float = 0.0) -> float:
     """By how much bodies may be off the rays of a camera and still be seen [m]; ``way`` is that of the water."""
     aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
     blur = aperture * (1.0 + reach_of(law) / max(view.focus_m, 0.02))
-    return float(way + 2.0 * wander_of(law) + law.block.radius_m[1] + blur + 1e-3)
+    return float(way + 2.0 * wander_of(law) + float(FARTHEST_GRAIN) * law.block.radius_m[1] + blur + 1e-3)
 
 
 def wander_of(law: ParticleLaw) -> float:

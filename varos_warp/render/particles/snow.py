@@ -30,6 +30,7 @@ from varos_warp.render.particles.cells import (
     TURN_RATE,
     WANDER_PERIOD_S,
     check_cells,
+    grains_on,
     particle_record,
     wander_of,
 )
@@ -90,7 +91,9 @@ class SnowRenderer:
         expected, hits = self._expect(here, shutter, particles, key, images["passed"])
         splats = self._splats(here, shutter, particles, following)
         if splats is not None:
-            self.launcher.rows(gather_splats, shape, {**splats, "hits": hits, **images})
+            self.launcher.rows(
+                gather_splats, shape, {**splats, "grains": grains_on(self.device), "hits": hits, **images}
+            )
         self.launcher.run(
             take_mean,
             shape,

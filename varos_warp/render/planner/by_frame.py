@@ -27,8 +27,9 @@ HALVINGS, HALVED = 2, 0.25
 """Stretches with unlike ends are halved this often, each time at most this share of the poses."""
 FEWER = (4, 2, 1)
 """A pose is tried with the samples that it may need over each of these; the three images tell each other's errors."""
-FIRST = 4
-"""Samples that the first poses may need, or a `REACH`-th of what the noisiest view needs, if that is more."""
+FIRST = 1
+"""Samples that the first poses may need, or twice the fewest, or a `REACH`-th of what the noisiest view needs, if that
+is more."""
 BEYOND, MOST_IMAGES = 1.5, 6
 """Images are added one by one while a pose needs more than 1.5 times the most samples that it was tried with, or while
 its images do not tell, up to six."""
@@ -49,6 +50,11 @@ def tried_frames(count: int, pixels: float) -> list[int]:
     if stretches < FEWEST_STRETCHES:
         return []
     return np.linspace(0, count - 1, stretches + 1).round().astype(int).tolist()
+
+
+def first_guess(samples: Samples) -> float:
+    """Samples that a view may need of which nothing is known: its images are to have two unlike numbers of them."""
+    return max(FIRST, 2 * samples.fewest)
 
 
 class Need(NamedTuple):
@@ -127,27 +133,27 @@ def samples_along(
         each: Applies a function to several views, as ``map`` does; perhaps at once.
     """
     place, most = worst
-    needed, first = {place: most}, max(FIRST, most / REACH)
-    tried = dict.fromkeys(sorted({*views} - {place}), first)
+    needed, least = {place: most}, first_guess(samples)
+    tried = dict.fromkeys(sorted({*views} - {place}), max(least, most / REACH))
 
     def one(view, spp):
         return samples_needed(partial(image, view), spp, target, samples)
 
     for _ in range(HALVINGS + 1):
         needed |= zip(tried, each(one, tried, tried.values()), strict=True)
-        tried = halfway(needed)
+        tried = halfway(needed, least)
     return needed
 
 
-def halfway(needed: dict[Place, float]) -> dict[Place, float]:
-    """Views between neighbours that are unlike, and about what they may need."""
+def halfway(needed: dict[Place, float], least: float) -> dict[Place, float]:
+    """Views between neighbours that are unlike, and about what they may need, which is ``least`` or more."""
     unlike = {
         (a, b): max(needed[a], needed[b]) / min(needed[a], needed[b])
         for a, b in pairwise(sorted(needed))
         if a[0] == b[0] and b[1] - a[1] > 1
     }
     chosen = nlargest(round(HALVED * len(needed)), (ends for ends in unlike if unlike[ends] > UNLIKE), key=unlike.get)
-    return {(a[0], (a[1] + b[1]) // 2): max(FIRST, 0.5 * (needed[a] + needed[b])) for a, b in chosen}
+    return {(a[0], (a[1] + b[1]) // 2): max(least, 0.5 * (needed[a] + needed[b])) for a, b in chosen}
 
 
 def knots(needed: dict[Place, float]) -> dict[str, list[list[float]]]:

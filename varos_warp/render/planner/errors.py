@@ -209,7 +209,7 @@ REACH = 3
 class Samples(NamedTuple):
     """What an integrator does with samples per pixel."""
 
-    fewest: int
+    fewest: float
     """Fewest that are ever planned: as many as tell their noise."""
     step: float
     """The smallest step between two numbers of them; with the field they are a mean over the image."""
@@ -226,7 +226,7 @@ class Samples(NamedTuple):
         return plain_number(float(np.clip(step * np.ceil(spp / step), self.fewest, MOST_SPP)))
 
 
-SAMPLES = {"field": Samples(1, 0.125, -0.75), "path": Samples(2, 1.0, -0.5), "reference": Samples(2, 1.0, -0.5)}
+SAMPLES = {"field": Samples(0.25, 0.125, -0.75), "path": Samples(2, 1.0, -0.5), "reference": Samples(2, 1.0, -0.5)}
 """`Samples` of each integrator."""
 
 

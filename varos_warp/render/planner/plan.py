@@ -299,9 +299,9 @@ class Planner:
         """Seconds that an image may take."""
         return self.render.max_seconds_per_frame or MOST_SECONDS[kind_of(self.renderer.device)]
 
-    def most_spp(self) -> int:
+    def most_spp(self) -> float:
         """Samples per pixel that an image may take."""
-        return int(np.clip(self.most_seconds / self.seconds(1), self.samples.fewest, MOST_SPP))
+        return max(int(min(self.most_seconds / self.seconds(1), MOST_SPP)), self.samples.fewest)
 
     def tell_shortfall(self, error: float, needed: float) -> None:
         """Say first that the tolerance is not kept."""
@@ -319,7 +319,7 @@ class Planner:
         pixels = np.prod(self.test_camera.resolution)
         cameras = {given.id: pilot_camera(given, pixels) for given in self.scene.vehicle.cameras}
         frames = by_frame.tried_frames(count, pixels / np.prod(worst.camera.resolution))
-        if not frames or spp < by_frame.FIRST:
+        if not frames or spp < by_frame.first_guess(self.samples):
             return spp
         self.progress("samples by frame", 0.0)
 

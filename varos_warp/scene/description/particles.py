@@ -25,7 +25,8 @@ class Particles(Block):
     """Share of the water's scattering coefficient that the bodies make up. Bodies scatter more light back than water
     does, so that more than some 1 % of it would be more light than there is: that is refused, with the limit."""
     radius_m: tuple[RadiusM, RadiusM] = (2e-4, 3e-3)
-    """Smallest and largest radius [m]."""
+    """Smallest and largest radius [m], of spheres with the bodies' cross sections: bodies are flocs, which reach three
+    to five times as far."""
     slope: Annotated[float, Field(ge=2.0, le=6.0)] = 3.6
     """Exponent s of the number of bodies by radius, n(r) ~ r^-s (Junge's law)."""
     opacity: Unit = 1.0

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.block import AtLeastOne, Block, NonNegative, Positive, unwritten_if_absent, written_otherwise
+from varos_warp.scene.block import Block, NonNegative, PlainNumber, Positive, unwritten_if_absent, written_otherwise
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 from varos_warp.scene.description.noise_profile import CameraNoise
 
@@ -13,8 +13,8 @@ MOST_METRES = 1000.0
 """Of a way of light for which bands are chosen: of what no water leaves anything."""
 MOST_BANDS = 30
 """Bands beyond make no image better: cameras' curves are known in steps of 5 to 10 nm."""
-MOST_SPP = 1 << 24
-"""Most samples per pixel: their numbers have 32 bits, and more would take days."""
+LEAST_SPP, MOST_SPP = 0.25, 1 << 24
+"""Least and most samples per pixel: of 2 x 2 pixels one; their numbers have 32 bits, and more would take days."""
 
 
 class PercentileMeter(Block):
@@ -88,9 +88,9 @@ class Render(Block):
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
     """The planner chooses no more samples of A than take about this long, whatever the tolerance [s]; absent: 60 on a
     CPU, 5 on a GPU."""
-    spp: Annotated[AtLeastOne, Field(le=MOST_SPP)] | None = Field(default=None, examples=[16])
+    spp: Annotated[PlainNumber, Field(ge=LEAST_SPP, le=MOST_SPP)] | None = Field(default=None, examples=[16])
     """Samples per pixel of A; absent: the planner's choice. With the field this is a mean over the image, and fractions
-    count; else they are rounded up."""
+    count, below one too; else they are rounded up."""
     spp_b: Annotated[int, Field(ge=1, le=MOST_SPP)] = 8
     """Samples per pixel of B (docs/models.md); in the paper (3.2.1) 20, with ``denoise_b: nlm``."""
     max_scatterings: Annotated[int, Field(ge=0)] | None = Field(default=None, examples=[2])
