@@ -8,13 +8,12 @@ far more samples, whose noise is subtracted (render/planner/errors.py). Writes t
 sequence.
 """
 
-import argparse
-import json
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import Stopwatch, machine
+from benchmarks.chart import plt, save_figure, subtitle
+from benchmarks.machine import Stopwatch, command, machine, save
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.decisions import Plan
@@ -82,10 +81,6 @@ def run(scene, device: str, frames: int, seed: int, keep=lambda result: None) ->
 
 def chart(result: dict, path: Path) -> None:
     """Errors and samples along the sequence."""
-    import matplotlib.pyplot as plt
-
-    from benchmarks.chart import save, subtitle
-
     rows = result["checked"]
     figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, constrained_layout=True)
     top.plot([row["frame"] for row in rows], [100 * row["error"] for row in rows], "o", label="measured")
@@ -102,22 +97,20 @@ def chart(result: dict, path: Path) -> None:
         f"samples on average\n{subtitle(result)}",
         fontsize=11,
     )
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__, device="cuda:0")
     parser.add_argument("--scene", type=Path, default=ROOT / "examples" / "munkholmen" / "scene.yaml")
     parser.add_argument("--set", dest="changed", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "by_frame")
     options = parser.parse_args()
-    options.out.parent.mkdir(parents=True, exist_ok=True)
 
     def keep(result):
-        options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+        save(options.out.with_suffix(".json"), result)
         print(result["checked"][-1], flush=True)
 
     result = run(load_scene(options.scene, options.changed), options.device, options.frames, options.seed, keep)

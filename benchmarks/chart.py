@@ -1,6 +1,5 @@
-"""Charts of a run: error against time for A, against steps and rates for the sensors."""
+"""Charts of a run: error against time."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -10,8 +9,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-
-from benchmarks import sensors
 
 COLOURS = {
     "direct": "#9a9a9a",
@@ -73,9 +70,6 @@ def subtitle(result: dict) -> str:
     )
 
 
-# ----------------------------------------------------------------------------------------------------------------- A
-
-
 def radiance(result: dict, scene: str, path: Path) -> None:
     """Error against time of one scene: a panel each for RMSE, median and SSIM; the Pareto front as a band beneath."""
     rows = [row for row in result["A"] if row["scene"] == scene and row["truth"] == "full"]
@@ -94,7 +88,7 @@ def radiance(result: dict, scene: str, path: Path) -> None:
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
     rows_of_legend = -(-len(labels) // 6)
     figure.subplots_adjust(left=0.055, right=0.985, top=0.89, bottom=0.13 + 0.032 * rows_of_legend, wspace=0.2)
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
@@ -168,88 +162,10 @@ def scenes(result: dict, path: Path) -> None:
     figure.suptitle(subtitle(result), fontsize=11)
     figure.tight_layout(rect=(0, 0.9 / figure.get_figheight(), 1, 0.99))
     figure.legend(labels.values(), labels, loc="lower center", ncols=6, fontsize=9, frameon=False)
-    save(figure, path)
+    save_figure(figure, path)
 
 
-# ----------------------------------------------------------------------------------------------------------- sensors
-
-
-def steps_and_rates(result: dict, path: Path) -> None:
-    """Errors of poses and readings against the step, what a step costs, and dead reckoning against the IMU's rate."""
-    steps = [row for row in result["sensors"] if row["sweep"] == "step"]
-    rates = [row for row in result["sensors"] if row["sweep"] == "rate"]
-    figure, axes = plt.subplots(1, 3, figsize=(15, 5.2), constrained_layout=True)
-    kinds = {
-        "position_m": "position [m]",
-        "attitude_rad": "attitude [rad]",
-        "specific_force": "accelerometer [m/s^2]",
-        "angular_velocity": "gyroscope [rad/s]",
-    }
-    _lines(axes[0], steps, kinds, lambda row: row["substep_ms"], "integration step [ms]", sensors.STEP_ORDER)
-    axes[0].axvline(5.0, color="#888888", linestyle=":")
-    axes[0].annotate(
-        "the simulator's",
-        (5.0, axes[0].get_ylim()[0]),
-        xytext=(3, 6),
-        textcoords="offset points",
-        fontsize=8,
-        color="#555555",
-    )
-    _lines(axes[1], steps, kinds, lambda row: row["cpu_seconds_per_second"], "CPU-seconds per simulated second", None)
-    for row in (row for row in steps if row["actuator_frame"] == "world"):
-        axes[1].annotate(
-            f"{row['substep_ms']:g} ms",
-            (row["cpu_seconds_per_second"], row["position_m"]),
-            fontsize=8,
-            xytext=(-34, -12),
-            textcoords="offset points",
-        )
-    _lines(
-        axes[2],
-        rates,
-        dict(list(kinds.items())[:2]),
-        lambda row: row["step_ms"],
-        "interval of the IMU rows [ms], 5 is 200 Hz",
-        sensors.RATE_ORDER,
-    )
-    axes[0].set_ylabel(f"rms error against steps of {sensors.TRUTH_MS:g} ms")
-    axes[1].set_ylabel("rms error, step by step")
-    axes[2].set_ylabel("rms error of integrating the IMU alone, whole course")
-    for axis in axes:
-        axis.legend(fontsize=8)
-    figure.suptitle(
-        f"Poses and IMU: filled: thrusters lag in world axes, hollow: in body axes. {subtitle(result)}", fontsize=11
-    )
-    save(figure, path)
-
-
-def _lines(
-    axis, rows: list[dict], kinds: dict[str, str], x_of: Callable[[dict], float], title: str, order: int | None
-) -> None:
-    """A line for each kind of error; the expected order of convergence as a grey line through the first's middle."""
-    for number, (kind, label) in enumerate(kinds.items()):
-        for (frame,), group in _by(rows, "actuator_frame").items():
-            hollow = {"markerfacecolor": "white"} if frame == "body" else {"label": label}
-            axis.plot(
-                [x_of(row) for row in group],
-                [row[kind] for row in group],
-                "o" if frame == "body" else "o-",
-                color=f"C{number}",
-                markersize=8 if frame == "body" else 5,
-                zorder=1 if frame == "body" else 2,
-                **hollow,
-            )
-    if order is not None:
-        x = np.array(sorted({x_of(row) for row in rows}))
-        middle = min(rows, key=lambda row: abs(np.log(x_of(row) / np.sqrt(x[0] * x[-1]))))
-        y = 0.3 * middle[next(reversed(kinds))] * (x / x_of(middle)) ** order
-        axis.plot(x, y, "--", color="#777777", label=f"order {order}, as expected")
-    axis.set(xscale="log", yscale="log", xlabel=title)
-    axis.grid(True, which="both", alpha=0.2)
-    _readable(axis.xaxis)
-
-
-def save(figure, path: Path) -> None:
+def save_figure(figure, path: Path) -> None:
     """Write a figure to a file, whose folder is made, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI)

@@ -9,15 +9,13 @@ denoising, measured with two estimates of ``--estimate-spp`` samples, whose nois
 (render/planner/errors.py).
 """
 
-import argparse
 import json
-import time
 from pathlib import Path
 
 import numpy as np
 import warp as wp
 
-from benchmarks.machine import machine
+from benchmarks.machine import Stopwatch, command, counts, machine, save
 from varos_warp.render.planner.errors import error
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
@@ -34,9 +32,9 @@ def cost(renderer, poses, letters: str, **how) -> dict:
     renderer.render(poses[0], outputs=letters, **how)
     walls = []
     for k in range(REPEATS):
-        start = time.perf_counter()
+        watch = Stopwatch()
         renderer.render(poses[k * len(poses) // REPEATS], outputs=letters, frame=k, **how)
-        walls.append(1e3 * (time.perf_counter() - start))
+        walls.append(1e3 * watch.seconds)
     wp.timing_begin(cuda_filter=wp.TIMING_ALL)
     renderer.render(poses[len(poses) // 2], outputs=letters, **how)
     kernels: dict[str, float] = {}
@@ -54,7 +52,7 @@ def kernel_name(timed: str) -> str:
     return head if head and len(tail) == 8 and all(c in "0123456789abcdef" for c in tail) else name
 
 
-def errors(renderer, pose, letter: str, counts: list[float], estimate_spp: int) -> list[dict]:
+def errors(renderer, pose, letter: str, ladder: list[float], estimate_spp: int) -> list[dict]:
     """Error of images of one pose with so many samples."""
     key, method = ("spp", "denoise") if letter == "A" else ("spp_b", "denoise_b")
 
@@ -63,26 +61,26 @@ def errors(renderer, pose, letter: str, counts: list[float], estimate_spp: int) 
 
     estimates = [image(estimate_spp, SEED + k, "none").radiance for k in range(2)]
     rows = []
-    for spp in counts:
+    for spp in ladder:
         images = [image(spp, SEED // 2 + k, "oidn").denoised for k in range(2)]
         rows.append({"output": letter, "spp": spp, "error": error(images, estimates, 0.0).round(5).tolist()})
     return rows
 
 
+def rates(text: str) -> list[float]:
+    """Samples a pixel between commas."""
+    return [float(number) for number in text.split(",")]
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__, device="cuda:0")
     parser.add_argument("--scene", type=Path, default=ROOT / "examples" / "munkholmen" / "scene.yaml")
-    parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("--frames", default="60,150", help="Whose errors are measured.")
-    parser.add_argument("--spp", default="1,2,3.25,8,16")
-    parser.add_argument("--spp-b", default="2,4,6,8,20")
+    parser.add_argument("--frames", type=counts, default="60,150", help="Whose errors are measured.")
+    parser.add_argument("--spp", type=rates, default="1,2,3.25,8,16")
+    parser.add_argument("--spp-b", type=counts, default="2,4,6,8,20")
     parser.add_argument("--estimate-spp", type=int, default=768)
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "frame_cost.json")
     options = parser.parse_args()
-    numbers = {
-        name: [kind(n) for n in getattr(options, name).split(",")]
-        for name, kind in (("frames", int), ("spp", float), ("spp_b", int))
-    }
     scene = load_scene(options.scene)
     simulation = simulate(scene)
     poses = list(simulation.frames.poses())
@@ -93,19 +91,18 @@ def main() -> None:
         "resolution": scene.vehicle.cameras[0].resolution,
         "estimate_spp": options.estimate_spp,
     }
-    result["cost"] = [{"spp": spp} | cost(renderer, poses, "A", spp=spp, **AS_IN_A_RUN) for spp in numbers["spp"]]
-    result["cost"] += [{"spp": spp} | cost(renderer, poses, "B", spp_b=spp, **AS_IN_A_RUN) for spp in numbers["spp_b"]]
+    result["cost"] = [{"spp": spp} | cost(renderer, poses, "A", spp=spp, **AS_IN_A_RUN) for spp in options.spp]
+    result["cost"] += [{"spp": spp} | cost(renderer, poses, "B", spp_b=spp, **AS_IN_A_RUN) for spp in options.spp_b]
     result["cost"].append(cost(renderer, poses, "CDS"))
     result["errors"] = [
         {"frame": frame} | row
-        for frame in numbers["frames"]
-        for letter, counts in (("A", numbers["spp"]), ("B", numbers["spp_b"]))
-        for row in errors(renderer, poses[frame], letter, counts, options.estimate_spp)
+        for frame in options.frames
+        for letter, ladder in (("A", options.spp), ("B", options.spp_b))
+        for row in errors(renderer, poses[frame], letter, ladder, options.estimate_spp)
     ]
     for row in result["cost"] + result["errors"]:
         print(json.dumps(row))
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps(result, indent=1) + "\n")
+    save(options.out, result)
 
 
 if __name__ == "__main__":

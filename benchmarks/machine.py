@@ -1,5 +1,7 @@
-"""The machine of a measurement, and its clocks."""
+"""What measurements share: the machine they ran on, clocks, the command line, and how results are kept."""
 
+import argparse
+import json
 import os
 import platform
 import subprocess
@@ -9,7 +11,7 @@ from pathlib import Path
 
 import warp as wp
 
-from varos_warp.device.devices import usable_cores
+from varos_warp.device.devices import resolve_device, usable_cores
 
 
 def commit() -> str:
@@ -46,6 +48,36 @@ def machine(device: str) -> dict:
         "commit": commit(),
         "date": datetime.now(UTC).date().isoformat(),
     }
+
+
+def command(text: str, device: str | None = "auto") -> argparse.ArgumentParser:
+    """A command line that is described by a module's docstring; with ``--device``, where there is one by default."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if device is not None:
+        parser.add_argument("--device", type=resolve_device, default=device, help="auto, cpu or cuda:N")
+    return parser
+
+
+def words(text: str) -> list[str]:
+    """Words between commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def counts(text: str) -> list[int]:
+    """Whole numbers between commas."""
+    return [int(number) for number in text.split(",")]
+
+
+def size(text: str) -> tuple[int, ...]:
+    """Width and height of ``WIDTHxHEIGHT``."""
+    return tuple(int(number) for number in text.split("x"))
+
+
+def save(path: Path | None, result) -> None:
+    """Write a result as JSON into a folder that is made; nothing where there is no path."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(result, indent=1) + "\n")
 
 
 class Stopwatch:

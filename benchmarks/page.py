@@ -1,4 +1,6 @@
-"""Tables and charts of docs/benchmarks.md from the results of runs: `python -m benchmarks.page [cpu=OUT] [gpu=OUT]`.
+"""Tables and charts of docs/benchmarks.md from the results of runs.
+
+    python -m benchmarks.page [cpu=OUT] [gpu=OUT]
 
 ``cpu=OUT`` first copies bench.json of a run in folder OUT to benchmarks/results/bench_cpu.json; the page shows all runs
 that there are.
@@ -10,8 +12,7 @@ from math import log
 from pathlib import Path
 
 from benchmarks import chart
-from benchmarks.store import load
-from varos_warp.dataset.files import write_bytes, write_json
+from varos_warp.dataset.files import read_json, write_bytes, write_json
 from varos_warp.errors import InputError
 
 ROOT = Path(__file__).parents[1]
@@ -25,18 +26,16 @@ def take_over(run: str, folder: Path) -> None:
     """Keep the results of a run as those of ``cpu`` or ``gpu``."""
     if run not in RUNS:
         raise InputError("is not a run", key="run", value=run, remedy=f"Write one of {', '.join(RUNS)}, as cpu=OUT.")
-    write_json(RESULTS / f"bench_{run}.json", load(folder / "bench.json"))
+    write_json(RESULTS / f"bench_{run}.json", read_json(folder / "bench.json"))
 
 
 def update(page: Path = PAGE, results: Path = RESULTS, images: Path = IMAGES) -> None:
     """Draw the charts anew and fill in what stands between ``<!-- name -->`` and ``<!-- end -->`` in the page."""
     text = page.read_text(encoding="utf-8")
     for run in RUNS:
-        file = results / f"bench_{run}.json"
-        if not file.exists():
-            continue
-        result = load(file)
-        draw(result, run, images)
+        result = read_json(results / f"bench_{run}.json")
+        chart.radiance(result, "ref1", images / f"bench_{run}.png")
+        chart.scenes(result, images / f"bench_{run}_scenes.png")
         for name, table in tables(result).items():
             text = fill(text, f"{run}: {name}", table)
     write_bytes(page, text.encode())
@@ -48,33 +47,20 @@ def fill(text: str, name: str, content: str) -> str:
     return pattern.sub(lambda match: match[1] + content + match[2], text)
 
 
-def draw(result: dict, run: str, images: Path) -> None:
-    """Charts of a run: ref1 (or the first scene) in full, the others beside each other, and the sensors."""
-    rows = result.get("A", [])
-    if rows:
-        names = [row["scene"] for row in rows]
-        chart.radiance(result, "ref1" if "ref1" in names else names[0], images / f"bench_{run}.png")
-        chart.scenes(result, images / f"bench_{run}_scenes.png")
-    if result.get("sensors"):
-        chart.steps_and_rates(result, images / f"bench_{run}_sensors.png")
-
-
 def tables(result: dict) -> dict[str, str]:
     """The page's tables by name, in Markdown."""
-    made = {"machine": _machine(result)}
-    device = result["machine"]["device"]
-    for scene in dict.fromkeys(row["scene"] for row in result.get("A", [])):
-        made[scene] = _methods([row for row in result["A"] if row["scene"] == scene], device)
-    if result.get("A"):
-        made["targets"] = _targets(result["A"], device)
-        made["own truth"] = _own_truth(result["A"])
-        made["left out"] = _left_out(result["scenes"])
-    if result.get("sensors"):
-        made["sensors"] = _sensors(result["sensors"])
-    return made
+    rows, device = result["A"], result["machine"]["device"]
+    return {
+        "machine": _machine(result),
+        "ref1": _methods([row for row in rows if row["scene"] == "ref1"], device),
+        "targets": _targets(rows, device),
+        "own truth": _own_truth(rows),
+        "left out": _left_out(result["scenes"]),
+    }
 
 
-def _table(header: list[str], rows: list[list]) -> str:
+def markdown(header: list[str], rows: list[list]) -> str:
+    """A table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
     return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
 
@@ -94,7 +80,7 @@ def _methods(rows: list[dict], device: str) -> str:
     """The last point of every method: what its error comes down to and what it costs."""
     last = {row["method"]: row for row in rows if row["truth"] == "full"}
     unit = "CPU-s" if device == "cpu" else "s"
-    return _table(
+    return markdown(
         ["method", "samples", unit, "relative RMSE", "median R / G / B", "1 - SSIM", "set up [s]"],
         [
             [
@@ -144,13 +130,13 @@ def _targets(rows: list[dict], device: str) -> str:
             if not all(cell.startswith(">") for cell in cells):
                 lines.append([scene, series[0]["label"], *cells])
     unit = "CPU-seconds" if device == "cpu" else "seconds"
-    return _table(["scene", "method", *(f"{unit} to RMSE {target:g}" for target in TARGETS)], lines)
+    return markdown(["scene", "method", *(f"{unit} to RMSE {target:g}" for target in TARGETS)], lines)
 
 
 def _own_truth(rows: list[dict]) -> str:
     """Direct light and single scattering against a reference of just these."""
     last = {row["scene"]: row for row in rows if row["truth"] == "single"}
-    return _table(
+    return markdown(
         ["scene", "samples", "relative RMSE", "median R / G / B", "image means off R / G / B [%]"],
         [
             [
@@ -172,31 +158,6 @@ def _left_out(scenes: dict[str, dict]) -> str:
         for method, why in scene.get("left_out", {}).items()
     ]
     return "".join(lines) or "* nothing\n"
-
-
-def _sensors(rows: list[dict]) -> str:
-    steps = [row for row in rows if row["sweep"] == "step" and row["actuator_frame"] == "world"]
-    rates = [row for row in rows if row["sweep"] == "rate"]
-    keys = ("position_m", "attitude_rad", "specific_force", "angular_velocity", "cpu_seconds_per_second")
-    text = _table(
-        [
-            "integration step [ms]",
-            "position [m]",
-            "attitude [rad]",
-            "accelerometer [m/s^2]",
-            "gyroscope [rad/s]",
-            "CPU-s per s",
-        ],
-        [[f"{row['substep_ms']:g}", *(f"{row[key]:.2g}" for key in keys)] for row in steps],
-    )
-    return (
-        text
-        + "\n"
-        + _table(
-            ["IMU rate [Hz]", "dead reckoning: position [m]", "attitude [rad]"],
-            [[row["rate_hz"], *(f"{row[key]:.2g}" for key in keys[:2])] for row in rates],
-        )
-    )
 
 
 if __name__ == "__main__":

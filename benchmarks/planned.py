@@ -1,31 +1,25 @@
-"""Are plans kept? On many scenes, is the error within the predicted one, and is the time near the best?
+"""Are plans kept? On many scenes, is the error within the predicted one?
 
-    python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned_gpu.json]
+    python -m benchmarks.planned [NAMES...] [--device cuda:0] [-o benchmarks/results/planned.json]
 
-For each scene: the plan, an image rendered by it, its error measured with independent estimates of far more samples,
-and its time; and the same for settings picked by hand (integrator and samples). The best of these is the fastest that
-keeps the tolerance or, if the plan could not keep it, the fastest with an error no larger than the plan's. The field
-and the kernels are made before the clock starts. Writes a row per scene as they come, and a chart beside the JSON.
+For each scene: the plan, images rendered by it, their error measured with independent estimates of far more samples,
+and their time. The field and the kernels are made before the clock starts. Writes a row per scene as they come.
 """
 
-import argparse
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import Stopwatch, machine
-from benchmarks.scenes import HERE
+from benchmarks.machine import Stopwatch, command, machine, save
+from benchmarks.scenes import HERE, BenchScene
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import errors
 from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
-from varos_warp.scene.file.load import demo_scene_path, load_scene
-from varos_warp.scene.geometry.build import build_parts
-from varos_warp.sim.trajectory import simulate
+from varos_warp.scene.file.load import demo_scene_path
 
 EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"
 SIZE = "vehicle.cameras.0.resolution=[320,180]"
@@ -43,43 +37,38 @@ def jerlov(kind: str) -> str:
     return f"water={{jerlov: {{type: {kind}}}}}"
 
 
-@dataclass(frozen=True)
-class Case:
-    """A scene and what it differs in."""
-
-    title: str
-    path: Path
-    changes: tuple[str, ...] = ()
-    frame: int = 0
+def case(title: str, path: Path, changes: tuple[str, ...] = (), frame: int = 0) -> BenchScene:
+    """A scene of a file, small, with what it differs in."""
+    return BenchScene(title, title, path, (SIZE, "render.spp=null", *changes), frame)
 
 
 CASES = {
-    "clear": Case("Jerlov IA", CLEAR, (jerlov("IA"),)),
-    "oceanic": Case("Jerlov II", CLEAR, (jerlov("II"),)),
-    "paper": Case("the paper's water", CLEAR, (PAPER,)),
-    "paper_above": Case("the paper's water, from 6 m", CLEAR, (PAPER, ABOVE)),
-    "ref1": Case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
-    "ref1_plain": Case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
-    "ref1_tight": Case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
-    "ref1_loose": Case(
+    "clear": case("Jerlov IA", CLEAR, (jerlov("IA"),)),
+    "oceanic": case("Jerlov II", CLEAR, (jerlov("II"),)),
+    "paper": case("the paper's water", CLEAR, (PAPER,)),
+    "paper_above": case("the paper's water, from 6 m", CLEAR, (PAPER, ABOVE)),
+    "ref1": case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
+    "ref1_plain": case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
+    "ref1_tight": case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
+    "ref1_loose": case(
         "ref1, 5 %, 1280 x 720",
         REF1,
         ("render.denoise=oidn", "render.tolerance=0.05", "vehicle.cameras.0.resolution=[1280,720]"),
     ),
-    "demo": Case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
-    "ocean_III": Case("Jerlov III, from 6 m", CLEAR, (jerlov("III"), ABOVE)),
-    "near_IB": Case("Jerlov IB, near by", CLEAR, (jerlov("IB"), NEAR)),
-    "munkholmen": Case("examples/munkholmen: 759 000 triangles, textures, stones", EXAMPLE, frame=60),
-    "coastal": Case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
-    "turbid": Case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
-    "harbour": Case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
-    "boom": Case(
+    "demo": case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
+    "ocean_III": case("Jerlov III, from 6 m", CLEAR, (jerlov("III"), ABOVE)),
+    "near_IB": case("Jerlov IB, near by", CLEAR, (jerlov("IB"), NEAR)),
+    "munkholmen": case("examples/munkholmen: 759 000 triangles, textures, stones", EXAMPLE, frame=60),
+    "coastal": case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
+    "turbid": case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
+    "harbour": case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
+    "boom": case(
         "lights a metre off",
         CLEAR,
         (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in enumerate((-1.0, 1.0)))),
     ),
-    "peaked": Case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
-    "fixed_camera": Case(
+    "peaked": case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
+    "fixed_camera": case(
         "a camera in the world",
         CLEAR,
         (
@@ -90,11 +79,9 @@ CASES = {
             "render.tolerance=0.03",
         ),
     ),
-    "no_water": Case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
+    "no_water": case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
 }
 
-FIELD_SPP = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-PATH_SPP = (4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
 SEEDS, RUNS = 9000, 3
 ESTIMATE_SPP = {"field": 512, "path": 2048}
 ESTIMATES, ESTIMATE_SECONDS = 4, 8.0
@@ -107,24 +94,17 @@ def noise(images: list[np.ndarray]) -> float:
     return float(np.max(np.sqrt(variance) / brightness(np.mean(images, axis=(0, 1, 2)))))
 
 
-@dataclass
 class Bench:
     """One case on one device."""
 
-    case: Case
-    device: str
-
-    def __post_init__(self):
-        self.scene = load_scene(self.case.path, (SIZE, "render.spp=null", *self.case.changes))
-        trajectory = simulate(self.scene)
-        self.T_w_v = trajectory.frames.T_w_v(self.case.frame)
-        self.camera = self.scene.vehicle.cameras[0]
-        self.renderer = FrameRenderer(self.scene, self.device, build_parts(self.scene))
+    def __init__(self, seen: BenchScene, device: str):
+        self.seen, self.device, self.scene = seen, device, seen.scene
+        self.renderer = FrameRenderer(self.scene, device, seen.parts)
         self.denoise = self.scene.render.denoise
 
     def image(self, seed: int, **how):
         """One image A."""
-        return self.renderer.render(self.T_w_v, self.camera, "A", seed=SEEDS + seed, **how).A
+        return self.renderer.render(self.seen.T_w_v, self.seen.camera, "A", seed=SEEDS + seed, **how).A
 
     def estimates(self) -> list[np.ndarray]:
         """Independent images with the field, whose own error `plan.FIELD_ERROR` states, or else by paths."""
@@ -152,33 +132,17 @@ class Bench:
         error = errors.error(images, estimates, sigmas=0.0)
         return {"error": error.tolist(), "seconds": float(np.median(seconds)), "spp": image.spp}
 
-    def by_hand(self, estimates: list, tolerance: float) -> list[dict]:
-        """The fewest samples that keep the tolerance, by each integrator."""
-        rows = []
-        best = resolve_integrator("auto", None, lambda: unavailable(self.scene))
-        for integrator in dict.fromkeys((best, "path")):
-            for spp in FIELD_SPP if integrator == "field" else PATH_SPP:
-                row = self.measure(estimates, 2, integrator=integrator, spp=spp)
-                if max(row["error"]) <= tolerance:
-                    rows.append({"integrator": integrator, **row})
-                    break
-                if rows and row["seconds"] > 3.0 * min(r["seconds"] for r in rows):
-                    break
-        return rows
-
 
 def check(name: str, device: str) -> dict:
     """One row."""
     bench = Bench(CASES[name], device)
     estimates, tolerance = bench.estimates(), bench.scene.render.tolerance
     bench.image(0, spp=1)
-    plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.T_w_v]))
+    plan, planning = timed(bench.renderer, lambda: plan_render(bench.scene, bench.renderer, [bench.seen.T_w_v]))
     made = bench.measure(estimates, **plan.options)
-    hand = bench.by_hand(estimates, max(tolerance, *made["error"]))
-    best = min(hand, key=lambda row: row["seconds"], default=None)
     return {
         "case": name,
-        "title": bench.case.title,
+        "title": bench.seen.title,
         "tolerance": tolerance,
         "plan": plan.to_dict(),
         "predicted": plan.error.tolist(),
@@ -187,65 +151,25 @@ def check(name: str, device: str) -> dict:
         "spp": made["spp"],
         "planning_s": planning,
         "estimates_noise": noise(estimates),
-        "best": best,
         "bounded": bool(np.all(np.array(made["error"]) <= plan.error)),
         "kept": bool(max(made["error"]) <= tolerance),
-        "time_ratio": None if best is None else made["seconds"] / best["seconds"],
-        "by_hand": hand,
     }
 
 
-def chart(rows: list[dict], path: Path):
-    """Measured against predicted error, and the time against the best."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), constrained_layout=True)
-    for c, colour in enumerate(("tab:red", "tab:green", "tab:blue")):
-        left.loglog([100 * r["predicted"][c] for r in rows], [100 * r["measured"][c] for r in rows], "o", color=colour)
-    ends = np.array(left.get_xlim())
-    left.plot(ends, ends, "k-", linewidth=0.8)
-    left.set(xlabel="predicted relative RMSE [%]", ylabel="measured [%]", title="on or below the line: bounded")
-    left.grid(True, which="both", alpha=0.3)
-    timed = [r for r in rows if r["time_ratio"]]
-    right.barh([r["case"] for r in timed], [r["time_ratio"] for r in timed], color="tab:gray")
-    right.axvline(1.5, color="k", linestyle="--", linewidth=0.8)
-    right.set(xlabel="time of the plan over the best setting picked by hand", title="lower is better")
-    right.invert_yaxis()
-    figure.savefig(path, dpi=110)
+TOLD = ("case", "predicted", "measured", "spp", "seconds", "planning_s", "estimates_noise")
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command(__doc__, device="cuda:0")
     parser.add_argument("names", nargs="*", choices=[*CASES, []])
-    parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("-o", "--output", type=Path, default=Path("planned.json"))
-    arguments = parser.parse_args()
-    rows: list[dict] = json.loads(arguments.output.read_text())["rows"] if arguments.output.exists() else []
-    for name in arguments.names or CASES:
-        row = check(name, arguments.device)
+    parser.add_argument("-o", "--out", type=Path, default=Path("planned.json"))
+    asked = parser.parse_args()
+    rows: list[dict] = json.loads(asked.out.read_text())["rows"] if asked.out.exists() else []
+    for name in asked.names or CASES:
+        row = check(name, asked.device)
         rows = [old for old in rows if old["case"] != name] + [row]
-        arguments.output.write_text(json.dumps({**machine(arguments.device), "rows": rows}, indent=1) + "\n")
-        print(
-            {
-                key: row[key]
-                for key in (
-                    "case",
-                    "predicted",
-                    "measured",
-                    "spp",
-                    "seconds",
-                    "time_ratio",
-                    "best",
-                    "planning_s",
-                    "estimates_noise",
-                )
-            },
-            flush=True,
-        )
-    chart(rows, arguments.output.with_suffix(".png"))
+        save(asked.out, {**machine(asked.device), "rows": rows})
+        print({key: row[key] for key in TOLD}, flush=True)
 
 
 if __name__ == "__main__":

@@ -109,7 +109,7 @@ def _point(
             "setup_seconds": series.setup_seconds + made.setup_seconds,
             **measure(made.images, known[truth]),
         }
-        store.add("A", row)
+        store.add(row)
         tell(
             f"{bench.name}: {method.name} {spp} spp, {made.seconds:.3g} s ({made.cpu_seconds:.3g} CPU-s), rmse "
             f"{row['rmse']:.3g}, median {row['median']:.3g}, 1 - SSIM {row['ssim']:.3g}"

@@ -36,7 +36,7 @@ RESOLUTION = (160, 90)
 
 @dataclass(frozen=True)
 class BenchScene:
-    """A named scene, seen by its first camera from its first pose."""
+    """A named scene, seen by its first camera at a frame."""
 
     name: str
     title: str
@@ -44,6 +44,7 @@ class BenchScene:
     """Absent: one of the unlike scenes (benchmarks/light/scenes.py)."""
     changes: tuple[str, ...] = ()
     """To the scene file, as ``key.path=value``."""
+    frame: int = 0
 
     @cached_property
     def built(self) -> Built:
@@ -51,7 +52,7 @@ class BenchScene:
         if self.path is None:
             return unlike.build(self.name, RESOLUTION)
         scene = self.with_changes()
-        return Built(scene, build_parts(scene), simulate(scene).trajectory.T_w_v(0))
+        return Built(scene, build_parts(scene), simulate(scene).frames.T_w_v(self.frame))
 
     @property
     def scene(self) -> Scene:

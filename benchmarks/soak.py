@@ -8,17 +8,17 @@ turning in a small scene. The rates are the slopes of straight lines through the
 run, when all buffers are allocated.
 """
 
-import argparse
 import json
 import os
 import tempfile
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import machine
+from benchmarks.chart import plt, save_figure
+from benchmarks.light.shapes import PAPER, paper_lamps
+from benchmarks.machine import Stopwatch, command, machine, save, size
 from varos_warp.dataset.run.produce import produce
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
@@ -37,34 +37,16 @@ def small_scene(frames: int, size: tuple[int, int], **render):
         {"time_s": t, "position": [0, 0, 0], "rotation_euler_deg": [-20, 0, 40 * (k % 2)]}
         for k, t in enumerate(np.linspace(0.0, seconds, 2 + frames // 100))
     ]
-    lamps = [
-        {
-            "kind": "spot",
-            "position": [x, -0.1, 0],
-            "direction": [0, 1, 0],
-            "cone_deg": 65,
-            "blend": 0.15,
-            "intensity": [100, 100, 100],
-        }
-        for x in (-0.15, 0.15)
-    ]
+    pipe = {"kind": "pipe", "radius": 0.2, "length": 3.0, "position": [0, 4, 0], "rotation_euler_deg": [0, 90, 0]}
+    camera = {"id": "M0", "resolution": list(size), "position": [0, 0, 1]}
     return scene_from_dict(
         {
             "name": "soak",
             "seed": 1,
-            "water": {
-                "principled": {
-                    "density": 0.125,
-                    "color": [0.014, 0.146, 0.345],
-                    "absorption_color": [0.0, 0.394, 1.0],
-                    "anisotropy": 0.8,
-                }
-            },
+            "water": PAPER,
             "terrain": {"kind": "procedural", "size_m": 20, "resolution": 33, "relief_m": 1.0},
-            "objects": [
-                {"kind": "pipe", "radius": 0.2, "length": 3.0, "position": [0, 4, 0], "rotation_euler_deg": [0, 90, 0]}
-            ],
-            "vehicle": {"lights": lamps, "cameras": [{"id": "M0", "resolution": list(size), "position": [0, 0, 1]}]},
+            "objects": [pipe],
+            "vehicle": {"lights": paper_lamps(), "cameras": [camera]},
             "trajectory": {"poses": poses},
             "render": {"frame_rate_hz": 10, "spp": 1, "spp_b": 1, **render},
         }
@@ -86,7 +68,7 @@ class Watched(FrameRenderer):
 
     def __init__(self, scene, device: str, every: int):
         super().__init__(scene, device)
-        self.every, self.count, self.samples, self.start = every, 0, [], time.perf_counter()
+        self.every, self.count, self.samples, self.watch = every, 0, [], Stopwatch()
 
     def render(self, *args, **options):
         """As `FrameRenderer.render`."""
@@ -98,9 +80,7 @@ class Watched(FrameRenderer):
     def note(self):
         """Look at the process, if it is time."""
         if self.count % self.every == 0:
-            self.samples.append(
-                {"frame": self.count, "seconds": round(time.perf_counter() - self.start, 2), **resources()}
-            )
+            self.samples.append({"frame": self.count, "seconds": round(self.watch.seconds, 2), **resources()})
         self.count += 1
 
 
@@ -123,7 +103,7 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
         **render: Keys of the scene's block of that name.
     """
     scene = small_scene(frames, size, **render)
-    before, wall, cpu = threading.active_count(), time.perf_counter(), time.process_time()
+    before, watch = threading.active_count(), Stopwatch()
     renderer = Watched(scene, device, max(1, frames // SAMPLES))
     summary = produce(scene, out, device=device, renderer=renderer, quiet=True)
     if not summary.complete:
@@ -134,8 +114,8 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
         "size": list(size),
         "render": render,
         "images": summary.rendered,
-        "seconds": round(time.perf_counter() - wall, 1),
-        "cpu_seconds": round(time.process_time() - cpu, 1),
+        "seconds": round(watch.seconds, 1),
+        "cpu_seconds": round(watch.cpu_seconds, 1),
         "stages": summary.stages,
         "growth_per_frame": growth(renderer.samples),
         "after": resources(),
@@ -146,11 +126,6 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
 
 def chart(result: dict, path: Path) -> None:
     """Memory above, handles and threads below, over the frames."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     frame = [sample["frame"] for sample in result["samples"]]
     figure, axes = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True, constrained_layout=True)
     for axis, names in zip(axes, (COUNTED[:1], COUNTED[1:]), strict=True):
@@ -168,23 +143,21 @@ def chart(result: dict, path: Path) -> None:
         f"{result['machine']['cores']} cores",
         fontsize=11,
     )
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save_figure(figure, path)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__, device="cpu")
     parser.add_argument("--frames", type=int, default=10_000)
-    parser.add_argument("--size", default="16x9")
+    parser.add_argument("--size", type=size, default="16x9")
     parser.add_argument("--integrator", default="auto")
-    parser.add_argument("--device", default="cpu")
     parser.add_argument("-o", "--out", type=Path, default=Path(__file__).parent / "results" / "soak_cpu")
     options = parser.parse_args()
-    size = tuple(map(int, options.size.split("x")))
     with tempfile.TemporaryDirectory() as folder:
-        result = soak(options.frames, size, options.device, Path(folder) / "soak", integrator=options.integrator)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
+        result = soak(
+            options.frames, options.size, options.device, Path(folder) / "soak", integrator=options.integrator
+        )
+    save(options.out.with_suffix(".json"), result)
     chart(result, options.out.with_suffix(".png"))
     print(json.dumps({key: value for key, value in result.items() if key != "samples"}, indent=1))
 

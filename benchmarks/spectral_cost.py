@@ -8,15 +8,13 @@ pose with all of them, each time another one first; the ratio of a repeat is of 
 denoised and copied as in a run. The first frame of each, which compiles and solves for the field, is told apart.
 """
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.frame_cost import AS_IN_A_RUN
-from benchmarks.machine import Stopwatch, machine
-from varos_warp.device.devices import resolve_device
+from benchmarks.machine import Stopwatch, command, counts, machine, save, size, words
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.file.load import DATA, scene_from_dict
@@ -71,15 +69,15 @@ class Variant:
 
 def ratios(template: str, letters: str, options) -> dict:
     """Medians over the repeats; ``over_rgb``: of the ratios, with their quartiles."""
-    counts: list[int | None] = [None, *options.bands]
+    ways: list[int | None] = [None, *options.bands]
     rgb = scene_of(template, None, options.resolution)
     parts, poses = build_parts(rgb), list(simulate(rgb).frames.poses())
-    made = {count: Variant(scene_of(template, count, options.resolution), parts, options) for count in counts}
-    first = {count: made[count].seconds(poses[0], letters, 0) for count in counts}
-    seconds: dict[int | None, list[float]] = {count: [] for count in counts}
+    made = {count: Variant(scene_of(template, count, options.resolution), parts, options) for count in ways}
+    first = {count: made[count].seconds(poses[0], letters, 0) for count in ways}
+    seconds: dict[int | None, list[float]] = {count: [] for count in ways}
     for repeat in range(options.repeats):
-        for turn in range(len(counts)):
-            count = counts[(repeat + turn) % len(counts)]
+        for turn in range(len(ways)):
+            count = ways[(repeat + turn) % len(ways)]
             pose = poses[repeat * len(poses) // options.repeats]
             seconds[count].append(made[count].seconds(pose, letters, repeat + 1))
     row = {
@@ -103,12 +101,11 @@ def ratios(template: str, letters: str, options) -> dict:
 
 def main(arguments=None) -> None:
     """Print a line a template, and write what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", type=resolve_device, default="cpu")
-    parser.add_argument("--templates", type=lambda text: text.split(","), default=["starter", "hull"])
-    parser.add_argument("--bands", type=lambda text: [int(n) for n in text.split(",")], default=[3, 6, 9])
-    parser.add_argument("--outputs", type=lambda text: text.split(","), default=["A", "ABCD"])
-    parser.add_argument("--resolution", type=lambda text: tuple(int(n) for n in text.split("x")), default=(640, 360))
+    parser = command(__doc__, device="cpu")
+    parser.add_argument("--templates", type=words, default=["starter", "hull"])
+    parser.add_argument("--bands", type=counts, default=[3, 6, 9])
+    parser.add_argument("--outputs", type=words, default=["A", "ABCD"])
+    parser.add_argument("--resolution", type=size, default=(640, 360))
     parser.add_argument("--spp", type=float, default=8)
     parser.add_argument("--spp-b", type=int)
     parser.add_argument("--integrator", default="auto")
@@ -120,9 +117,8 @@ def main(arguments=None) -> None:
         for letters in options.outputs:
             rows.append(ratios(template, letters, options))
             print(json.dumps(rows[-1]), flush=True)
-    if options.out:
-        asked = {key: getattr(options, key) for key in ("spp", "spp_b", "integrator", "repeats", "resolution")}
-        options.out.write_text(json.dumps({"machine": machine(options.device), **asked, "rows": rows}, indent=1) + "\n")
+    asked = {key: getattr(options, key) for key in ("spp", "spp_b", "integrator", "repeats", "resolution")}
+    save(options.out, {"machine": machine(options.device), **asked, "rows": rows})
 
 
 if __name__ == "__main__":

@@ -4,12 +4,11 @@
 
 Each run is a process of its own with warm caches but no plan (and once with one). Times are CPU-seconds of all threads
 over the cores, as an idle machine would take them with all cores busy: other work beside does not count. The results
-are added to those of other scenes in the file, and drawn beside it.
+are added to those of other scenes in the file, and put on docs/benchmarks.md.
 """
 
 import argparse
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -18,8 +17,8 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from benchmarks.machine import machine
-from benchmarks.page import IMAGES, PAGE, fill
+from benchmarks.machine import command, machine, save
+from benchmarks.page import PAGE, fill, markdown
 from benchmarks.scenes import HERE
 
 DATA = HERE.parent / "varos_warp/data"
@@ -128,84 +127,46 @@ def forget_plans() -> None:
 def table(result: dict) -> str:
     """Rows for docs/benchmarks.md."""
     facts = ("first image [s]", "planned before [s]", "a frame [s]", FORETOLD, "memory [MB]", "spp")
-    lines = [
-        "| scene | " + " | ".join((*(f"{stage} [s]" for stage in STAGES), *facts)) + " |",
-        "| --- |" + " --- |" * (len(STAGES) + len(facts)),
-    ]
-    for row in result["rows"]:
-        values = [
-            *row["stages"].values(),
-            row["first_image"],
-            row["first_image_planned"],
-            row["a_frame"],
-            row[FORETOLD],
-            row["peak_mb"],
-            row["spp"],
+    keys = ("first_image", "first_image_planned", "a_frame", FORETOLD, "peak_mb", "spp")
+    rows = [
+        [
+            row["scene"],
+            *(
+                f"{value:.3g}" if value < 100 else f"{value:.0f}"
+                for value in (*row["stages"].values(), *map(row.get, keys))
+            ),
         ]
-        lines.append(
-            f"| {row['scene']} | "
-            + " | ".join(f"{value:.3g}" if value < 100 else f"{value:.0f}" for value in values)
-            + " |"
-        )
-    facts = result["machine"]
+        for row in result["rows"]
+    ]
+    made = result["machine"]
     return (
-        f"{facts['cores']} cores of {facts['cpu']}{result['note']}; {facts['commit']}, {facts['date']}; "
-        f"{result['frames']} frames.\n\n" + "\n".join(lines) + "\n\n![Stages of runs](images/stages_cpu.png)\n"
+        f"{made['cores']} cores of {made['cpu']}{result['note']}; {made['commit']}, {made['date']}; "
+        f"{result['frames']} frames.\n\n{markdown(['scene', *(f'{stage} [s]' for stage in STAGES), *facts], rows)}"
     )
 
 
-def chart(result: dict, path: Path) -> None:
-    """Bars of the stages."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    rows = result["rows"]
-    figure, axes = plt.subplots(figsize=(8, 0.6 * len(rows) + 1.2), constrained_layout=True)
-    left = [0.0] * len(rows)
-    for stage in STAGES:
-        seconds = [row["stages"][stage] for row in rows]
-        axes.barh([row["scene"] for row in rows], seconds, left=left, label=stage)
-        left = [a + b for a, b in zip(left, seconds, strict=True)]
-    axes.plot([row["first_image"] for row in rows], range(len(rows)), "k|", markersize=16, label="first image A")
-    axes.invert_yaxis()
-    axes.set(xlabel=f"CPU-seconds over {result['machine']['cores']} cores, of a run of {result['frames']} frames")
-    axes.legend(ncols=4, fontsize="small", loc="lower right")
-    figure.savefig(path, dpi=110)
-
-
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command(__doc__, device=None)
     parser.add_argument("names", nargs="*", choices=[*SCENES, []])
     parser.add_argument("--frames", type=int, default=2)
     parser.add_argument("--note", default="", help="On the machine, such as: ', busy'.")
-    parser.add_argument("-o", "--output", type=Path, default=HERE / "results/stages_cpu.json")
-    parser.add_argument("--warm", action="store_true", help="The caches are filled already.")
+    parser.add_argument("-o", "--out", type=Path, default=HERE / "results/stages_cpu.json")
     for option in ("--here", "--forget", "--foretell"):
         parser.add_argument(option, action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.here:
-        if arguments.forget:
+    asked = parser.parse_args()
+    if asked.here:
+        if asked.forget:
             forget_plans()
-        print(json.dumps(measure_here(arguments.names[0], arguments.frames, arguments.foretell)))
+        print(json.dumps(measure_here(asked.names[0], asked.frames, asked.foretell)))
         return
-    before = json.loads(arguments.output.read_text())["rows"] if arguments.output.exists() else []
-    rows = {row["scene"]: row for row in before}
-    for name in arguments.names or SCENES:
-        if not arguments.warm:
-            measure(name, 1)  # compiles, and fills the caches
-        rows[name] = check(name, arguments.frames)
+    rows = {row["scene"]: row for row in json.loads(asked.out.read_text())["rows"]} if asked.out.exists() else {}
+    result = {"machine": machine("cpu"), "note": asked.note, "frames": asked.frames}
+    for name in asked.names or SCENES:
+        measure(name, 1)  # compiles, and fills the caches
+        rows[name] = check(name, asked.frames)
         print(rows[name], flush=True)
-        result = {
-            "machine": machine("cpu"),
-            "note": arguments.note,
-            "frames": arguments.frames,
-            "rows": [rows[name] for name in SCENES if name in rows],
-        }
-        arguments.output.write_text(json.dumps(result, indent=1) + os.linesep)
-    chart(result, IMAGES / "stages_cpu.png")
-    PAGE.write_text(fill(PAGE.read_text(), "cpu: stages", table(result)))
+        save(asked.out, result | {"rows": [rows[name] for name in SCENES if name in rows]})
+    PAGE.write_text(fill(PAGE.read_text(), "cpu: stages", table(json.loads(asked.out.read_text()))))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """A vehicle on an exact course over a flat floor, rendered by ray casting in numpy: quick, and every truth is known."""
 
-import sys
 from contextlib import nullcontext
-from types import ModuleType, SimpleNamespace
+from dataclasses import fields
+from types import SimpleNamespace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.sensors.registry import ASKED_FOR, mounted
 from varos_warp.render.image.flow import flow_of
+from varos_warp.render.options import RenderOptions
 from varos_warp.render.planner.decisions import Decision, Plan
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.file.load import scene_from_dict
@@ -22,6 +23,7 @@ from varos_warp.sim.sensors.suite import measured
 from varos_warp.sim.sensors.surroundings import Around
 
 FLOOR_Z = -3.0
+OPTIONS = {field.name for field in fields(RenderOptions)}
 
 
 def scene_dict(**changes):
@@ -130,7 +132,8 @@ class FlatFloorRenderer:
     def relit(self, scene):
         return type(self)(scene)
 
-    def render(self, T_w_v, camera, outputs, *, spp, frame, following=None, **_):
+    def render(self, T_w_v, camera, outputs, *, spp, frame, following=None, motion=None, time_ns=0, **options):
+        assert options.keys() <= OPTIONS
         if self.stop_after is not None and len(self.calls) >= self.stop_after:
             raise KeyboardInterrupt
         if isinstance(camera, str):
@@ -188,16 +191,19 @@ def plan_render(scene, renderer, poses, **options):
     )
 
 
-def install(monkeypatch):
+PLACES = {
+    "sim.trajectory": {"simulate": "simulate", "path_samples": "path_samples", "course_facts": "course_facts"},
+    "render.planner.plan": {"plan_render": "plan_render"},
+    "render.renderer": {"FrameRenderer": "FlatFloorRenderer"},
+}
+"""Modules of the package, and what here stands in for which of their names."""
+
+
+def install(monkeypatch, places=tuple(PLACES)):
     """Put them in the place of the simulation, the planner and the renderer, which have tests of their own."""
-    for name, members in {
-        "sim.trajectory": {"simulate": simulate, "path_samples": path_samples, "course_facts": course_facts},
-        "render.planner.plan": {"plan_render": plan_render},
-        "render.renderer": {"FrameRenderer": FlatFloorRenderer},
-    }.items():
-        module = ModuleType(name)
-        module.__dict__.update(members)
-        monkeypatch.setitem(sys.modules, f"varos_warp.{name}", module)
+    for name in places:
+        for member, stand_in in PLACES[name].items():
+            monkeypatch.setattr(f"varos_warp.{name}.{member}", globals()[stand_in])
 
 
 def tree(root):

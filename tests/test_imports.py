@@ -162,7 +162,9 @@ def test_asking_the_command_line_for_help_does_not_load_warp():
 
 @pytest.mark.parametrize("name", varos_warp.__all__)
 def test_every_public_name_is_there(name):
-    assert getattr(varos_warp, name) is not None
+    found = getattr(varos_warp, name)
+    assert found.__name__ == name
+    assert f"{found.__module__}.".startswith(f"{varos_warp._HOMES[name]}.")
 
 
 def test_an_unknown_public_name_is_an_attribute_error():

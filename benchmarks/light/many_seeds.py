@@ -10,18 +10,16 @@
 Every subject prints a line per scene. Images are by `field` with ``--spp`` samples per pixel unless stated otherwise.
 """
 
-import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.light import scores
-from benchmarks.light.measure import render_seeds
 from benchmarks.light.scenes import RESOLUTION, SCENES, Built, build
 from benchmarks.light.scores import Estimate
-from benchmarks.machine import Stopwatch, machine
-from varos_warp.device.devices import resolve_device
+from benchmarks.machine import Stopwatch, command, machine, save, size, words
 from varos_warp.errors import InputError
 from varos_warp.render.planner.errors import BLOCKS_WITHIN
 from varos_warp.render.planner.pilot import Frames
@@ -32,6 +30,37 @@ TEN_TIMES = 10.0
 """The tolerance: beyond it only one block in 10 000 may be."""
 FIRST_OF_REFERENCE, SEEDS_OF_REFERENCE = 100_001, 8
 """Seeds of the images that are the reference; none is measured."""
+
+
+def render_seeds(
+    renderer,
+    built: Built,
+    integrator: str,
+    spp: int,
+    seeds: int,
+    denoise: str,
+    first: int = 1,
+    copied: Sequence[str] | None = None,
+) -> dict:
+    """Raw and denoised images and standard errors [n, H, W, 3] of seeds from ``first`` on, and the times [n].
+
+    With ``copied``, as `RenderOptions` has it, the others are None.
+    """
+    how = {"outputs": "A", "integrator": integrator, "spp": spp, "denoise": denoise, "copied": copied}
+    renderer.render(built.T_w_v, seed=0, **how)  # compiles, makes tables, learns how to denoise
+    made = {"raw": [], "stderr": [], "denoised": [], "cpu": [], "wall": []}
+    for seed in range(first, first + seeds):
+        watch = Stopwatch()
+        image = renderer.render(built.T_w_v, seed=seed, **how).A
+        for name, value in (
+            ("cpu", watch.cpu_seconds),
+            ("wall", watch.seconds),
+            ("raw", image.radiance),
+            ("stderr", image.stderr),
+            ("denoised", image.denoised),
+        ):
+            made[name].append(image.radiance if value is None else value)
+    return {name: np.array(values) for name, values in made.items()}
 
 
 def reference_of(renderer, built: Built, spp: int) -> Estimate:
@@ -58,27 +87,24 @@ def holes(renderer, built: Built, options) -> dict:
 
 
 def bars(renderer, built: Built, options) -> dict:
-    """Variance of z, and spread of image means over the claimed one, of each integrator asked for."""
-    told = {}
+    """Noise, variance of z, and spread of image means over the claimed one, of each integrator asked for."""
+    told: dict = {}
     for integrator in options.integrators:
         made = render_seeds(renderer, built, integrator, options.spp, options.seeds, "none")
         row = scores.calibration(made["raw"], made["stderr"])
         told |= {f"{integrator} {name}": row[name] for name in ("z_variance", "z_trimmed", "z_pooled", "beyond_4")}
+        told[f"{integrator} noise"] = scores.noise(made["raw"], Estimate(made["raw"])).tolist()
         told[f"{integrator} spread"] = scores.spread_over_claimed(made["raw"], made["stderr"]).tolist()
     return told
 
 
 def means(renderer, built: Built, options) -> dict:
-    """Means of images of the field over those of paths, which get ten times the samples [%]."""
-    whole = {}
-    for integrator, spp in (("field", options.spp), ("path", 10 * options.spp)):
-        images = render_seeds(renderer, built, integrator, spp, options.seeds, "none")["raw"]
-        whole[integrator] = Estimate(images).whole
-    (mean, stderr), (truth, unsure) = whole["field"], whole["path"]
-    return {
-        "off_percent": (100 * (mean / truth - 1)).tolist(),
-        "stderr_percent": (100 * np.hypot(stderr, unsure) / truth).tolist(),
-    }
+    """Images of the field against those of paths, which get ten times the samples: blocks by chance, means in %."""
+    field, path = (
+        Estimate(render_seeds(renderer, built, integrator, spp, options.seeds, "none")["raw"])
+        for integrator, spp in (("field", options.spp), ("path", 10 * options.spp))
+    )
+    return scores.bias(field, path)
 
 
 def choice(renderer, built: Built, options) -> dict:
@@ -153,15 +179,14 @@ SUBJECTS = {"holes": holes, "bars": bars, "means": means, "choice": choice, "tol
 
 def main(arguments=None) -> None:
     """Print a line a scene, and write what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__, device="cpu")
     parser.add_argument("subject", choices=SUBJECTS)
-    parser.add_argument("--scenes", type=lambda text: text.split(","), default=list(SCENES))
-    parser.add_argument("--integrators", type=lambda text: text.split(","), default=["field"])
+    parser.add_argument("--scenes", type=words, default=list(SCENES))
+    parser.add_argument("--integrators", type=words, default=["field"])
     parser.add_argument("--spp", type=int, default=8)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--tolerance", type=float, default=0.03)
-    parser.add_argument("--resolution", type=lambda text: tuple(int(n) for n in text.split("x")), default=RESOLUTION)
-    parser.add_argument("--device", type=resolve_device, default="cpu")
+    parser.add_argument("--resolution", type=size, default=RESOLUTION)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
     rows = {}
@@ -173,21 +198,8 @@ def main(arguments=None) -> None:
         except InputError as error:
             rows[name] = {"refused": str(error)}
         print(name, json.dumps(rows[name]), flush=True)
-        if options.json:
-            options.json.write_text(
-                json.dumps(
-                    {
-                        "machine": machine(options.device),
-                        "subject": options.subject,
-                        "spp": options.spp,
-                        "seeds": options.seeds,
-                        "resolution": options.resolution,
-                        "rows": rows,
-                    },
-                    indent=1,
-                )
-                + "\n"
-            )
+        asked = {key: getattr(options, key) for key in ("subject", "spp", "seeds", "resolution")}
+        save(options.json, {"machine": machine(options.device), **asked, "rows": rows})
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2 as chi2_of
 from scipy.stats import norm, t
 
 BLOCK = 8
@@ -179,32 +178,3 @@ def bias(estimate: Estimate, reference: Estimate) -> dict:
         "mean_off_percent": (100 * (mean / truth - 1)).tolist(),
         "mean_off_stderr": (100 * np.hypot(error, unsure) / truth).tolist(),
     }
-
-
-def chi2(estimate: Estimate, reference: Estimate, resamples: int = 300) -> dict:
-    """Whether the blocks of two sets of images have one mean: the mean of z^2 and its chance.
-
-    Returns:
-        ``chi2``, over its degrees of freedom; ``chi2_p``, as if blocks were independent; ``chi2_p_shared``, by drawing
-        anew from both sets with their means taken out, which knows that blocks share noise: with few images, and tails,
-        the other one is too low.
-    """
-    ours, theirs = (block_means(each.images) for each in (estimate, reference))
-    z = _block_z(ours, theirs)
-    told, rng = float(np.mean(z**2)), np.random.default_rng(1)
-    ours, theirs = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
-    drawn = [
-        np.mean(_block_z(*(each[rng.integers(len(each), size=len(each))] for each in (ours, theirs))) ** 2)
-        for _ in range(resamples)
-    ]
-    return {
-        "chi2": told,
-        "chi2_p": float(chi2_of.sf(told * z.size, z.size)),
-        "chi2_p_shared": float((1 + np.count_nonzero(np.array(drawn) >= told)) / (1 + resamples)),
-    }
-
-
-def _block_z(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Differences of the means of blocks in standard errors; 0 where neither has any spread."""
-    (a, da), (b, db) = Estimate(ours).of(ours), Estimate(theirs).of(theirs)
-    return np.nan_to_num(as_normal(a - b, da, db, len(ours), len(theirs)))

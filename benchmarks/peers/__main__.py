@@ -1,4 +1,4 @@
-"""``python -m benchmarks.peers``: export scenes to other renderers, and measure these on the reference scene."""
+"""Other renderers: export scenes to them, and compare image means with theirs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -36,17 +36,6 @@ def export(
         )
     T_w_v = run.frames.T_w_v(frame)
     peers.export(peer, scene, build_parts(scene), scene.vehicle.cameras[camera], T_w_v, output, spp=spp)
-
-
-@app.command()
-def ref1(
-    output: Annotated[Path, typer.Option("-o", "--output")] = Path(__file__).parents[1] / "results" / "peers_ref1.json",
-    most: Annotated[int, typer.Option(help="most samples per pixel", min=1)] = 256,
-):
-    """Error against CPU-seconds of every peer on ref1."""
-    from benchmarks.peers.compare import measure_ref1
-
-    measure_ref1(output, most)
 
 
 @app.command()

@@ -6,17 +6,14 @@ Without a key all of them run: minutes on two cores. What is measured goes into 
 key, so that a single entry can be measured again; ``--page`` only writes the page.
 """
 
-import argparse
 import importlib
-import importlib.util
 import json
-import platform
-import subprocess
-import time
 from pathlib import Path
 
-from benchmarks.stability.entry import Sweep
+from benchmarks.machine import Stopwatch, command, commit, cpu_name
+from benchmarks.stability.entry import record_of, words
 from benchmarks.stability.page import write_page
+from varos_warp.device.devices import usable_cores
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results" / "stability.json"
@@ -34,10 +31,9 @@ GROUPS = {
 
 def sweeps() -> dict[str, tuple[str, object]]:
     """Key -> (group, function) of every sweep there is."""
-    found = {}
+    found: dict = {}
     for group in GROUPS:
-        name = f"benchmarks.stability.{group}"
-        for function in importlib.import_module(name).SWEEPS if importlib.util.find_spec(name) else ():
+        for function in importlib.import_module(f"benchmarks.stability.{group}").SWEEPS:
             if function.__name__ in found:
                 raise ValueError(f"two sweeps are called {function.__name__}")
             found[function.__name__] = (group, function)
@@ -45,43 +41,18 @@ def sweeps() -> dict[str, tuple[str, object]]:
 
 
 def measure(group: str, function) -> dict:
-    """The record of one sweep: what it says, and what made it."""
-    start = time.process_time()
-    sweep: Sweep = function()
-    if sweep.key != function.__name__:
-        raise ValueError(f"{function.__name__} made a sweep called {sweep.key}")
-    return sweep.record() | {
+    """The record of one sweep: what came of it, and what made it."""
+    watch = Stopwatch()
+    return record_of(function()) | {
         "group": group,
-        "seconds": round(time.process_time() - start, 1),
+        "seconds": round(watch.cpu_seconds, 1),
         "commit": commit(),
-        "machine": machine(),
+        "machine": f"{cpu_name()}, {usable_cores()} threads",
     }
 
 
-def commit() -> str:
-    """Short hash of the checkout, or unknown."""
-    result = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=ROOT)
-    return result.stdout.strip() or "unknown"
-
-
-def machine() -> str:
-    """Processor and how many of its threads the process may use."""
-    from varos_warp.device.launcher import Launcher
-
-    names = (
-        [
-            line.split(":")[1].strip()
-            for line in Path("/proc/cpuinfo").read_text().splitlines()
-            if line.startswith("model name")
-        ]
-        if Path("/proc/cpuinfo").exists()
-        else []
-    )
-    return f"{(names or [platform.processor() or platform.machine()])[0]}, {Launcher('cpu').threads} threads"
-
-
 def main():
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.stability", description=__doc__.splitlines()[0])
+    parser = command(__doc__, device=None)
     parser.add_argument("keys", nargs="*", metavar="KEY", help="entries to measure; absent: all")
     parser.add_argument("--only", help="groups that begin with this, such as transport or dynamics")
     parser.add_argument("--list", action="store_true", help="print the keys and end")
@@ -102,7 +73,7 @@ def main():
             print(f"{key}: {record['seconds']} s", flush=True)
     if not arguments.list:
         keep({}, found)
-        write_page(json.loads(RESULTS.read_text()), GROUPS, PAGE)
+        write_page(json.loads(RESULTS.read_text()), words(), GROUPS, PAGE)
 
 
 def keep(measured: dict, found: dict):

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.entry import Measured, Sweeps
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.description.body import Thruster
@@ -14,7 +14,6 @@ from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State
 from varos_warp.sim.vehicle.rigid_body import RigidBody, rigid_body
 from varos_warp.sim.vehicle.thrusters import PITCH, ROLL, thrusters
 
-TESTS = "tests/stability/test_vehicle_limits.py"
 ROV = {
     "inertia": (0.26, 0.23, 0.37),
     "added_mass": (7.1, 6.4, 18.7, 0.19, 0.12, 0.22),
@@ -62,7 +61,7 @@ def truth_of(body: RigidBody, state: State = START, seconds: float = SECONDS) ->
     return np.concatenate([Rotation.from_quat(y[:4], scalar_first=True).apply(y[4:7]), y[7:]])
 
 
-def rigid_body_step() -> Sweep:
+def rigid_body_step() -> Measured:
     """All six degrees of freedom against DOP853, by ticks."""
     body = rov()
     steps, truth = [SECONDS / n for n in (600, 120, 60, 40, 30, 20, 15, 12, 10, 9, 8, 6, 4, 3)], truth_of(body)
@@ -74,24 +73,7 @@ def rigid_body_step() -> Sweep:
             return float("nan")
 
     errors = [error(h) for h in steps]
-    limit = 2.0 / body.stiffness()
-    return Sweep(
-        "rigid_body_step",
-        "Step of the rigid body",
-        "RK4 and RKMK4 of six coupled degrees of freedom, with substeps",
-        "tick h [s]",
-        steps,
-        {"with substeps": errors},
-        "Error of velocity and rates, as a share of those at the start, after 0.6 s of an open-frame vehicle of "
-        "13.5 kg that tumbles and drifts with added mass, drag and a righting moment, against DOP853 on Kirchhoff's "
-        "equations at 1e-13; fourth order.",
-        f"ticks of the simulator are 5 ms, where the error is {error(0.005):.1g}; lambda h = 2 is at {limit:.2f} s for "
-        "this vehicle",
-        "as for the sphere",
-        "refuses a lambda h above 2 with one message that names what makes the motion stiff",
-        f"{TESTS}::test_a_rigid_body_is_right_up_to_where_it_is_refused",
-        holds=(None, limit),
-    )
+    return steps, {"with substeps": errors}
 
 
 def vectored(angle: float) -> list[Thruster]:
@@ -120,7 +102,7 @@ def misallocated(angle: float) -> float:
     return max(worst, 1e-17)
 
 
-def thruster_allocation() -> Sweep:
+def thruster_allocation() -> Measured:
     """What vectored thrusters give of what is asked, the nearer they are to parallel."""
     angles = [45.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.3, 0.1, 0.08, 0.06, 0.05, 0.03, 0.01, 1e-3, 1e-5]
 
@@ -131,24 +113,7 @@ def thruster_allocation() -> Sweep:
             return float("nan")
 
     errors = [error(angle) for angle in angles]
-    least = min(angle for angle, off in zip(angles, errors, strict=True) if np.isfinite(off))
-    return Sweep(
-        "thruster_allocation",
-        "Thrusters that are nearly parallel",
-        "allocation by the pseudo-inverse",
-        "angle of the thrusters from straight ahead [degrees]",
-        angles,
-        {"what is given": errors},
-        "Largest error of the force [N] or moment [N m] that four vectored thrusters and two upwards give together, of "
-        "1 N or 1 N m asked along each axis that they control, from their places and directions one by one.",
-        f"{least:g} degrees for these: the smallest singular value is 1e-3 of the largest",
-        "a force to the side takes 1/sin of the angle as much thrust: the vehicle has none to speak of",
-        "refuses them with one message that names the force or moment that is lacking; what is beyond their largest "
-        "force is scaled down and told of",
-        f"{TESTS}::test_thrusters_that_are_all_but_parallel_are_refused",
-        holds=(least, None),
-        bound=1e-10,
-    )
+    return angles, {"what is given": errors}
 
 
 SWEEPS: Sweeps = (rigid_body_step, thruster_allocation)

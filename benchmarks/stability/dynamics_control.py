@@ -3,25 +3,21 @@
 from decimal import Decimal, localcontext
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_are, solve_discrete_lyapunov
+from scipy.linalg import solve_continuous_are, solve_discrete_lyapunov
 
-from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.entry import Measured, Sweeps
 from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.sim import quaternion
-from varos_warp.sim.guidance import Reference
 from varos_warp.sim.trajectory import simulate
 from varos_warp.sim.vehicle.actuator import propagator
 from varos_warp.sim.vehicle.body import sphere
-from varos_warp.sim.vehicle.control import Regulator, design, gains, plant, sampled
+from varos_warp.sim.vehicle.control import design, plant, sampled
 from varos_warp.sim.vehicle.current import Current
-from varos_warp.sim.vehicle.dynamics import ZERO, Dynamics, State
+from varos_warp.sim.vehicle.dynamics import Dynamics
 
 H, DRAG = 0.005, 1.0 / 6.0
-TESTS = "tests/stability/test_control_limits.py"
-OLD_TESTS = "tests/stability/test_dynamics_limits.py"
 FLOOR = 1e-17
 """Errors below are drawn there."""
 
@@ -64,31 +60,17 @@ def series_error(frequency: float, damping: float, order: int) -> float:
     return max(float((np.abs(step - exact_filter(frequency, damping, H)) / scale).max()), FLOOR)
 
 
-def actuator_frequency() -> Sweep:
+def actuator_frequency() -> Measured:
     """A tick of the thruster against its matrix exponential."""
     values = [1e-6, 1e-3, 0.1, 1.0, 10.0, 100.0, 300.0, 500.0, 1e3, 1e4, 1e6, 1e9]
-    return Sweep(
-        "actuator_frequency",
-        "Stiffness of the thrusters",
-        "second-order filter, exact",
-        "wn [rad/s]",
-        values,
-        {
-            "ours": [filter_error(wn, 1.0) for wn in values],
-            "RK4": [series_error(wn, 1.0, 4) for wn in values],
-            "Euler": [series_error(wn, 1.0, 1) for wn in values],
-        },
-        "Largest error of the entries of the transition of a tick, each in units of its own scale, against 400 digits.",
-        "1e-6 to 1e9 rad/s",
-        "RK4 on the filter diverges from wn h = 2.8 on (557 rad/s), Euler from 2 on",
-        "takes the exponential in closed form; refuses other wn",
-        f"{TESTS}::test_thrusters_for_which_gains_lose_their_digits_are_refused",
-        holds=(1e-6, 1e9),
-        bound=1e-12,
-    )
+    return values, {
+        "ours": [filter_error(wn, 1.0) for wn in values],
+        "RK4": [series_error(wn, 1.0, 4) for wn in values],
+        "Euler": [series_error(wn, 1.0, 1) for wn in values],
+    }
 
 
-def actuator_damping() -> Sweep:
+def actuator_damping() -> Measured:
     """The same by damping, through the critical one."""
     values = [1e-6, 1e-3, 0.1, 0.9, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.1, 10.0, 1e3, 1e6]
 
@@ -99,27 +81,12 @@ def actuator_damping() -> Sweep:
             return False
         return True
 
-    return Sweep(
-        "actuator_damping",
-        "Damping of the thrusters",
-        "second-order filter, exact",
-        "zeta",
-        values,
-        {
-            "the filter": [filter_error(15.0, zeta) for zeta in values],
-            "the filter, where the vehicle takes it": [
-                filter_error(15.0, z) if accepted(z) else float("nan") for z in values
-            ],
-        },
-        "Largest error of the entries of the transition of a tick, wn = 15 rad/s, against 400 digits.",
-        "0.0015 (for the vehicle of 40 kg) to 1e6",
-        "less damped thrusters ring up to 1 / zeta of their limit, and the drag at such speeds is stiff",
-        "refuses, naming actuator_damping among the remedies",
-        "tests/stability/test_vehicle_limits.py::"
-        "test_motion_too_stiff_for_the_clock_is_refused_with_what_made_it_so_among_the_remedies",
-        holds=(0.0015, 1e6),
-        bound=1e-12,
-    )
+    return values, {
+        "the filter": [filter_error(15.0, zeta) for zeta in values],
+        "the filter, where the vehicle takes it": [
+            filter_error(15.0, z) if accepted(z) else float("nan") for z in values
+        ],
+    }
 
 
 # -------------------------------------------------------------------------------------------------------------- weights
@@ -137,53 +104,24 @@ def gain_error(q, r=1.0, *, wn=15.0, zeta=1.0, integral=0.0, h=H) -> float:
     return max(float(np.abs(made - exact).max() / np.abs(exact).max()), FLOOR)
 
 
-def lqr_weights() -> Sweep:
+def lqr_weights() -> Measured:
     """Weights of position and speed over r, and of the integral."""
     values = [10.0**e for e in (-14, -13, -12, -10, -8, -6, -4, -2, 0, 2, 4, 6, 8, 10, 12, 13, 14)]
-    return Sweep(
-        "lqr_weights",
-        "Weights of the regulator",
-        "discrete Riccati equation of a sampled plant and cost",
-        "weight / r",
-        values,
-        {
-            "position and speed": [gain_error((v, 0.5 * v)) for v in values],
-            "position alone": [gain_error((v, 0.5)) for v in values],
-            "r (inverse)": [gain_error((1.0, 0.5), 1.0 / v) for v in values],
-            "integral": [gain_error((1.0, 0.5), integral=v) for v in values],
-        },
-        "Error of the gains, as a share of the largest, against the same equation in 200 digits.",
-        "1e-12 to 1e12 (the integral from 0)",
-        "digits go with the ratio of the weights: at 1e-20 the gains of double precision are wrong by half, at 1e31 by "
-        "a factor of 13, though still stabilising",
-        "refuses",
-        f"{TESTS}::test_weights_so_far_apart_that_gains_lose_their_digits_are_refused",
-        holds=(1e-12, 1e12),
-        bound=1e-6,
-    )
+    return values, {
+        "position and speed": [gain_error((v, 0.5 * v)) for v in values],
+        "position alone": [gain_error((v, 0.5)) for v in values],
+        "r (inverse)": [gain_error((1.0, 0.5), 1.0 / v) for v in values],
+        "integral": [gain_error((1.0, 0.5), integral=v) for v in values],
+    }
 
 
-def lqr_actuator() -> Sweep:
+def lqr_actuator() -> Measured:
     """Gains for slow and fast thrusters."""
     values = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 1e6, 1e8, 1e9]
-    return Sweep(
-        "lqr_actuator",
-        "Gains for any thruster",
-        "discrete Riccati equation with the thruster in the plant",
-        "wn [rad/s]",
-        values,
-        {"gains": [gain_error((1.0, 0.5), wn=v) for v in values]},
-        "Error of the gains, as a share of the largest, against the same equation in 200 digits.",
-        "1e-6 to 1e9 rad/s",
-        "a mode that decays within a part of 1e6 of a tick costs the digits of the transition",
-        "refuses; below five times sqrt(k1) reports that the thrusters are slow",
-        f"{TESTS}::test_gains_are_right_for_any_thruster",
-        holds=(1e-6, 1e9),
-        bound=1e-6,
-    )
+    return values, {"gains": [gain_error((1.0, 0.5), wn=v) for v in values]}
 
 
-def sample_rate() -> Sweep:
+def sample_rate() -> Measured:
     """Cost of the closed loop when the command is held ever longer."""
     steps = [1e-4, 1e-3, 5e-3, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.3, 1.5, 1.7, 2.0, 5.0, 20.0]
     A, B = plant(5.0 / 18.0, 20.0, 1.0)  # the mini ROV
@@ -202,28 +140,16 @@ def sample_rate() -> Sweep:
     def ours(h):
         return excess(np.array([design(5.0 / 18.0, 20.0, 1.0, (1.0, 0.5), 1.0, h=h)[1:]]), h)
 
-    return Sweep(
-        "sample_rate",
-        "Rate of the controller",
-        "gain designed for the held command",
-        "step h [s]",
-        steps,
-        {
-            "designed for the step": [ours(h) for h in steps],
-            "continuous gain, held": [excess(continuous, h) for h in steps],
-        },
-        "Cost of removing an error of 1 m, over that of a controller that decides all the time; mini ROV.",
-        "no end found; the simulator's own tick is 5 ms",
-        "a continuous gain held for longer than 1.5 s diverges",
-        "designs each gain for the tick, with the cost sampled exactly",
-        f"{OLD_TESTS}::test_a_continuous_gain_held_over_long_steps_diverges_where_the_discrete_design_is_stable",
-    )
+    return steps, {
+        "designed for the step": [ours(h) for h in steps],
+        "continuous gain, held": [excess(continuous, h) for h in steps],
+    }
 
 
 # ---------------------------------------------------------------------------------------------------------- saturation
 
 
-def saturation() -> Sweep:
+def saturation() -> Measured:
     """The force limit towards zero, on a leg that takes 19.5 N."""
     forces = [1e-6, 1e-3, 0.1, 1.0, 3.0, 10.0, 15.0, 19.0, 20.0, 30.0, 120.0, 1e4, 2e6, 3e6]
 
@@ -248,59 +174,14 @@ def saturation() -> Sweep:
         )
 
     made = [lag(force) for force in forces]
-    return Sweep(
-        "saturation",
-        "Saturated thrusters",
-        "controller, integral held while limited",
-        "vehicle.max_force [N]",
-        forces,
-        {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]},
-        "A leg of 3 m in 13 s that takes 19.5 N: lag behind the reference, and distance from the goal at the end.",
-        "19.5 N, what the leg takes; above 2.9e6 N the drag at such speeds is stiff",
-        "the vehicle lags, and below a few N does not arrive before the hand-over times out",
-        "reports the leg that takes more than there is, how long thrusters were at their limit, and what it gave up "
-        "waiting for",
-        f"{TESTS}::test_a_leg_that_takes_more_thrust_than_there_is_is_told_and_less_is_not",
-        holds=(19.5, 2.88e6),
-    )
+    return forces, {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]}
 
 
-def slew_angle() -> Sweep:
-    """Turns about a skew axis up to half a turn against the scalar linear loop."""
-    angles = [1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0, 90.0, 170.0, 179.0, 179.999, 180.0 - 1e-9, 180.0]
-    vehicle = description.Vehicle(quadratic_rotational_drag=0.0, max_torque=1e6)
-    body, axis = sphere(vehicle), np.array([2.0, -1.0, 2.0]) / 3.0
-    A, B = plant(body.linear_rotational_drag / body.inertia, body.actuator_frequency, body.actuator_damping)
-    F = expm(np.block([[A, B], [np.zeros((1, 5))]]) * H)
-    loop = F[:4, :4] - F[:4, 4:] @ np.array([gains(body, vehicle.controller).rotation[1:]])
-
-    def error(angle_deg):
-        angle, worst = np.radians(angle_deg), 0.0
-        regulator, dynamics = Regulator(body, vehicle.controller), Dynamics(body, Current(description.Current(), 0))
-        goal = Reference(ZERO, ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
-        state, x = State(q=quaternion.exp(tuple(angle * axis))), np.array([angle, 0.0, 0.0, 0.0])
-        for tick in range(1000):
-            way = np.array(quaternion.log(state.q))
-            worst = max(worst, min(np.linalg.norm(way - s * x[0] * axis) for s in (1.0, -1.0)))
-            state = dynamics.advance(state, *regulator.command(goal, state, (ZERO, ZERO)), tick)
-            x = loop @ x
-        return max(worst / angle, FLOOR)
-
-    return Sweep(
-        "slew_angle",
-        "Turns of up to 180 degrees",
-        "attitude control by the rotation vector",
-        "error of attitude [deg]",
-        angles,
-        {"against the linear loop": [error(a) for a in angles]},
-        "A turn about a skew axis is the scalar linear loop at any angle: largest difference over 5 s, as a share of "
-        "the angle.",
-        "no end: 180 degrees as 1e-9",
-        "at exactly 180 degrees both ways are equally short",
-        "takes the way that the sign of the angle names, and reports it",
-        f"{OLD_TESTS}::test_an_attitude_error_of_exactly_half_a_turn_settles",
-        bound=1e-5,
-    )
-
-
-SWEEPS: Sweeps = (actuator_frequency, actuator_damping, lqr_weights, lqr_actuator, sample_rate, saturation, slew_angle)
+SWEEPS: Sweeps = (
+    actuator_frequency,
+    actuator_damping,
+    lqr_weights,
+    lqr_actuator,
+    sample_rate,
+    saturation,
+)

@@ -1,24 +1,30 @@
-"""One entry of the stability map: a method, a parameter, the error measured at each value, and where that ends."""
+"""One entry of the stability map: what map.yaml says of a sweep, and what was measured."""
 
+import functools
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+Measured = tuple[list[float], dict[str, list[float]]]
+"""Values of the parameter; name of a series -> error at each value, nan where the method refuses or fails."""
+Sweeps = tuple[Callable[[], Measured], ...]
+"""What a module of sweeps holds as ``SWEEPS``; the name of a function is the key of its sweep."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What came of sweeping one method over one parameter. A function of the same name as ``key`` makes it."""
+    """One method over one parameter."""
 
     key: str
-    """Name of the entry, unique over all modules; an identifier."""
+    """Name of the entry, unique over all modules."""
     title: str
     method: str
     """What of ours is swept: an integrator, a function, a model."""
     parameter: str
     """Name [unit], as the axis of the chart has it."""
-    values: list[float]
-    errors: dict[str, list[float]]
-    """Name of a series -> error at each value; nan where the method refuses or fails."""
     measure: str
     """What the error is, against which truth, and how that was got."""
     limit: str
@@ -29,6 +35,9 @@ class Sweep:
     """What the program does there: switches the method, takes smaller steps, refuses with a message, warns ..."""
     test: str
     """Node of pytest that guards the boundary, from the root of the repository."""
+    values: list[float]
+    errors: dict[str, list[float]]
+    """As in `Measured`."""
     holds: tuple[float | None, float | None] = (None, None)
     """Values from .. to which it holds; None where the sweep found no end. Drawn as vertical lines."""
     bound: float | None = None
@@ -37,35 +46,32 @@ class Sweep:
     """Of the axis of values: log, linear or symlog (for values on either side of zero)."""
 
     def __post_init__(self):
-        if not self.key.isidentifier():
-            raise ValueError(f"the key of a sweep is an identifier, not {self.key!r}")
         wrong = [name for name, series in self.errors.items() if len(series) != len(self.values)]
         if wrong:
             raise ValueError(f"{self.key}: {wrong} must have an error for each of the {len(self.values)} values")
         if "::" not in self.test or not self.test.startswith("tests/"):
             raise ValueError(f"{self.key}: test must be a node of pytest below tests/, not {self.test!r}")
 
-    def record(self) -> dict:
-        """As plain JSON types; what is not finite is None."""
-        record = asdict(self)
-        record["values"] = [float(value) for value in self.values]
-        record["errors"] = {name: [_number(error) for error in series] for name, series in self.errors.items()}
-        record["holds"] = list(self.holds)
-        return record
 
-    @classmethod
-    def from_record(cls, record: dict) -> "Sweep":
-        """Inverse of `record`; other keys are left out."""
-        fields = {name: record[name] for name in cls.__dataclass_fields__ if name in record}
-        series = {
-            name: [math.nan if error is None else error for error in errors]
-            for name, errors in record["errors"].items()
-        }
-        return cls(**fields | {"errors": series, "holds": tuple(record["holds"])})
+@functools.cache
+def words() -> dict[str, dict]:
+    """What map.yaml says: key of a sweep -> fields of `Sweep`."""
+    return yaml.safe_load(Path(__file__).with_name("map.yaml").read_text(encoding="utf-8"))
 
 
-Sweeps = tuple[Callable[[], Sweep], ...]
-"""What a module of sweeps holds as ``SWEEPS``; the name of a function is the key of its sweep."""
+def record_of(measured: Measured) -> dict:
+    """What was measured as plain JSON types; what is not finite is None."""
+    values, errors = measured
+    series = {name: [_number(error) for error in row] for name, row in errors.items()}
+    return {"values": [float(value) for value in values], "errors": series}
+
+
+def sweep_of(key: str, record: dict, said: dict) -> Sweep:
+    """An entry of a record, which may hold more than `record_of`, and of what is said of it."""
+    errors = {
+        name: [math.nan if error is None else error for error in series] for name, series in record["errors"].items()
+    }
+    return Sweep(key=key, values=record["values"], errors=errors, **said)
 
 
 def _number(error) -> float | None:

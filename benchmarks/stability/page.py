@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from benchmarks.stability.entry import Sweep
+from benchmarks.stability.entry import Sweep, sweep_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -35,31 +35,40 @@ none of it to make a dataset: `varos-warp info` warns, and what cannot be done i
 ## How to read the entries
 
 An entry states the measured error, where the method ends ("holds from .. to"), what fails beyond, and what the program
-does there. A test guards each boundary on both sides. In the figures a vertical line is the boundary, a horizontal one
-the error promised within it, and a cross at the top a value that is refused or gives no result. Under them stands the
-largest error of each line within the boundary. *Ours* is what varos_warp does, beside other methods for the same;
-a tick is a step of the simulation, 5 ms, and h its length. `python -m benchmarks.stability` makes this page.
+does there. A test guards each boundary on both sides. What was swept without an end in sight has tests, but no entry:
+attitudes beside the pole and half a turn away, a million steps, waypoints that coincide, needle triangles. In the
+figures a vertical line is the boundary, a horizontal one the error promised within it, and a cross at the top a value
+that is refused or gives no result. Under them stands the largest error of each line within the boundary. *Ours* is what
+varos_warp does, beside other methods for the same; a tick is a step of the simulation, 5 ms, and h its length.
+`python -m benchmarks.stability` makes this page.
 """
 TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what the program does", "test")
 
 
-def write_page(results: dict, groups: dict[str, str], page: Path):
+def write_page(results: dict, said: dict, groups: dict[str, str], page: Path):
     """Write ``page`` and its figures into ``images`` beside it.
 
     Args:
         results: key of a sweep -> its record, with ``group``, ``commit``, ``machine`` and ``seconds``.
+        said: key of a sweep -> what map.yaml says of it.
         groups: key of a group -> its title, in the order of the page.
         page: path of the Markdown file.
     """
     text = [HEAD]
     for group, title in groups.items():
-        records = [record for record in results.values() if record["group"] == group]
+        records = {key: record for key, record in results.items() if record["group"] == group}
         if not records:
             continue
-        sweeps = [Sweep.from_record(record) for record in records]
+        sweeps = [sweep_of(key, record, said[key]) for key, record in records.items()]
         figure = f"images/stability_{group}.png"
         draw(sweeps, page.parent / figure)
-        text += [f"## {title}\n", _table(sweeps), f"\n![{title}]({figure})\n", _measures(sweeps), _made(records)]
+        text += [
+            f"## {title}\n",
+            _table(sweeps),
+            f"\n![{title}]({figure})\n",
+            _measures(sweeps),
+            _made(list(records.values())),
+        ]
     page.write_text("\n".join(text))
 
 

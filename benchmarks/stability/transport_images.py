@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import warp as wp
 
-from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.entry import Measured, Sweeps
 from benchmarks.stability.transport import run
 from benchmarks.stability.transport_surfaces import scene_of, shot, wall
 from varos_warp.kernels.film.develop import half_difference
@@ -14,10 +14,6 @@ from varos_warp.kernels.film.film import Sums, add_sample
 from varos_warp.products.images.radiance import to_half
 from varos_warp.render.image import exposure
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.camera_checks import PIXEL_BYTES
-
-TESTS = "tests/stability/test_camera_limits.py::"
-
 
 # -------------------------------------------------------------------------------------------------------- cameras
 
@@ -33,23 +29,10 @@ def field_error(angle_deg: float) -> float:
     return float(max(np.abs(image.depth / 2.5 - 1).max(), np.abs(image.range / truth - 1).max()))
 
 
-def field_of_view() -> Sweep:
+def field_of_view() -> Measured:
     """From a pixel of the moon to everything ahead."""
     values = [1e-5, 1e-3, 0.1, 1.0, 30.0, 90.0, 150.0, 170.0, 179.0, 179.9, 179.99, 179.999]
-    return Sweep(
-        key="field_of_view",
-        title="field of view",
-        method="camera, first hits",
-        parameter="field of view [degrees]",
-        values=values,
-        errors={"depth, range": [field_error(a) for a in values]},
-        measure="Largest relative error of depth and range of a wall, against the pinhole.",
-        limit="1e-5 .. 179.999 degrees",
-        fails="nothing found",
-        program="warns outside 5 .. 130 degrees; refuses sensors and focal lengths outside 1e-3 .. 1e6 mm",
-        test=TESTS + "test_fields_of_view_from_an_arc_second_to_all_ahead",
-        bound=1e-6,
-    )
+    return values, {"depth, range": [field_error(a) for a in values]}
 
 
 def resolution_seconds(side: int) -> tuple[float, float]:
@@ -71,25 +54,11 @@ def resolution_seconds(side: int) -> tuple[float, float]:
     return tuple(seconds)
 
 
-def resolution() -> Sweep:
+def resolution() -> Measured:
     """From one pixel to 16 million."""
     values = [1, 2, 8, 64, 512, 2048, 4096]
     seconds = np.array([resolution_seconds(side) for side in values])
-    return Sweep(
-        key="resolution",
-        title="resolution",
-        method="films, first hits",
-        parameter="pixels along a side",
-        values=values,
-        errors={"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()},
-        measure="No error: CPU time of a pixel; every pixel of A and D is a number. Small images are ruled by the "
-        "launch.",
-        limit=f"1 x 1 .. 4096 x 4096 rendered; {PIXEL_BYTES} bytes a pixel, so 8192 x 8192 takes "
-        f"{8192**2 * PIXEL_BYTES / 2**30:.0f} GiB",
-        fails="memory",
-        program="warns from 4 GiB on (varos-warp info, run)",
-        test=TESTS + "test_images_of_one_pixel_and_of_millions_are_numbers",
-    )
+    return values, {"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()}
 
 
 # ----------------------------------------------------------------------------------------------------------- films
@@ -128,27 +97,12 @@ def film_errors(count: int) -> list[float]:
     return [*np.abs(got[0] / samples.mean(dtype=float) - 1), abs(got[1][0] / stderr - 1)]
 
 
-def samples_per_pixel() -> Sweep:
+def samples_per_pixel() -> Measured:
     """What a million samples of a pixel add up to."""
     values = [10, 10**3, 10**5, 10**6, 10**7, 10**8]
     errors = np.array([film_errors(n) for n in values]).T.tolist()
     names = ("film (float64)", "float32 sum", "float32 running mean", "standard error, film")
-    return Sweep(
-        key="samples_per_pixel",
-        title="samples per pixel",
-        method="film sums",
-        parameter="samples",
-        values=values,
-        errors=dict(zip(names, errors, strict=True)),
-        measure="Relative error of the mean of exponential samples, against the same in numpy's float64. For "
-        "comparison, "
-        "what sums and running means in single precision would give.",
-        limit="10 .. 1e8 (1e-12)",
-        fails="single precision would be off by 9e-5 at 1e6 samples and 1 % at 1e7",
-        program="films are sums in float64",
-        test=TESTS + "test_a_million_samples_add_up_and_would_not_in_float32",
-        bound=1e-9,
-    )
+    return values, dict(zip(names, errors, strict=True))
 
 
 # ----------------------------------------------------------------------------------------------------------- files
@@ -163,24 +117,10 @@ def half_error(radiance: float) -> float:
     return np.nan if cut else float(np.abs(half.astype(float) / values - 1).max())
 
 
-def radiance_in_half_floats() -> Sweep:
+def radiance_in_half_floats() -> Measured:
     """How dark and bright an image may be."""
     values = [10.0**p for p in range(-10, 6)]
-    return Sweep(
-        key="radiance_in_half_floats",
-        title="radiance in half floats",
-        method="to_half (EXR of A and B)",
-        parameter="radiance [W/sr/m^2]",
-        values=values,
-        errors={"half float": [half_error(x) for x in values]},
-        measure="Largest relative rounding of radiances from x to 10 x.",
-        limit="6.1e-5 .. 65504 (5e-4)",
-        fails="below 6e-5 digits go, below 6e-8 all light; above 65504 there is no number",
-        program="counts what is cut, and says so; warns of images that are darker everywhere",
-        test=TESTS + "test_half_floats_hold_what_they_promise",
-        holds=(6.1e-5, 6.5e4),
-        bound=5e-4,
-    )
+    return values, {"half float": [half_error(x) for x in values]}
 
 
 def exposure_error(radiance: float) -> float:
@@ -190,23 +130,10 @@ def exposure_error(radiance: float) -> float:
     return float(abs(radiance * gain / exposure.KEY_VALUE - 1))
 
 
-def exposure_of_a_constant_image() -> Sweep:
+def exposure_of_a_constant_image() -> Measured:
     """Adaptive exposure of one grey."""
     values = [1e-38, 1e-30, 1e-20, 1e-10, 1e-5, 1.0, 1e5, 1e10, 1e20, 1e30, 3e38]
-    return Sweep(
-        key="exposure_of_a_constant_image",
-        title="exposure of a constant image",
-        method="exposure (adaptive)",
-        parameter="radiance [W/sr/m^2]",
-        values=values,
-        errors={"key value": [exposure_error(x) for x in values]},
-        measure="How far the exposed value is from the key value 0.18, relative.",
-        limit="all that single precision holds; 0",
-        fails="nothing found; a black image has no log-average",
-        program="a black image gets the gain of its neighbours in time, or 1",
-        bound=1e-6,
-        test=TESTS + "test_black_and_constant_images_are_exposed",
-    )
+    return values, {"key value": [exposure_error(x) for x in values]}
 
 
 SWEEPS: Sweeps = (field_of_view, resolution, samples_per_pixel, radiance_in_half_floats, exposure_of_a_constant_image)

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.entry import Measured, Sweeps
 from benchmarks.stability.transport import (
     INTEGRATORS,
     estimate,
@@ -21,9 +21,6 @@ from varos_warp.kernels.world.lights.record import Light
 from varos_warp.scene.lights.distribution import Distribution
 from varos_warp.scene.lights.records import light_record
 
-TESTS = "tests/stability/test_lamp_limits.py::"
-
-
 # ----------------------------------------------------------------------------------------------------- near the ray
 
 
@@ -39,44 +36,14 @@ def beside_error(side: float, ahead: float, integrator: str, spp: int = 256) -> 
 SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
 
 
-def lamp_beside_the_ray() -> Sweep:
+def lamp_beside_the_ray() -> Measured:
     """A light in view, 2 m ahead."""
-    return Sweep(
-        key="lamp_beside_the_ray",
-        title="a light in view",
-        method="field, path, reference",
-        parameter="distance of the light from the ray [m]",
-        values=SIDES,
-        errors={name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS},
-        measure="Relative error of single scattering, a point light 2 m ahead, g = 0.8, against quadrature in float64. "
-        "Noise of path 5e-4.",
-        limit="3e-6 m (5e-4; the camera's own rays differ by 1e-7 m there)",
-        fails="the truth grows as 1/distance without end; reference: its shadow rays find the light's surroundings by "
-        "chance, 29 % off at 1e-4 m with its noise",
-        program="distances below 1e-6 m count as 1e-6 m: bright, finite, the same in all integrators",
-        test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond",
-        holds=(3e-6, None),
-        bound=2e-3,
-    )
+    return SIDES, {name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS}
 
 
-def lamp_on_the_camera() -> Sweep:
+def lamp_on_the_camera() -> Measured:
     """A light beside the lens, down to on it."""
-    return Sweep(
-        key="lamp_on_the_camera",
-        title="a light on the camera",
-        method="field, path, reference",
-        parameter="distance of the light from the camera [m]",
-        values=SIDES,
-        errors={name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS},
-        measure="As before, the light straight beside the camera.",
-        limit="1e-6 m (7e-7)",
-        fails="as before",
-        program="as before; reference is too noisy to judge below 0.01 m",
-        test=TESTS + "test_a_lamp_near_the_ray_is_right_to_micrometres_and_finite_beyond",
-        holds=(1e-6, None),
-        bound=2e-3,
-    )
+    return SIDES, {name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS}
 
 
 def lit_error(distance: float, size: float, integrator: str) -> float:
@@ -86,31 +53,15 @@ def lit_error(distance: float, size: float, integrator: str) -> float:
     return off(mean, 0.5 / np.pi / distance**2)
 
 
-def distance_to_a_lit_surface() -> Sweep:
+def distance_to_a_lit_surface() -> Measured:
     """Light and camera against a wall."""
     values = [1e-7, 5e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 1.0, 100.0, 1e4, 1e6, 1e8]
     sizes = {"20 distances": 0.0, "at least 400 m": 200.0}
-    return Sweep(
-        key="distance_to_a_lit_surface",
-        title="distance to a lit surface",
-        method="path, reference (direct)",
-        parameter="distance [m]",
-        values=values,
-        errors={
-            f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
-            for name in ("path", "reference")
-            for label, least in sizes.items()
-        },
-        measure="Relative error of direct light off a grey plate with light and camera in one place, against the "
-        "inverse "
-        "square.",
-        limit="1e-6 .. 1e8 m (2e-7)",
-        fails="below 1e-6 m the inverse square is cut off; no ray is longer than 1e9 m",
-        program="distances below 1e-6 m count as 1e-6 m; beyond 1e9 m nothing is hit",
-        test=TESTS + "test_a_surface_is_lit_as_the_inverse_square_says_from_micrometres_on",
-        holds=(1e-6, None),
-        bound=1e-6,
-    )
+    return values, {
+        f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
+        for name in ("path", "reference")
+        for label, least in sizes.items()
+    }
 
 
 # ------------------------------------------------------------------------------------------------------- the cones
@@ -127,7 +78,8 @@ def flux_error(cone_deg: float, blend: float) -> float:
     axis = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
     across = np.cross(axis, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(axis, [1.0, 0.0, 0.0]))
     half = np.radians(cone_deg) / 2
-    record = light_record(Distribution(half, blend), np.ones(3), axis=axis)
+    record = light_record(Distribution(half, blend), np.ones(3))
+    record.axis = wp.vec3(*axis)
     theta = np.linspace(0.0, min(np.pi, 1.5 * half), 100_001)
     directions = np.cos(theta)[:, None] * axis + np.sin(theta)[:, None] * across
     got = run(_falloff_values, [record, wp.array(directions, dtype=wp.vec3, device="cpu")], len(theta))
@@ -141,25 +93,9 @@ def flux_error(cone_deg: float, blend: float) -> float:
 CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.9, 359.99, 359.999]
 
 
-def power_of_a_cone() -> Sweep:
+def power_of_a_cone() -> Measured:
     """From a laser to a light without a cone."""
-    return Sweep(
-        key="power_of_a_cone",
-        title="power of a spot",
-        method="falloff (float32)",
-        parameter="cone [degrees]",
-        values=CONES,
-        errors={f"blend {blend:g}": [flux_error(cone, blend) for cone in CONES] for blend in (0.0, 0.15, 1.0)},
-        measure="Relative error of the power that a spot of intensity 1 sends out, against the closed form of its soft "
-        "edge in float64.",
-        limit="1 .. 359.9 degrees (1.2e-3 at 1 degree, 1e-4 from 2 on)",
-        fails="the cosine of the half angle is 1 to seven digits: 0.9 % off at 0.5 degrees, 9 % at 0.1; beyond 359.9 a "
-        "soft edge rounds to none",
-        program="refuses cones below 1 degree and between 359.9 and 360 (vehicle.lights.N.cone_deg)",
-        test=TESTS + "test_spots_send_out_their_power_where_a_scene_may_name_them",
-        holds=(1.0, 359.9),
-        bound=2e-3,
-    )
+    return CONES, {f"blend {blend:g}": [flux_error(cone, blend) for cone in CONES] for blend in (0.0, 0.15, 1.0)}
 
 
 def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -> float:
@@ -171,32 +107,16 @@ def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -
     return off(estimate(scene, [floor(10.0, 0.0)], layer="single", integrator=integrator, spp=spp)[0], truth)
 
 
-def cone_across_the_view() -> Sweep:
+def cone_across_the_view() -> Measured:
     """The same in an image, hard and soft."""
     values = [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0]
-    return Sweep(
-        key="cone_across_the_view",
-        title="single scattering in a cone",
-        method="field, path",
-        parameter="cone [degrees]",
-        values=values,
-        errors={
-            f"{name}, blend {blend:g}": [
-                cone_error(cone, blend, name) if 20 <= cone <= 179 or name == "path" else np.nan for cone in values
-            ]
-            for name in ("field", "path")
-            for blend in (0.0, 1.0)
-        },
-        measure="Relative error of single scattering where a spot 0.1 m aside crosses the ray, against quadrature. "
-        "Noise "
-        "of path 2e-3.",
-        limit="path 1 .. 359.9 degrees; field 20 .. 179",
-        fails="field: narrow cones are not resolved by its grids, wide ones have no convex nappe",
-        program="auto takes path; the field asked for by name is refused",
-        test=TESTS + "test_cones_are_tables_from_20_to_179_degrees_and_paths_beyond",
-        holds=(20.0, 179.0),
-        bound=1e-2,
-    )
+    return values, {
+        f"{name}, blend {blend:g}": [
+            cone_error(cone, blend, name) if 20 <= cone <= 179 or name == "path" else np.nan for cone in values
+        ]
+        for name in ("field", "path")
+        for blend in (0.0, 1.0)
+    }
 
 
 # ------------------------------------------------------------------------------------------------------ intensities
@@ -221,28 +141,10 @@ def intensity_error(exponent: int, integrator: str) -> float:
     return off(layers(10.0**exponent), layers(1.0))
 
 
-def intensity() -> Sweep:
+def intensity() -> Measured:
     """From a glow-worm's ghost to a star."""
     exponents = [-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38]
-    return Sweep(
-        key="intensity",
-        title="intensity of a light",
-        method="field, path, reference",
-        parameter="intensity [W/sr]",
-        values=[10.0**p for p in exponents],
-        errors={name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS},
-        measure="How far an image divided by the light's intensity is from the one of 1 W/sr with the same random "
-        "numbers, "
-        "in all layers (field: direct and single).",
-        limit="1e-20 .. 1e20 W/sr (1e-7)",
-        fails="path: below 1e-25 W/sr the weights of its lights drown in the number that keeps them from 0 (2 % at "
-        "1e-28, "
-        "83 % at 1e-30), above 1e36 they overflow",
-        program="refuses intensities outside 1e-20 .. 1e20 W/sr, but for 0 (vehicle.lights.N.intensity)",
-        test=TESTS + "test_light_is_in_proportion_to_the_intensity_of_its_lamp",
-        holds=(1e-20, 1e20),
-        bound=1e-6,
-    )
+    return [10.0**p for p in exponents], {name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS}
 
 
 SWEEPS: Sweeps = (

@@ -5,14 +5,13 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.entry import Measured, Sweeps
 from benchmarks.stability.transport import INTEGRATORS, estimate, off, one_ray_scene, point, run, spot, truth_of, water
 from varos_warp.kernels.world.medium import sample_truncated_exponential
 from varos_warp.kernels.world.phase import hg_eval, hg_sample_one_minus_cos
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 
-TESTS = "tests/stability/test_media_limits.py::"
 BESIDE = (0.15, 0.0, -0.1)
 """A light beside the camera, like the paper's."""
 
@@ -28,73 +27,23 @@ def single_error(sigma_t: float, g: float, integrator: str, lamp=BESIDE, albedo=
     return off(estimate(scene, layer="single", integrator=integrator, spp=spp)[0], truth)
 
 
-def single_over_sigma_t() -> Sweep:
+def single_over_sigma_t() -> Measured:
     """From clearer than air to ink."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0]
-    return Sweep(
-        key="single_over_sigma_t",
-        title="single scattering, thin to thick",
-        method="field, path, reference",
-        parameter="sigma_t [1/m]",
-        values=values,
-        errors={name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS},
-        measure="Relative error of the layer single of a ray to the horizon, a point light 0.18 m from the camera, "
-        "g = 0.8, albedo 0.5, against adaptive quadrature in float64. The field integrates; path and reference "
-        "have "
-        "noise (64 pixels of 256 samples).",
-        limit="1e-7 .. 100 1/m (field: 1.8e-3 at worst, at 0.01)",
-        fails="field: at an optical distance of more than 40 from light to camera the ten nodes miss the shortest way, "
-        "where no light is left (1e-17 at 200 1/m); reference: noise below 1e-3 1/m, where hardly any flight "
-        "ends",
-        program="nothing: the radiance is below 1e-9 of what it is in clear water",
-        test=TESTS + "test_single_scattering_from_clear_to_black_water",
-        holds=(1e-7, 100.0),
-        bound=2e-3,
-    )
+    return values, {name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS}
 
 
-def single_over_optical_distance() -> Sweep:
+def single_over_optical_distance() -> Measured:
     """The light moves away sideways in thick water."""
     values = [0.01, 0.1, 0.3, 1.0, 3.0, 8.0, 12.0, 20.0, 30.0, 40.0]
-    return Sweep(
-        key="single_over_optical_distance",
-        title="single scattering, light aside",
-        method="field, path",
-        parameter="distance of the light from the ray x sigma_t",
-        values=values,
-        errors={name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")},
-        measure="As before, sigma_t = 1/m, a point light straight beside the camera.",
-        limit="to 20 mean free paths (field 1.2e-5)",
-        fails="field: 1e-3 at 30, 1e-2 at 40; the radiance there is 1e-19",
-        program="nothing: no image shows it",
-        test=TESTS + "test_single_scattering_from_clear_to_black_water",
-        holds=(None, 30.0),
-        bound=2e-3,
-    )
+    return values, {name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")}
 
 
-def single_over_g() -> Sweep:
+def single_over_g() -> Measured:
     """All phase functions that a scene may name, and lights beside and before the camera."""
     values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
     errors = {name: [_worst_over_lamps(g, name) for g in values] for name in ("field", "path")}
-    return Sweep(
-        key="single_over_g",
-        title="single scattering over g",
-        method="field, path",
-        parameter="g",
-        values=values,
-        errors=errors,
-        scale="linear",
-        measure="As before, sigma_t = 0.1/m; the worse of two point lights, 0.18 m from the camera and in view 0.5 m "
-        "ahead. "
-        "The noise of path is below 4e-3.",
-        limit="field 0 .. 0.98; path -0.99 .. 0.999",
-        fails="the field is made for light that goes on ahead; float32: see the phase function",
-        program="auto takes path where the field ends; g outside -0.99 .. 0.999 is refused",
-        test=TESTS + "test_tables_leave_backward_water_to_paths",
-        holds=(0.0, 0.98),
-        bound=3e-3,
-    )
+    return values, errors
 
 
 def _worst_over_lamps(g: float, integrator: str) -> float:
@@ -134,31 +83,15 @@ def phase_moment_error(g: float) -> float:
     return float(abs(x.mean() / (1 - g) - 1) if g >= 0 else abs((2 - x).mean() / (1 + g) - 1))
 
 
-def phase_function_over_g() -> Sweep:
+def phase_function_over_g() -> Measured:
     """Towards a mirror and a pencil."""
     values = [1.0, 0.5, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
-    return Sweep(
-        key="phase_function_over_g",
-        title="phase function, |g| to 1",
-        method="hg_eval, hg_sample_one_minus_cos (float32)",
-        parameter="1 - |g|",
-        values=values,
-        errors={
-            "value, g > 0": [phase_value_error(1 - x) for x in values],
-            "value, g < 0": [phase_value_error(x - 1) for x in values],
-            "1 - mean cosine, g > 0": [phase_moment_error(1 - x) for x in values],
-            "1 + mean cosine, g < 0": [phase_moment_error(x - 1) for x in values],
-        },
-        measure="Largest relative error of the density over all angles, and of the mean angle of its samples, against "
-        "Henyey and Greenstein in float64.",
-        limit="g = -0.99 (3e-3, at its peak) .. 0.999 (2e-5)",
-        fails="backward: 1 + cos has no digits in 1 - cos, and the peak is 23 % off at -0.999, infinite at -0.9999; "
-        "forward: 1 - g has few digits, 0.3 % off at 1 - 1e-5, 20 % at 1 - 1e-7",
-        program="refuses g outside -0.99 .. 0.999 (scene file, key phase.g or anisotropy)",
-        test=TESTS + "test_phase_functions_are_right_where_a_scene_may_name_them",
-        holds=(0.01, None),
-        bound=3e-3,
-    )
+    return values, {
+        "value, g > 0": [phase_value_error(1 - x) for x in values],
+        "value, g < 0": [phase_value_error(x - 1) for x in values],
+        "1 - mean cosine, g > 0": [phase_moment_error(1 - x) for x in values],
+        "1 + mean cosine, g < 0": [phase_moment_error(x - 1) for x in values],
+    }
 
 
 # ---------------------------------------------------------------------------------------------------- all the light
@@ -190,31 +123,12 @@ def isotropic_total(albedo: float, integrator: str, spp: int = 256) -> tuple[flo
     return float(mean.mean()), float(stderr.max())
 
 
-def all_orders_over_albedo() -> Sweep:
+def all_orders_over_albedo() -> Measured:
     """Until nothing is absorbed."""
     values = [0.5, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6, 1e-9]
     truth = {x: case_zweifel_total(1.0 - x) for x in values}
-    return Sweep(
-        key="all_orders_over_albedo",
-        title="all orders, albedo to 1",
-        method="field, path, reference",
-        parameter="1 - albedo",
-        values=values,
-        errors={name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}
-        | {"stderr of path": [isotropic_total(1.0 - x, "path")[1] / truth[x] for x in values]},
-        measure="Relative error of all orders of scattering along a ray that begins 1 mean free path beside an "
-        "isotropic point source in isotropic water, against the Fourier integral of Case and Zweifel (1967). "
-        "The last line is the standard error of path.",
-        limit="field: to albedo 0.999 (9e-3; 0.99: 8e-4) in isotropic water of many mean free paths; path: to 0.9 "
-        "(6e-3), beyond within its standard error of 7 to 15 %",
-        fails="light diffuses over more mean free paths than the field reaches (30, or 200 m: 3.2 % is lost at albedo "
-        "1); the variance of paths grows without bound, and their stderr says so",
-        program="nothing: it takes water that scatters evenly and absorbs nothing. In the paper's blue (albedo 1, "
-        "g = 0.8) field and paths agree to 0.1 % (transport.md)",
-        test=TESTS + "test_all_orders_of_water_that_absorbs_nothing",
-        holds=(1e-3, None),
-        bound=1e-2,
-    )
+    off = {name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}
+    return values, off | {"stderr of path": [isotropic_total(1.0 - x, "path")[1] / truth[x] for x in values]}
 
 
 # ------------------------------------------------------------------------------------------- all orders, from the field
@@ -245,54 +159,23 @@ def multiple_errors(sigma_t: float, g: float, lamps: str, spp: int = 4096) -> tu
     return float(abs(got.radiance.mean(dtype=float) / mean - 1)), float(noise / mean)
 
 
-def field_over_sigma_t() -> Sweep:
+def field_over_sigma_t() -> Measured:
     """All orders from two on, thin to thick."""
     values = [0.03, 0.3, 1.0, 3.0, 10.0, 50.0]
     errors = np.array([multiple_errors(s, 0.8, "spots of 65 degrees") for s in values]).T.tolist()
-    return Sweep(
-        key="field_over_sigma_t",
-        title="the field, all orders, thin to thick",
-        method="field",
-        parameter="sigma_t [1/m]",
-        values=values,
-        errors=dict(zip(("field", "stderr of path"), errors, strict=True)),
-        measure="Relative error of the layer multiple in open water, on average over an image, two spots beside the "
-        "camera, g = 0.8, albedo 0.8, against path with 4096 samples, whose standard error is the other line.",
-        limit="0.03 .. 50 1/m within the noise of path (0.4 % at 0.03, 0.8 % at 1, 2.4 % at 3, 3 % at 10, 15 % at 50)",
-        fails="with one channel much murkier than another the sum over the orders does not converge: an optical depth "
-        "of 200 on the grid (0.01, 0.1 and 1 1/m), while 100 does",
-        program="auto takes path beyond 100, the field asked for by name is refused",
-        test=TESTS + "test_tables_hold_all_orders_in_thick_water",
-        bound=1e-2,
-    )
+    return values, dict(zip(("field", "stderr of path"), errors, strict=True))
 
 
-def field_over_g() -> Sweep:
+def field_over_g() -> Measured:
     """All orders from two on, backward to forward."""
     values = [0.0, 0.3, 0.85, 0.924, 0.95, 0.98]
     spots, points = (np.array([multiple_errors(0.3, g, lamps) for g in values]).T.tolist() for lamps in LAMPS)
-    return Sweep(
-        key="field_over_g",
-        title="the field, all orders, over g",
-        method="field",
-        parameter="g",
-        values=values,
-        errors={
-            "spots of 65 degrees": spots[0],
-            "stderr of path, spots": spots[1],
-            "point light": points[0],
-            "stderr of path, point light": points[1],
-        },
-        scale="linear",
-        measure="As before, sigma_t = 0.3/m.",
-        limit="0 .. 0.98, within the noise of path",
-        fails="sharper phase functions, and those that scatter more light back than ahead, are not resolved by the "
-        "field's directions",
-        program="auto takes path",
-        test=TESTS + "test_tables_leave_backward_water_to_paths",
-        bound=1e-2,
-        holds=(0.0, 0.98),
-    )
+    return values, {
+        "spots of 65 degrees": spots[0],
+        "stderr of path, spots": spots[1],
+        "point light": points[0],
+        "stderr of path, point light": points[1],
+    }
 
 
 # ------------------------------------------------------------------------------------------------------ free flights
@@ -311,26 +194,13 @@ def flight_error(sigma: float, t_max: float) -> float:
     return float(np.abs(np.expm1(-sigma * t) / np.expm1(-sigma * t_max) - u).max())
 
 
-def flights_over_optical_depth() -> Sweep:
+def flights_over_optical_depth() -> Measured:
     """Free flights that end before a surface, through next to nothing and through ink."""
     values = [1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3, 0.1, 1.0, 10.0, 100.0, 1e4, 1e8]
-    return Sweep(
-        key="flights_over_optical_depth",
-        title="truncated free flights",
-        method="sample_truncated_exponential (float32)",
-        parameter="optical depth of the ray",
-        values=values,
-        errors={
-            "t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
-            "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values],
-        },
-        measure="Largest error of the distribution function at 4096 samples, in float64.",
-        limit="1e-12 .. 1e8, all of it",
-        fails="nothing found",
-        program="below 1e-6 it samples evenly (error 1e-6); beyond 17.5 what is left is 0",
-        test=TESTS + "test_free_flights_follow_their_law_through_any_water",
-        bound=2e-6,
-    )
+    return values, {
+        "t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
+        "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values],
+    }
 
 
 SWEEPS: Sweeps = (

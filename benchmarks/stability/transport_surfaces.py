@@ -3,14 +3,13 @@
 import numpy as np
 import trimesh
 
-from benchmarks.stability.entry import Sweep, Sweeps
+from benchmarks.stability.entry import Measured, Sweeps
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry.parts import Part
 
-TESTS = "tests/stability/test_surface_limits.py::"
 GREY = Diffuse(reflectance=(0.5, 0.5, 0.5))
 LAMP = {"kind": "point", "position": (0.15, 0.0, 0.0), "intensity": (1.0, 1.0, 1.0)}
 
@@ -49,24 +48,10 @@ def depth_error(distance: float) -> float:
     return float(np.abs(depth / distance - 1).max()) if np.isfinite(depth).all() else np.nan
 
 
-def depth() -> Sweep:
+def depth() -> Measured:
     """From a tenth of a micrometre to further than a ray."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e5, 1e6, 1e7, 1e8, 7e8, 1.1e9, 1e10]
-    return Sweep(
-        key="depth",
-        title="depth of a wall",
-        method="first hits (image D)",
-        parameter="distance [m]",
-        values=values,
-        errors={"depth": [depth_error(d) for d in values]},
-        measure="Largest relative error of D over the pixels.",
-        limit="1e-7 .. 7e8 m (3e-7)",
-        fails="rays end at 1e9 m",
-        program="nothing is hit: D is infinite, 65535 in its file",
-        test=TESTS + "test_depth_is_right_until_rays_end",
-        holds=(None, 7e8),
-        bound=1e-6,
-    )
+    return values, {"depth": [depth_error(d) for d in values]}
 
 
 def grazing_errors(elevation: float) -> tuple[float, float]:
@@ -83,26 +68,11 @@ def grazing_errors(elevation: float) -> tuple[float, float]:
     return float(np.abs(image.D.range.mean() / away - 1)), float(np.abs(image.A.radiance.mean() / truth - 1))
 
 
-def grazing() -> Sweep:
+def grazing() -> Measured:
     """Level ground, seen and lit along it."""
     values = [1.0, 0.1, 1e-2, 1e-3, 1e-4, 1e-5]
     errors = np.array([grazing_errors(e) for e in values])
-    return Sweep(
-        key="grazing",
-        title="grazing light",
-        method="path (direct), first hits",
-        parameter="angle to the surface [rad]",
-        values=values,
-        errors={"direct": errors[:, 1].tolist(), "range": errors[:, 0].tolist()},
-        measure="Relative error of direct light and range of ground below camera and light, on average over 16 pixels "
-        "1e-6 "
-        "of a field wide, against the closed form.",
-        limit="1e-5 rad (1e-3)",
-        fails="nothing found",
-        program="nothing to do",
-        test=TESTS + "test_grazing_light_is_the_cosine_law_to_1e_5_radians",
-        bound=2e-3,
-    )
+    return values, {"direct": errors[:, 1].tolist(), "range": errors[:, 0].tolist()}
 
 
 def needle_errors(aspect: float, at_edges: bool = False) -> tuple[float, float]:
@@ -126,31 +96,16 @@ def needle_errors(aspect: float, at_edges: bool = False) -> tuple[float, float]:
     return float(1 - hit.mean()), float(np.abs(needles.A.radiance[hit] / whole.A.radiance[hit] - 1).max())
 
 
-def rays_at_needles() -> Sweep:
+def rays_at_needles() -> Measured:
     """Triangles a thousand million times as long as wide."""
     values = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9]
     errors = np.array([needle_errors(a) for a in values])
     at_edges = [needle_errors(a, True)[0] for a in values]
-    return Sweep(
-        key="rays_at_needles",
-        title="needle triangles",
-        method="path (direct), first hits",
-        parameter="length over width",
-        values=values,
-        errors={
-            "direct": errors[:, 1].tolist(),
-            "rays lost": errors[:, 0].tolist(),
-            "rays lost, aimed at edges": at_edges,
-        },
-        measure="A wall of up to 4000 needles, 12 m long, that fills the view: share of rays that pass between them, "
-        "and "
-        "largest relative error of direct light against a wall of two triangles.",
-        limit="1 .. 1e9; rays aimed exactly at edges between needles: 1 .. 1e3",
-        fails="of rays that meet an edge between needles of 1e4 .. 1e6 to the last bit, up to 2 % pass",
-        program="nothing: rays through a pixel are spread, and meet an edge so closely once in millions",
-        test=TESTS + "test_walls_of_needles_are_closed_and_lit_alike",
-        bound=1e-5,
-    )
+    return values, {
+        "direct": errors[:, 1].tolist(),
+        "rays lost": errors[:, 0].tolist(),
+        "rays lost, aimed at edges": at_edges,
+    }
 
 
 def scaled_image(scale: float):
@@ -171,30 +126,12 @@ def scale_errors(scale: float, truth) -> tuple[float, float]:
     )
 
 
-def scale() -> Sweep:
+def scale() -> Measured:
     """Tiny and huge worlds."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 10.0, 1e3, 1e5, 1e6, 1e7, 1e8]
     truth = scaled_image(1.0)
     errors = np.array([scale_errors(s, truth) for s in values])
-    return Sweep(
-        key="scale",
-        title="tiny and huge triangles",
-        method="path",
-        parameter="size of the world / 1 m",
-        values=values,
-        errors={"direct": errors[:, 0].tolist(), "between surfaces": errors[:, 1].tolist()},
-        measure="A box of half a metre on 40 m of ground, scaled with camera and light: relative error of direct light "
-        "with "
-        "its shadow and of light reflected more than once, on average over the image, against the size of 1 "
-        "with the same random numbers.",
-        limit="1e-3 (boxes of half a millimetre) .. 1e7",
-        fails="rays start 1 micrometre off a surface, which is 1 % of a box of 0.1 mm (direct 0.05 %, between surfaces "
-        "0.4 % off at 1e-4; 4 % and 56 % at 1e-6); from 1e8 on rays are too short for the ground",
-        program="warns of objects smaller than 2 mm (varos-warp info, run)",
-        test=TESTS + "test_a_world_of_any_size_from_millimetres_on_looks_the_same",
-        holds=(1e-3, 1e7),
-        bound=1e-3,
-    )
+    return values, {"direct": errors[:, 0].tolist(), "between surfaces": errors[:, 1].tolist()}
 
 
 def map_errors(offset: float, spread: bool) -> tuple[float, float]:
@@ -210,31 +147,16 @@ def map_errors(offset: float, spread: bool) -> tuple[float, float]:
     )
 
 
-def place_on_a_map() -> Sweep:
+def place_on_a_map() -> Measured:
     """Far from the origin, and all over."""
     values = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 9e8]
     alone, spread = (np.array([map_errors(x, kind) for x in values]) for kind in (False, True))
-    return Sweep(
-        key="place_on_a_map",
-        title="large coordinates",
-        method="path (direct), first hits",
-        parameter="distance from the origin, or from the middle of the course [m]",
-        values=values,
-        errors={
-            "direct, one place": alone[:, 1].tolist(),
-            "D, one place": alone[:, 0].tolist(),
-            "direct, a course": spread[:, 1].tolist(),
-            "D, a course": spread[:, 0].tolist(),
-        },
-        measure="Largest relative error over the pixels of direct light and D of a wall 2.5 m ahead, against the "
-        "origin.",
-        limit="one place: to 9e8 m; a course: 1e4 m from its middle (5e-4)",
-        fails="single precision is relative to the middle of the course: 1 cm in 1e5 m",
-        program="refuses coordinates beyond 1e9 m; warns where a course is so wide that D loses half a step",
-        test=TESTS + "test_a_course_is_as_right_as_single_precision_at_its_ends",
-        holds=(None, 1e4),
-        bound=1e-3,
-    )
+    return values, {
+        "direct, one place": alone[:, 1].tolist(),
+        "D, one place": alone[:, 0].tolist(),
+        "direct, a course": spread[:, 1].tolist(),
+        "D, a course": spread[:, 0].tolist(),
+    }
 
 
 SWEEPS: Sweeps = (depth, grazing, rays_at_needles, scale, place_on_a_map)

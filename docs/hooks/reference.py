@@ -204,7 +204,8 @@ def api_page() -> str:
         + "\n\n## What render takes and returns\n\n"
         + "\n\n".join(f"::: {name}" for name in frames)
         + "\n\n## What a frame of a Dataset holds\n\n"
-        "::: varos_warp.dataset.reader.frame.Frame\n\n## What simulate and plan_render return\n\n"
+        "::: varos_warp.dataset.reader.frame.Frame\n\n## Samples of vehicle and sensors in a Dataset\n\n"
+        "::: varos_warp.dataset.reader.readings.Readings\n\n## What simulate and plan_render return\n\n"
         + "\n\n".join(f"::: {name}" for name in found)
         + "\n\n## Functions of one task\n\n"
         + "\n\n".join(f"::: {name}" for name in more)

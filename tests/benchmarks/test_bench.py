@@ -8,7 +8,7 @@ from benchmarks import bench
 
 
 @pytest.mark.parametrize(
-    "arguments", [["nowhere"], ["--methods", "magic"], ["--outputs", "B"], ["--seconds", "-1"], ["--device", "cuda:99"]]
+    "arguments", [["nowhere"], ["--methods", "magic"], ["--seconds", "-1"], ["--device", "cuda:99"]]
 )
 def test_an_unknown_name_or_a_bad_value_is_one_message(tmp_path, capsys, arguments):
     assert bench.main([*arguments, "-o", str(tmp_path)]) == 2
@@ -28,8 +28,6 @@ def test_the_options_reach_the_benchmark(monkeypatch, tmp_path, capsys):
                 "demo",
                 "--methods",
                 "path, field",
-                "--outputs",
-                "A,sensors",
                 "--device",
                 "cpu",
                 "--quick",
@@ -43,5 +41,5 @@ def test_the_options_reach_the_benchmark(monkeypatch, tmp_path, capsys):
         )
         == 0
     )
-    assert seen == [(["ref1", "demo"], ["path", "field"], ["A", "sensors"], "cpu", True, 7.0, tmp_path, True)]
+    assert seen == [(["ref1", "demo"], ["path", "field"], "cpu", True, 7.0, tmp_path, True)]
     assert json.loads(capsys.readouterr().out) == {"machine": {}}

@@ -77,7 +77,7 @@ def series(*names):
 def test_the_cheapest_point_comes_first_and_the_budget_is_kept(bench, tmp_path):
     kept = store.Store(tmp_path, MACHINE)
     points = radiance.compare(bench, series("1.0", "0.1"), "cuda:0", 20.0, kept, lambda text: None)
-    done = [(row["method"], row["spp"]) for row in kept.rows["A"]]
+    done = [(row["method"], row["spp"]) for row in kept.rows]
     assert points == len(done)
     assert done == [("1.0", 1), ("0.1", 1), ("0.1", 4), ("0.1", 16), ("1.0", 4), ("0.1", 64), ("1.0", 16)][: len(done)]
     assert ("1.0", 16) not in done  # 16 s more than the 20 there are
@@ -88,7 +88,7 @@ def test_what_does_not_serve_is_left_out_with_its_reason(bench, tmp_path):
     kept = store.Store(tmp_path, MACHINE)
     radiance.compare(bench, series("refused", "0.1"), "cuda:0", 100.0, kept, lambda text: None)
     assert kept.scenes["a_scene"]["left_out"] == {"refused": "does not serve"}
-    assert {row["method"] for row in kept.rows["A"]} == {"0.1"}
+    assert {row["method"] for row in kept.rows} == {"0.1"}
 
 
 def test_every_row_is_on_disk_before_the_next_is_made(bench, tmp_path):
@@ -157,9 +157,8 @@ def test_unknown_names_are_refused():
 def test_a_run_goes_on_where_an_earlier_one_by_the_same_code_stopped(tmp_path):
     first = store.Store(tmp_path, MACHINE)
     for scene in ("one", "two"):
-        first.add("A", {"scene": scene})
-    first.add("sensors", {"sweep": "rate"})
+        first.add({"scene": scene})
     again = store.reopen(tmp_path, MACHINE | {"date": "2026-01-02"})
-    again.forget(["two"], ["A"])
-    assert again.rows == {"A": [{"scene": "one"}], "sensors": [{"sweep": "rate"}]}
-    assert store.reopen(tmp_path, MACHINE | {"commit": "def"}).rows == {}
+    again.forget(["two"])
+    assert again.rows == [{"scene": "one"}]
+    assert store.reopen(tmp_path, MACHINE | {"commit": "def"}).rows == []

@@ -15,7 +15,7 @@ from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.description.world import Rust
 from varos_warp.scene.frames import transform
 from varos_warp.scene.geometry.parts import Instances, Moving
-from varos_warp.scene.geometry.query import ranges
+from varos_warp.scene.geometry.query import Solids, ranges
 from varos_warp.scene.optics.shutter import in_ns, row_offsets_s
 from varos_warp.sim.poses import poses_along
 
@@ -263,7 +263,7 @@ def test_beams_meet_an_object_where_it_is_at_their_times():
     one, times = moving(plate(), (1.0, 0.5, 0.0), (0, 0, 20)), np.array([0, SECOND // 2, SECOND])
     start, ahead = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.5, 0, 0]]), np.tile([0.0, 1.0, 0.0], (3, 1))
     T = poses_along(one.path, times)
-    got = ranges([wall(), one], start, ahead, 30.0, {"plate": T})
+    got, *_ = Solids([wall(), one]).first_met(start, ahead, 30.0, {"plate": T})
     alone = [
         ranges([wall(), placed(plate(), pose)], start[i : i + 1], ahead[i : i + 1], 30.0)[0] for i, pose in enumerate(T)
     ]

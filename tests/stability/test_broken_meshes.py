@@ -123,8 +123,10 @@ def test_a_mesh_of_nothing_is_refused_with_one_message(vertices, faces):
 
 def test_one_triangle_is_a_terrain():
     triangle = np.array([[0, 0, 0], [4, 0, 1], [0, 4, 0]], float), np.array([[0, 1, 2]], np.int32)
-    assert works_or_is_refused(*triangle) is not None
-    assert works_or_is_refused(*triangle, shrinkwrap_resolution=9) is not None
+    for how, spacing in (({}, 0.0), ({"shrinkwrap_resolution": 9}, 0.5)):
+        vertices, faces = works_or_is_refused(*triangle, **how, close="none")
+        np.testing.assert_allclose(np.ptp(vertices[:, :2], axis=0), 4.0, atol=spacing + 1e-9)
+        assert (topology.area_normals(vertices, faces)[:, 2] > 0.0).all()
 
 
 # --------------------------------------------------------------------------------------------------------- at random

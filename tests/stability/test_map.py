@@ -7,57 +7,57 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.stability.entry import Sweep
+from benchmarks.stability.__main__ import sweeps
+from benchmarks.stability.entry import record_of, sweep_of, words
 from benchmarks.stability.page import write_page
 
 ROOT = Path(__file__).parents[2]
 RESULTS = json.loads((ROOT / "benchmarks" / "results" / "stability.json").read_text())
+MEASURED = ([1.0, 2.0, 3.0], {"path": [1e-3, 2e-3, math.nan]})
+SAID = {
+    "title": "a sweep",
+    "method": "path",
+    "parameter": "x [m]",
+    "measure": "Relative error.",
+    "limit": "1 .. 2 m",
+    "fails": "everything | all",
+    "program": "refuses",
+    "test": "tests/stability/test_map.py::test_x",
+    "holds": (None, 2.0),
+}
 
 
 @pytest.mark.parametrize("key", RESULTS)
 def test_every_entry_is_guarded_by_a_test_that_there_is(key):
-    file, name = RESULTS[key]["test"].split("::")
+    file, name = sweep_of(key, RESULTS[key], words()[key]).test.split("::")
     assert re.search(rf"^def {re.escape(name.partition('[')[0])}\(", (ROOT / file).read_text(), re.MULTILINE)
 
 
-def entry(**changes):
-    fields = {
-        "key": "sweep",
-        "title": "a sweep",
-        "method": "path",
-        "parameter": "x [m]",
-        "values": [1.0, 2.0, 3.0],
-        "errors": {"path": [1e-3, 2e-3, math.nan]},
-        "measure": "Relative error.",
-        "limit": "1 .. 2 m",
-        "fails": "everything | all",
-        "program": "refuses",
-        "test": "tests/stability/test_map.py::test_x",
-        "holds": (None, 2.0),
-    }
-    return Sweep(**fields | changes)
+def test_the_map_speaks_of_every_sweep_and_of_nothing_else():
+    assert set(words()) == set(sweeps()) == set(RESULTS)
 
 
 def test_a_sweep_survives_its_record():
-    again = Sweep.from_record(json.loads(json.dumps(entry().record() | {"group": "g"})))
+    record = json.loads(json.dumps(record_of(MEASURED) | {"group": "g"}))
+    again = sweep_of("sweep", record, SAID)
     assert math.isnan(again.errors["path"].pop())
     assert again.errors == {"path": [1e-3, 2e-3]}
     assert again.holds == (None, 2.0)
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
-    [({"values": [1.0]}, "error for each"), ({"test": "a test"}, "node"), ({"key": "no key"}, "identifier")],
+    ("values", "changes", "message"),
+    [([1.0], {}, "error for each"), (MEASURED[0], {"test": "a test"}, "node")],
 )
-def test_a_sweep_that_makes_no_sense_is_none(changes, message):
+def test_a_sweep_that_makes_no_sense_is_none(values, changes, message):
     with pytest.raises(ValueError, match=message):
-        entry(**changes)
+        sweep_of("sweep", record_of((values, MEASURED[1])), SAID | changes)
 
 
 def test_the_page_has_the_boundary_the_worst_error_within_and_a_figure(tmp_path):
-    record = entry().record() | {"group": "water", "commit": "abc", "machine": "a machine", "seconds": 3.0}
-    other = entry(key="other").record() | {"group": "gone", "commit": "abc", "machine": "a machine", "seconds": 3.0}
-    write_page({"sweep": record, "other": other}, {"water": "Water"}, tmp_path / "stability.md")
+    record = record_of(MEASURED) | {"group": "water", "commit": "abc", "machine": "a machine", "seconds": 3.0}
+    results = {"sweep": record, "other": record | {"group": "gone"}}
+    write_page(results, {"sweep": SAID}, {"water": "Water"}, tmp_path / "stability.md")
     page = (tmp_path / "stability.md").read_text()
     assert "| path | x [m] | 1 .. 2 m | everything \\| all | refuses |" in page
     assert "[x](../tests/stability/test_map.py)" in page

@@ -161,7 +161,13 @@ def test_a_current_that_changes_faster_than_the_clock_can_follow_is_refused(peri
 
 
 def test_a_steady_current_has_no_period():
-    simulate(scene(current={"velocity": (0.1, 0.0, 0.0), "period_s": 1e-9}, trajectory={"duration_s": 0.1}))
+    """However short, it changes nothing of what the current does."""
+    currents = ({"velocity": (0.1, 0.0, 0.0), "period_s": 1e-9}, {"velocity": (0.1, 0.0, 0.0)}, {})
+    short, steady, none = (
+        simulate(scene(current=current, trajectory={"duration_s": 0.1})).trajectory.position for current in currents
+    )
+    np.testing.assert_array_equal(short, steady)
+    assert not np.array_equal(short, none)
 
 
 # -------------------------------------------------------------------------------------------------------------- sensors

@@ -30,7 +30,7 @@ def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet =
     """Choose the integrator and the samples, and say why and how long a run will take."""
     from varos_warp.dataset.progress import Console
     from varos_warp.dataset.run.planning import kept_plan, plan_sequence
-    from varos_warp.dataset.run.produce import simulated
+    from varos_warp.dataset.run.steps import simulated
     from varos_warp.device.devices import resolve_device
     from varos_warp.render.renderer import FrameRenderer
     from varos_warp.scene.checks import check_scene

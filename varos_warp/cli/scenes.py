@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from varos_warp.cli.app import verb
+from varos_warp.cli.facts import print_info
 from varos_warp.cli.options import (
     Device,
     Json,
@@ -21,7 +22,7 @@ from varos_warp.cli.options import (
     observer,
     with_options,
 )
-from varos_warp.cli.tables import print_cache, print_info, print_json, print_preprocessed, print_table
+from varos_warp.cli.tables import print_cache, print_json, print_preprocessed, print_table
 from varos_warp.errors import InputError
 
 
@@ -97,7 +98,7 @@ def info(
 def _facts(scene, quiet: bool) -> dict:
     """What `info` tells of a scene as its vehicle sees it."""
     from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
-    from varos_warp.dataset.run.produce import simulated
+    from varos_warp.dataset.run.steps import simulated
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.file.source import located
     from varos_warp.scene.geometry.build import build_parts

@@ -20,6 +20,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.rows import exposure_s
+from varos_warp.dataset.write import tables
 from varos_warp.dataset.write import texts as writers
 from varos_warp.dataset.write.checksums import LEFT_OUT, NOTES, Record, read_checksums, sha256
 from varos_warp.errors import InputError
@@ -70,7 +71,7 @@ def add_noise(root, profile: NoiseProfile, out, seed: int = 0, quiet: bool = Fal
         noisy = Dataset(temp)
         for name, model in profile.of_sensors.items():
             reading, bias = noisy_readings(data, name, model, seed)
-            writers.write_readings(noisy.layout, name, reading, data.readings(name), bias)
+            tables.write_readings(noisy.layout, name, reading, data.readings(name), bias)
         if profile.camera is not None:
 
             def write(frame: int, camera: str) -> None:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from varos_warp.dataset.progress import Console
-from varos_warp.dataset.run.produce import simulated
+from varos_warp.dataset.run.steps import simulated
 from varos_warp.errors import InputError
 from varos_warp.files import stamp_of
 from varos_warp.products.images.radiance import RadianceImage, encode_color, to_half

@@ -36,6 +36,7 @@ from varos_warp.scene.materials.records import (
     tints_of,
 )
 from varos_warp.scene.materials.textures import Textures
+from varos_warp.scene.numbers import numbered, part_names
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.ports import DomePort, FlatPort
 from varos_warp.scene.passes import BandPass, as_kernels_know
@@ -142,9 +143,9 @@ class DeviceScene:
         self.water = optical_properties(scene)
         self.lights = Lights(scene, device)
         self.moving = [part for part in parts if isinstance(part, Moving)]
-        self.part_names = self._names(parts)
+        self.part_names = part_names(scene, parts)
         """Names of all that S numbers, in the order of their numbers, which begin at 1."""
-        self._numbers, self.segment_of = self._numbered(parts)
+        self._numbers, self.segment_of = numbered(scene, parts, self.part_names)
         copied_faces = sum(len(group) * len(group.faces) for group in parts if isinstance(group, Instances))
         fit = copied_faces <= MOST_JOINED_FACES[self.kind]
         self.joins_copies = fit if joins_copies is None else joins_copies
@@ -242,17 +243,6 @@ class DeviceScene:
             return wp.empty((len(offset_ns), 0), dtype=InstanceData, device=self.device)
         return self._array(self._placed(self.poses_at(offset_ns)), InstanceData)
 
-    def _names(self, parts: list[Part | Instances]) -> list[str]:
-        """Names of all that has a number, in its order; among them the observer's own body, which nobody sees here."""
-        names = [part.name for part in parts if isinstance(part, Part)]
-        groups = [group for group in parts if isinstance(group, Instances) and self._has_numbers(group)]
-        for block in dict.fromkeys(group.name for group in groups):
-            numbers = np.concatenate([group.numbers for group in groups if group.name == block])
-            names += [f"{block}.{i}" for i in np.sort(numbers)]
-        if own := self.scene.own_body:
-            names.insert(self.scene.number_of(own) - 1, own)
-        return names
-
     def _known_by_wavelength(
         self, shapes: list[Part | Instances], with_faces: list[Part | Instances]
     ) -> list[KnownSpectra]:
@@ -263,35 +253,6 @@ class DeviceScene:
             for k, (shape, part) in enumerate(zip(shapes, with_faces, strict=True))
             if part.skin is not None and part.skin.spectra is not None
         ]
-
-    def _has_numbers(self, group: Instances) -> bool:
-        """Whether S has a number for each copy; else each has that of its host."""
-        return not isinstance(group, Grown) or self.scene.render.segments == "fine"
-
-    def _numbered(self, parts: list[Part | Instances]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Numbers of parts as kernels know them, which materials go by, and the numbers in S that they stand for.
-
-        Copies on one host that have its number share one of their own beyond those of ``part_names``, as their material
-        is not the host's.
-
-        Returns:
-            The number of each part, or of each copy of a group, int32 [N], by its name or that of its first copy; and
-            the numbers in S, int32 [M + 1], by one more than those of the kernels; 0 stands for itself.
-        """
-        by_name = {name: number for number, name in enumerate(self.part_names)}
-        numbers, hosts = {}, [np.arange(len(by_name) + 1, dtype=np.int32)]
-        count = len(by_name)
-        for part in parts:
-            if isinstance(part, Part):
-                numbers[part.name] = np.array([by_name[part.name]], np.int32)
-            elif self._has_numbers(part):
-                numbers[part.first_name] = np.array([by_name[name] for name in part.names], np.int32)
-            else:
-                used, of = np.unique(part.host, return_inverse=True)
-                numbers[part.first_name] = (count + of).astype(np.int32)
-                hosts.append(np.array([by_name[part.hosts[k]] + 1 for k in used], np.int32))
-                count += len(used)
-        return numbers, np.concatenate(hosts)
 
     def _upload_geometry(self, parts: list[Part | Instances]):
         """The mesh of what stands still and those of instances, with arrays per face."""
@@ -391,7 +352,10 @@ class DeviceScene:
         ]
         unplaced = []
         for shape, mesh in zip([*groups, *self.moving], self.instanced_meshes, strict=True):
-            unplaced.append(self._record(mesh, first_face, int(self._numbers[shape.first_name][0])))
+            record = InstanceData()
+            record.mesh, record.whole = (_id(each) for each in mesh)
+            record.first_face, record.part, record.scale = first_face, int(self._numbers[shape.first_name][0]), 1.0
+            unplaced.append(record)
             first_face += len(shape.faces)
         blank = wp.array(unplaced, dtype=InstanceData, device="cpu").numpy()
         self.data.instances = self._array(self._copies(groups, blank[: len(groups)]), InstanceData)
@@ -409,13 +373,6 @@ class DeviceScene:
             own["R"], own["p"] = group.T_w_o[:, :3, :3] / scale[:, None, None], group.T_w_o[:, :3, 3] - self.origin
             start += len(group)
         return records
-
-    def _record(self, meshes: tuple[wp.Mesh, wp.Mesh | None], first_face: int, number: int) -> InstanceData:
-        """Record of an instance that is not placed yet."""
-        record = InstanceData()
-        record.mesh, record.whole = (_id(mesh) for mesh in meshes)
-        record.first_face, record.part, record.scale = first_face, number, 1.0
-        return record
 
     def _turned(self, T_w_o: np.ndarray) -> np.ndarray:
         """Rotations [N, M, 3, 3] of the meshes of what moves, whose axes are the world's where it begins."""

@@ -20,7 +20,6 @@ from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.run.produce import produce
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.sim import trajectory
 
 
 @pytest.fixture(scope="module")
@@ -184,8 +183,7 @@ def ahead(tmp_path_factory):
         }
     )
     with pytest.MonkeyPatch.context() as patch:
-        standins.install(patch)
-        patch.setitem(sys.modules, "varos_warp.sim.trajectory", trajectory)  # a course with dynamics
+        standins.install(patch, ("render.planner.plan", "render.renderer"))  # a course with dynamics
         produce(scene, root / "data", quiet=True)
     export(root / "data", "mcap", root / "out")
     return messages_of(root / "out/bag")

@@ -1,6 +1,5 @@
 """Plans are kept: the same scene is planned once, and another one anew."""
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,7 +24,7 @@ def plans(monkeypatch, tmp_path):
 
     standins.install(monkeypatch)
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path))
-    monkeypatch.setattr(sys.modules["varos_warp.render.planner.plan"], "plan_render", plan_render)
+    monkeypatch.setattr("varos_warp.render.planner.plan.plan_render", plan_render)
     return made
 
 

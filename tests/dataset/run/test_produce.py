@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import sys
 import time
 
 import numpy as np
@@ -13,11 +12,12 @@ from standins import FlatFloorRenderer, install, make_scene, scene_dict, tree
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import Console, Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.run.produce import produce, select
+from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.timing import BESIDE, MAIN
 from varos_warp.dataset.write.folder import claimed
 from varos_warp.errors import InputError
 from varos_warp.scene.file.load import scene_from_dict
+from varos_warp.sim.clock import select
 
 
 def run(out, render=None, *, stop_after=None, scene=None, **options):
@@ -319,11 +319,11 @@ def test_a_camera_that_looks_into_open_water_is_named_at_the_end(tmp_path, up):
 
 
 def test_the_denoiser_that_was_really_used_is_recorded_and_not_mixed_with_another(tmp_path, monkeypatch):
-    monkeypatch.setattr("varos_warp.dataset.run.produce.available_method", lambda method: "nlm")
+    monkeypatch.setattr("varos_warp.dataset.run.steps.available_method", lambda method: "nlm")
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))
     assert Dataset(tmp_path).meta["samples"]["denoise"] == "nlm"
     assert Dataset(tmp_path).meta["scene"]["render"]["denoise"] == "oidn"
-    monkeypatch.setattr("varos_warp.dataset.run.produce.available_method", lambda method: method)
+    monkeypatch.setattr("varos_warp.dataset.run.steps.available_method", lambda method: method)
     run(tmp_path, {"denoise": "oidn"}, frames=slice(0, 1))  # nothing is left to denoise
     before = times(tmp_path)
     with pytest.raises(InputError, match=r"samples.denoise: .*denoised with 'nlm', .*'oidn'"):
@@ -390,7 +390,7 @@ def test_warnings_of_a_scene_are_told_before_what_keeps_it_from_being_loaded(tmp
             raise InputError("out of memory")
 
     install(monkeypatch)
-    monkeypatch.setattr(sys.modules["varos_warp.render.renderer"], "FrameRenderer", Full)
+    monkeypatch.setattr("varos_warp.render.renderer.FrameRenderer", Full)
     monkeypatch.setattr("varos_warp.scene.checks.check_scene", lambda *_: ["terrain: 2000 km across"])
     with pytest.raises(InputError, match="out of memory"):
         produce(make_scene(), tmp_path / "out", device="cpu")

@@ -18,6 +18,7 @@ from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run import produce as production
 from varos_warp.dataset.run import workers
 from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.run.steps import Run
 from varos_warp.dataset.run.workers import device_of_worker
 from varos_warp.dataset.write.folder import claimed
 from varos_warp.errors import InputError, RunFailed
@@ -194,8 +195,8 @@ def test_a_worker_writes_what_says_whose_folder_it_is_and_leaves_the_tables_to_i
 @posix
 def test_tables_are_written_once_and_while_workers_render(tmp_path, monkeypatch):
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "waiting", tmp_path))
-    written, write = [], production._Run.write_tables
-    monkeypatch.setattr(production._Run, "write_tables", lambda run, sensors: written.append(write(run, sensors)))
+    written, write = [], Run.write_tables
+    monkeypatch.setattr(Run, "write_tables", lambda run, sensors: written.append(write(run, sensors)))
     assert produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2).complete
     assert len(written) == 1
 
@@ -206,7 +207,7 @@ def test_tables_that_cannot_be_written_stop_the_run_at_once(tmp_path, monkeypatc
     def full(run, sensors):
         raise InputError("cannot be written: No space left on device")
 
-    monkeypatch.setattr(production._Run, "write_tables", full)
+    monkeypatch.setattr(Run, "write_tables", full)
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "slow", tmp_path))
     install(monkeypatch)
     with pytest.raises(InputError, match="No space left"):

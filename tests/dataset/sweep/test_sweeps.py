@@ -123,11 +123,9 @@ def test_only_what_the_water_decides_is_rendered_again(scene_file, tmp_path, mon
 
     monkeypatch.setattr(FlatFloorRenderer, "render", counted)
     simulated = []
-    simulate = sys.modules["varos_warp.sim.trajectory"].simulate
     monkeypatch.setattr(
-        sys.modules["varos_warp.sim.trajectory"],
-        "simulate",
-        lambda *args, **how: simulated.append(1) or simulate(*args, **how),
+        "varos_warp.sim.trajectory.simulate",
+        lambda *args, **how: simulated.append(1) or standins.simulate(*args, **how),
     )
     sweep(scene_file, tmp_path / "out")
     rendered = {name: sorted({call[1:] for call in calls if call[0] == name}) for name in ("IB", "II", "1C")}

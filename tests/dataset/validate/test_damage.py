@@ -17,7 +17,7 @@ from varos_warp.dataset.noise_pass import add_noise
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import Validation, completeness, validate, views
-from varos_warp.dataset.write import checksums
+from varos_warp.dataset.write import checksums, tables
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
 from varos_warp.scene.file.noise_profiles import load_profile
@@ -523,7 +523,7 @@ def rewrite(noisy, name, white=1.0, bias=1.0):
     read, truth, bias_in = noisy.readings(name), noisy.readings(name, truth=True), noisy.bias(name)
     part = {key: bias * bias_in[key] for key in READINGS[name]}
     made = {key: truth[key] + white * (read[key] - truth[key] - bias_in[key]) + part[key] for key in READINGS[name]}
-    writers.write_readings(noisy.layout, name, read | made, truth, part)
+    tables.write_readings(noisy.layout, name, read | made, truth, part)
 
 
 @pytest.mark.parametrize(
@@ -565,7 +565,7 @@ def test_a_pitch_of_nearly_ninety_degrees_is_sound(copy, off):
     data = Dataset(copy)
     time_ns, T = data.poses("M0")
     T[:, :3, :3] = Rotation.from_euler("xyz", [[0.3, np.pi / 2 - off, 0.7]]).as_matrix()
-    writers.write_poses(data.layout, "M0", time_ns, T)
+    tables.write_poses(data.layout, "M0", time_ns, T)
     found = Validation(copy)
     check_poses(Dataset(copy), found)
     assert found.problems == []

@@ -16,6 +16,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import Validation, surfaces, validate
+from varos_warp.dataset.write import tables
 from varos_warp.dataset.write import texts as writers
 from varos_warp.products.images.radiance import encode_color, to_half
 from varos_warp.render.image import exposure
@@ -111,10 +112,10 @@ def camera(change, T_c_c=None):
         files.write_json(root / "dataset.json", content)
         data.layout.camera_file("M0", ".yaml").write_text(yaml.safe_dump(content["cameras"][0]))
         time_ns, T_w_c = data.poses("M0")
-        writers.write_poses(data.layout, "M0", time_ns, T_w_c @ np.linalg.inv(before) @ np.array(about["T_v_c"]))
+        tables.write_poses(data.layout, "M0", time_ns, T_w_c @ np.linalg.inv(before) @ np.array(about["T_v_c"]))
         vehicle_time, T_w_v = data.poses("vehicle")
         at = T_w_v[np.searchsorted(vehicle_time, time_ns)]
-        writers.write_poses(data.layout, "M0", time_ns, at @ np.array(about["T_v_c"]))
+        tables.write_poses(data.layout, "M0", time_ns, at @ np.array(about["T_v_c"]))
 
     return damage
 

@@ -207,12 +207,12 @@ def test_camera_poses_of_another_frame_are_found(copy):
 
 def test_camera_axes_of_another_convention_are_found(copy):
     """OpenGL axes (y up, z back) in place of OpenCV's, in all three pose files and the calibration."""
-    from varos_warp.dataset.write import texts as writers
+    from varos_warp.dataset.write import tables
 
     data, flip = Dataset(copy), np.diag([1.0, -1.0, -1.0, 1.0])
     for i, camera in enumerate(data.cameras):
         time_ns, T = data.poses(camera)
-        writers.write_poses(data.layout, camera, time_ns, T @ flip)
+        tables.write_poses(data.layout, camera, time_ns, T @ flip)
         data.meta["cameras"][i]["T_v_c"] = (np.array(data.meta["cameras"][i]["T_v_c"]) @ flip).tolist()
     files.write_json(copy / "dataset.json", data.meta)
     assert "of its normals point away from the camera" in problems(copy)

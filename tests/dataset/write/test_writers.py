@@ -17,6 +17,7 @@ from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
+from varos_warp.dataset.write import tables
 from varos_warp.dataset.write import texts as writers
 from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.file.load import scene_from_dict
@@ -61,7 +62,7 @@ def test_euler_angles_are_about_the_fixed_world_axes_x_then_y_then_z(tmp_path):
     for i, (x, y, z) in enumerate(angles):
         Rx, Ry, Rz = (Rotation.from_rotvec(v).as_matrix() for v in ([x, 0, 0], [0, y, 0], [0, 0, z]))
         T[i, :3, :3] = Rz @ Ry @ Rx
-    writers.write_poses(layout, "M0", np.arange(20), T)
+    tables.write_poses(layout, "M0", np.arange(20), T)
     table = files.read_csv(layout.poses("M0", "euler"))
     np.testing.assert_allclose(np.column_stack([table[f"theta_{a}_vw"] for a in "xyz"]), angles, atol=1e-14)
 
@@ -71,7 +72,7 @@ def test_quaternions_have_a_positive_scalar_and_come_first(tmp_path):
     rotations = Rotation.random(30, random_state=0)
     T = np.tile(np.eye(4), (30, 1, 1))
     T[:, :3, :3] = rotations.as_matrix()
-    writers.write_poses(layout, "M0", np.arange(30), T)
+    tables.write_poses(layout, "M0", np.arange(30), T)
     table = files.read_csv(layout.poses("M0", "quaternion"))
     q = np.column_stack([table[f"q_{a}"] for a in "wxyz"])
     assert (q[:, 0] >= 0).all()
@@ -116,7 +117,7 @@ def test_euler_angles_at_gimbal_lock_are_silent_and_half_turns_are_positive(tmp_
     T = np.tile(np.eye(4), (2, 1, 1))
     T[:, :3, :3] = Rotation.from_euler("xyz", [[20, 90, 30], [0, 0, -180]], degrees=True).as_matrix()
     T[1, :2, :2] = [[-1.0, 0.0], [-0.0, -1.0]]
-    writers.write_poses(layout, "M0", np.arange(2), T)
+    tables.write_poses(layout, "M0", np.arange(2), T)
     table = files.read_csv(layout.poses("M0", "euler"))
     assert table["theta_z_vw"][1] == np.pi
     assert not recwarn.list
@@ -231,7 +232,7 @@ def test_the_bias_of_a_noisy_imu_is_written(tmp_path):
     imu = scene.vehicle.imu.model_dump() | {"noise": {"accelerometer_noise_density": 0.01}}
     scene = make_scene(vehicle={"imu": imu})
     layout = Layout.of(scene, tmp_path)
-    writers.write_sensors(layout, scene, simulate(scene))
+    tables.write_sensors(layout, scene, simulate(scene))
     table = files.read_csv(layout.bias("imu0"))
     assert (table["b_a_RS_S_x [m s^-2]"] == 0.3).all()
 
@@ -240,7 +241,7 @@ def test_a_sensor_that_samples_between_ticks_has_the_poses_of_its_times(tmp_path
     scene = make_scene()
     simulation = simulate(scene)
     simulation.imu.time_ns[:-1] += 2_000_000
-    writers.write_sensors(layout := Layout.of(scene, tmp_path), scene, simulation)
+    tables.write_sensors(layout := Layout.of(scene, tmp_path), scene, simulation)
     table = files.read_numbers(layout.poses("imu0", "transformation_matrix"), 13)
     assert np.array_equal(table[0], simulation.imu.time_ns)
     expected = simulation.trajectory.at(table[0]).poses() @ pose_matrix(scene.vehicle.imu)

@@ -7,7 +7,7 @@ from chance import run
 from ies_by_hand import ies_text, intensity_by_hand, measured
 from scipy.spatial.transform import Rotation
 
-from varos_warp.cli.tables import _print_profiles
+from varos_warp.cli.facts import print_profiles
 from varos_warp.errors import InputError
 from varos_warp.kernels.world.lights import light as lights
 from varos_warp.scene.file.load import scene_from_dict
@@ -203,7 +203,7 @@ def test_info_tells_by_how_much_a_lamp_changes_around_its_axis(tmp_path, capsys)
     scene = lamp_scene(tmp_path, ies_text("C", [0, 45, 90], [0, 90], rows))
     facts = light_info(scene.vehicle.lights[0], scene)
     assert facts["profile"]["uneven"] == 0.012
-    _print_profiles([{"kind": "spot"}, facts])
+    print_profiles([{"kind": "spot"}, facts])
     assert capsys.readouterr().out == (
         "light 1: lamp.ies, IES LM-63-2002, type C, 2 horizontal angles, up to 90 degrees from the axis, changes by up "
         "to 1.2 % of the peak around the axis: round, by the mean\n"

@@ -22,24 +22,23 @@ INTERVALS = 1000
 """Number of time intervals, in each of which a curve's least and greatest value are kept."""
 
 
-def envelope(x: np.ndarray, columns: np.ndarray, intervals: int = INTERVALS) -> tuple[np.ndarray, np.ndarray]:
+def envelope(x: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Curves with few points that cover the same values.
 
     Args:
         x: float64 [N], ascending.
         columns: float64 [N, k].
-        intervals: Of equally many points each.
 
     Returns:
-        x [M] and columns [M, k], M <= 2 intervals: as they are if they are short, else the least and the greatest value
+        x [M] and columns [M, k], M <= 2 INTERVALS: as they are if they are short, else the least and the greatest value
         of each interval in turn.
     """
-    if len(x) <= 2 * intervals:
+    if len(x) <= 2 * INTERVALS:
         return x, columns
-    starts = np.linspace(0, len(x), intervals, endpoint=False).astype(int)
+    starts = np.linspace(0, len(x), INTERVALS, endpoint=False).astype(int)
     low, high = np.fmin.reduceat(columns, starts), np.fmax.reduceat(columns, starts)
     ends = np.append(starts[1:], len(x)) - 1
-    return np.column_stack([x[starts], x[ends]]).ravel(), np.stack([low, high], 1).reshape(2 * intervals, -1)
+    return np.column_stack([x[starts], x[ends]]).ravel(), np.stack([low, high], 1).reshape(2 * INTERVALS, -1)
 
 
 def curve(

@@ -3,8 +3,8 @@
 from typing import Any
 
 from varos_warp.dataset.run.expect import dataset_facts
-from varos_warp.dataset.run.produce import simulated
 from varos_warp.dataset.run.shared import Shared
+from varos_warp.dataset.run.steps import simulated
 from varos_warp.dataset.sweep.run import Sweep
 from varos_warp.scene.description import Scene
 from varos_warp.sim.clock import select

@@ -11,8 +11,9 @@ from typing import Any
 
 from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run.fleet import datasets_of
-from varos_warp.dataset.run.produce import Summary, produce_sharing
+from varos_warp.dataset.run.produce import produce_sharing
 from varos_warp.dataset.run.shared import Shared, give_up, link_equal, unlike
+from varos_warp.dataset.run.summary import Summary
 from varos_warp.dataset.sweep.manifest import Manifest
 from varos_warp.dataset.sweep.units import Unit
 from varos_warp.dataset.sweep.versions import read_versions

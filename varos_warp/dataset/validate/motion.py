@@ -12,7 +12,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.validate.objects import check_moving
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.validate.sensors import check_sensors
-from varos_warp.dataset.write.texts import pose_columns
+from varos_warp.dataset.write.tables import pose_columns
 from varos_warp.products.sensors.differences import bend, slope
 
 EPS = np.finfo(float).eps

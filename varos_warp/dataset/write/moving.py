@@ -3,7 +3,8 @@
 import numpy as np
 
 from varos_warp.dataset.layout import Layout
-from varos_warp.dataset.write.texts import describe_lights, write_poses
+from varos_warp.dataset.write.tables import write_poses
+from varos_warp.dataset.write.texts import describe_lights
 from varos_warp.scene.description import Scene
 from varos_warp.scene.geometry.placed import moving_part
 from varos_warp.sim.companions import motions

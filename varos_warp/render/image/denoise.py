@@ -180,7 +180,7 @@ class Denoiser:
 
         The correction is light of surfaces and water, as the base is, and has the same edges, shadows and textures, as
         strong as they are seen through the water. Surfaces' albedo alone would draw them at full strength, whatever
-        water is before them. `benchmarks.guides` compares such guides.
+        water is before them.
 
         Args:
             base: All but the correction, denoised.

@@ -97,13 +97,7 @@ def _covers(triangles, x, y):
     return inside
 
 
-def ranges(
-    parts: list[Part | Instances],
-    points: np.ndarray,
-    directions: np.ndarray,
-    reach: float,
-    T_w_o: dict[str, np.ndarray] | None = None,
-) -> np.ndarray:
+def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.ndarray, reach: float) -> np.ndarray:
     """Distance [N] along rays to the first surface, float64 [m]; infinite where there is none within ``reach`` [m].
 
     Args:
@@ -111,9 +105,8 @@ def ranges(
         points: Where the rays start, float64 [N, 3] [m], world axes.
         directions: Unit vectors [N, 3].
         reach: [m]
-        T_w_o: Pose [N, 4, 4] for each ray of what moves, by name; absent: where it begins.
     """
-    return Solids(parts).first_met(points, directions, reach, T_w_o or {})[0]
+    return Solids(parts).first_met(points, directions, reach, {})[0]
 
 
 class Solids:

@@ -14,18 +14,11 @@ from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.optics.shutter import Instants, on_share
 
 
-def light_record(
-    shape: Distribution,
-    intensity: ArrayLike,
-    position=(0.0, 0.0, 0.0),
-    axis=(0.0, 0.0, 1.0),
-    profile: wp.array | None = None,
-) -> LightData:
-    """A light as kernels know it; ``profile`` holds the values of the distribution on the device."""
+def light_record(shape: Distribution, intensity: ArrayLike, profile: wp.array | None = None) -> LightData:
+    """A light as kernels know it, at the origin, along z; ``profile`` has its distribution's values on the device."""
     record = LightData()
-    record.position = wp.vec3(*position)
     record.intensity = wp.vec3(*(shape.gain * np.asarray(intensity, float)))
-    record.axis = wp.vec3(*(np.asarray(axis, float) / np.linalg.norm(axis)))
+    record.axis = wp.vec3(0.0, 0.0, 1.0)
     record.cos_half = -1.0 if shape.half_angle >= np.pi else float(np.cos(shape.half_angle))
     record.blend = shape.blend
     record.planes = shape.planes

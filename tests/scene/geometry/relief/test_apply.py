@@ -143,7 +143,8 @@ def test_steep_on_the_material_of_an_object_is_refused_with_its_key():
 
 def test_steep_on_the_material_of_the_ground_is_not():
     ground = {"kind": "procedural", "size_m": 10, "resolution": 21, "material": "sand"}
-    scene(terrain=ground, materials={"sand": {"kind": "layered", "relief": "sand", "steep": "rock"}})
+    made = scene(terrain=ground, materials={"sand": {"kind": "layered", "relief": "sand", "steep": "rock"}})
+    assert made.materials["sand"].steep == "rock"
 
 
 def test_bytes_do_not_depend_on_the_number_of_threads(monkeypatch, tmp_path):

@@ -136,8 +136,9 @@ def ribbon(path: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.vstack([step + [0, 1, 3], step + [0, 3, 2]])
 
 
-def waves(points: np.ndarray, wavelength: float, rng: np.random.Generator, count: int = 12) -> np.ndarray:
+def waves(points: np.ndarray, wavelength: float, rng: np.random.Generator) -> np.ndarray:
     """Smooth noise [N] of variance 1 at points [N, 3]: cosines of about one wavelength in all directions."""
+    count = 12
     k = rng.standard_normal((3, count))
     k *= 2.0 * np.pi / wavelength * rng.uniform(0.6, 1.4, count) / np.linalg.norm(k, axis=0)
     return np.cos(points @ k + rng.uniform(0.0, 2.0 * np.pi, count)).sum(axis=1) * np.sqrt(2.0 / count)

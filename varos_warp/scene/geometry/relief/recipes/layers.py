@@ -86,7 +86,7 @@ def covered(
     return np.clip(colour * (1.0 + 0.25 * tones.fine)[:, None], DARKEST, PALEST), thickness
 
 
-def filmed(colour: np.ndarray, pattern: Patterns, shape: Shape, film: float, tone: np.ndarray = FILM) -> np.ndarray:
+def filmed(colour: np.ndarray, pattern: Patterns, shape: Shape, film: float) -> np.ndarray:
     """A surface under mats of diatoms and bacteria: a thin film everywhere, dense in patches, worn off edges."""
     if film == 0.0:
         return colour
@@ -98,7 +98,7 @@ def filmed(colour: np.ndarray, pattern: Patterns, shape: Shape, film: float, ton
         - 0.12 * np.clip(3.0 * shape.convexity, 0.0, 1.0)
     )
     dense = patches(where, 0.95 * film, 0.24)
-    own = tone * (1.0 + 0.9 * pattern.fbm(50.0, 4, SALT + 16) + 0.5 * pattern.fbm(3.0, 2, SALT + 17))[:, None]
+    own = FILM * (1.0 + 0.9 * pattern.fbm(50.0, 4, SALT + 16) + 0.5 * pattern.fbm(3.0, 2, SALT + 17))[:, None]
     return mix(colour, own, np.maximum(0.85 * film, 0.85 * dense))
 
 

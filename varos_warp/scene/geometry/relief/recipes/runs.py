@@ -48,14 +48,13 @@ class Slopes:
         return (2.0 * values + self.neighbours @ values) / (2.0 + degree)
 
 
-def slopes_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array, seed: int = 0) -> Slopes:
+def slopes_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array) -> Slopes:
     """The ways of water down a mesh.
 
     Args:
         p: Places, float64 [N, 3] [m].
         n: Unit normals, float64 [N, 3].
         neighbours: Which vertices edges join, [N, N].
-        seed: Another seed is another choice where edges lie on both sides of the steepest way.
     """
     above = wp.empty(len(p), dtype=wp.int32, device="cpu")
     way = wp.empty(len(p), dtype=wp.float32, device="cpu")
@@ -63,7 +62,7 @@ def slopes_of(p: np.ndarray, n: np.ndarray, neighbours: sparse.csr_array, seed: 
         find_uphill,
         len(p),
         {
-            "seed": wp.uint32(seed),
+            "seed": wp.uint32(0),
             "points": upload((p - p.mean(axis=0)).astype(np.float32), wp.vec3, "cpu"),
             "normals": upload(np.asarray(n, np.float32), wp.vec3, "cpu"),
             "starts": upload(neighbours.indptr.astype(np.int32), wp.int32, "cpu"),
