@@ -5,7 +5,7 @@
     python -m benchmarks.light.many_seeds means --spp 8192 --seeds 8
     python -m benchmarks.light.many_seeds choice --resolution 640x360 --seeds 8
     python -m benchmarks.light.many_seeds tolerance --resolution 320x180 --seeds 100 --tolerance 0.03
-    python -m benchmarks.light.many_seeds rate --scenes paper_pipes --resolution 1280x720 --seeds 8
+    python -m benchmarks.light.many_seeds rate --resolution 192x112 --seeds 48 --rates 0.25,0.5,1,2
 
 Every subject prints a line per scene. Images are by `field` with ``--spp`` samples per pixel unless stated otherwise.
 """
@@ -160,17 +160,19 @@ def tolerance(renderer, built: Built, options) -> dict:
 
 
 def rate(renderer, built: Built, options) -> dict:
-    """Error of denoised images and seconds at 2, 4, ... samples up to ``--spp``, copied to the host as a run does."""
-    reference = reference_of(renderer, built, 32 * options.spp)
-    spp, told = 2, {}
-    while spp <= options.spp:
+    """Error of denoised images, seconds as a run has them, and whether raw ones stray as they claim, by samples."""
+    reference, told = reference_of(renderer, built, int(32 * max(options.rates))), {}
+    for spp in options.rates:
         made = render_seeds(renderer, built, "field", spp, options.seeds, "oidn", copied=["denoised"])
-        told[str(spp)] = {
+        raw = render_seeds(renderer, built, "field", spp, options.seeds, "oidn")
+        told[f"{spp:g}"] = {
             "rmse": float(scores.relative_rmse(made["denoised"], reference).max()),
             "seconds": float(np.median(made["wall"])),
             "cpu_seconds": float(np.median(made["cpu"])),
+            "noise": scores.noise(raw["raw"], reference).tolist(),
+            **scores.calibration(raw["raw"], raw["stderr"]),
+            **scores.bias(Estimate(raw["raw"]), reference),
         }
-        spp *= 2
     return told
 
 
@@ -184,6 +186,7 @@ def main(arguments=None) -> None:
     parser.add_argument("--scenes", type=words, default=list(SCENES))
     parser.add_argument("--integrators", type=words, default=["field"])
     parser.add_argument("--spp", type=int, default=8)
+    parser.add_argument("--rates", type=lambda text: [*map(float, words(text))], default=[0.25, 0.5, 1, 2, 4, 8])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--tolerance", type=float, default=0.03)
     parser.add_argument("--resolution", type=size, default=RESOLUTION)
