@@ -91,7 +91,7 @@ def test_the_command_prints_a_table_and_writes_a_page(seas, tmp_path):
     done = CliRunner().invoke(app, ["readiness", *map(str, seas[:2]), "-o", str(page), "--seeds", "1", "--quiet"])
     assert done.exit_code == 0, done.output
     assert "<html" in page.read_text(encoding="utf-8").lower()
-    assert all(words in done.stdout for words in (str(seas[0]), str(seas[1]), "ORB repeatability", str(page)))
+    assert all(words in done.stdout for words in (f"{seas[0]}: loop closures", f"{seas[1]}: loop closures", str(page)))
     done = CliRunner().invoke(app, ["readiness", str(seas[0]), "--json", "--seeds", "1", "--quiet", "-o", str(page)])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)
