@@ -91,10 +91,22 @@ def test_the_command_prints_a_table_and_writes_a_page(seas, tmp_path):
     done = CliRunner().invoke(app, ["readiness", *map(str, seas[:2]), "-o", str(page), "--seeds", "1", "--quiet"])
     assert done.exit_code == 0, done.output
     assert "<html" in page.read_text(encoding="utf-8").lower()
-    assert all(words in done.stdout for words in (str(seas[0]), str(seas[1]), "ORB repeatability", str(page)))
+    assert all(words in done.stdout for words in (f"{seas[0]}: loop closures", f"{seas[1]}: loop closures", str(page)))
     done = CliRunner().invoke(app, ["readiness", str(seas[0]), "--json", "--seeds", "1", "--quiet", "-o", str(page)])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)
+
+
+def test_cameras_of_unlike_resolution_are_no_stereo_pair_and_another_one_is(tmp_path, monkeypatch):
+    standins.install(monkeypatch)
+    for names, stereo in (("LM", False), ("LMN", True)):
+        sizes = {"L": [64, 36], "M": [48, 36], "N": [64, 36]}
+        cameras = [{"id": f"{k}0", "position": [0.1 * i, 0, 0], "resolution": sizes[k]} for i, k in enumerate(names)]
+        scene = standins.make_scene(vehicle={"cameras": cameras}, render={"outputs": ["A", "D"]})
+        produce(scene, tmp_path / names, quiet=True)
+        (found,) = readiness([tmp_path / names], "L0", seeds=1)
+        assert [run.cameras for run in found.odometry.values()] == [["L0"], ["L0", "N0"]][: 1 + stereo]
+        assert any("differ in resolution" in words for words in found.left_out) != stereo
 
 
 @pytest.mark.parametrize(("outputs", "words"), [("D", "no A"), ("AD", "two frames")])

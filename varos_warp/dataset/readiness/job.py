@@ -28,12 +28,12 @@ def of_one_sea(roots: Sequence[Path]) -> dict[Path, str]:
         if not is_file(root / SWEEP):
             continue
         for version in files.read_json(root / SWEEP)["versions"]:
-            rest = {key: value for key, value in version.get("overrides", {}).items() if key != "seed"}
+            rest = {key: value for key, value in version["overrides"].items() if key != "seed"}
             for entry in version["datasets"]:
                 vehicle, folder = Path(entry["folder"]).relative_to(version["name"]), root / entry["folder"]
                 if is_file(folder / "dataset.json"):
                     key = (root, json.dumps([rest, str(vehicle)], sort_keys=True))
-                    seed = files.read_json(folder / "dataset.json")["seed"]
+                    seed = version["overrides"].get("seed", files.read_json(folder / "dataset.json").get("seed"))
                     alike.setdefault(key, {}).setdefault(seed, (_named(root / vehicle, rest), folder))
     groups = [list(group.values()) for group in alike.values() if len(group) > 1]
     return {folder.absolute(): name for group in groups for name, folder in group}

@@ -98,10 +98,13 @@ def _over_seeds(data: Dataset, cameras: list[str], seeds: int, make) -> Odometry
 
 
 def _partner(data: Dataset, camera: str) -> tuple[str | None, str]:
-    """The camera on the vehicle that sees most of what this one sees, at the same times; or None, and why."""
+    """The camera of the same size on the vehicle that sees most of what this one sees, or None; and why."""
     others = [other for other in data.cameras if other != camera and "T_v_c" in data.camera(other)]
     if not others or "T_v_c" not in data.camera(camera):
         return None, "it needs two cameras on the vehicle"
+    others = [other for other in others if _size(data, other) == _size(data, camera)]
+    if not others:
+        return None, "corners are followed from one camera to the other, and these differ in resolution"
     if DEPTH not in data.outputs:
         return None, "without D it is not known what two cameras both see"
     share = {
@@ -113,6 +116,10 @@ def _partner(data: Dataset, camera: str) -> tuple[str | None, str]:
     if best is None or share[best] < OVERLAP:
         return None, "no two cameras see the same place at the same time"
     return best, ""
+
+
+def _size(data: Dataset, camera: str) -> tuple[int, int]:
+    return data.camera(camera)["width"], data.camera(camera)["height"]
 
 
 def _overlap(data: Dataset, camera: str, other: str) -> float:
