@@ -211,7 +211,7 @@ def refined(render: Callable[..., RadianceImage], most: int) -> Iterator[Radianc
     """
     mean = render(spp=1, frame=0)
     yield mean
-    if mean.spp is None or most == 1:  # known without samples, or good enough
+    if mean.spp is None or most <= 1:  # known without samples, or good enough
         return
     taken, step = 0, 2
     for number in itertools.count(1):

@@ -221,10 +221,9 @@ class RadianceRenderer:
         shares = sample_step(view, with_field) == 0
         spp = [kind.to_a_sample * options.spp for kind in kinds]
         films = [self.films.black(view.resolution, shares, kind.sums, keys[kind.subpaths]) for kind in kinds]
-        denoised = (options.denoise or self.scene.render.denoise) != "none"
         first = [IN_BLOCK * count for count in spp]
         if shares:
-            least = [LEAST_SUBPATHS[not denoised] if kind.subpaths else LEAST_FIRST for kind in kinds]
+            least = [LEAST_SUBPATHS if kind.subpaths else LEAST_FIRST for kind in kinds]
             first = [*map(first_samples, spp, least)]
         share = self.share(view)
 
@@ -236,6 +235,7 @@ class RadianceRenderer:
         take(first, [0] * len(first))
         if shares:
             # by the noise of the first, of which a denoiser takes most
+            denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
             statistics = self.films.tile_statistics(films, taken_away if denoised else 1.0)
             cost = [kind.cost for kind in kinds]

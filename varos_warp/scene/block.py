@@ -44,7 +44,8 @@ def plain_number(value: float) -> float:
     return int(value) if float(value).is_integer() else value
 
 
-PlainNumber = Annotated[float, AfterValidator(plain_number), PlainSerializer(plain_number, return_type=Any)]
+AS_WRITTEN = AfterValidator(plain_number), PlainSerializer(plain_number, return_type=Any)
+"""Of a number: an int where there is no fraction. Bounds come before these, or a schema would not have them."""
 
 
 def _has_area(value):

@@ -207,9 +207,9 @@ def test_a_standard_error_is_that_of_the_pixels_of_a_tile():
 
 
 def test_a_tile_that_the_edge_cuts_takes_pixels_before_it():
-    """Of a single pixel the half difference would tell next to nothing."""
+    """Of a single pixel the half difference would tell next to nothing. Blocks of two it takes as a whole."""
     samples = np.random.default_rng(3).normal(size=(4, 8, 9, 9, 3))
-    whole, alone = (side_variances(exposed(part, 8, [8]))[0].numpy()[0] for part in (samples, samples[:, :, 1:, 1:]))
+    whole, alone = (side_variances(exposed(part, 8, [8]))[0].numpy()[0] for part in (samples, samples[:, :, 2:, 2:]))
     np.testing.assert_allclose(whole[1, 1], alone[0, 0], rtol=1e-12)
 
 
@@ -352,6 +352,14 @@ def test_what_one_side_is_told_of_noise_is_of_the_other_side_alone():
     _, variance = statistics(film)
     assert not variance[side == 0].any()
     assert variance[side == 1].min() > 0.0
+
+
+@pytest.mark.parametrize("shape", [(9, 9), (10, 10), (10, 17)])
+@pytest.mark.parametrize("count", [0.25, 1])
+def test_light_without_noise_has_no_error_in_corners_whose_pixels_are_all_of_one_side(shape, count):
+    """Such a tile borrows pixels before it; its own few would tell half of the light."""
+    blocks = tile_variances(subpaths(np.full((2, *shape, 3), 3.0), [count] * 2))
+    np.testing.assert_allclose(blocks, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("shared", [0.0, 1.0])

@@ -9,6 +9,7 @@ from varos_warp.render import radiance
 from varos_warp.render.image.adapt import DARK, MOST_SHARED, brightness, other_noise, share_out
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.render import MOST_SPP
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.parts import Part
 
@@ -73,6 +74,14 @@ def test_below_one_sample_a_pixel_blocks_take_whole_numbers_and_as_many_as_asked
     assert np.all(of_block[:, 22:] == 1)
     assert np.all((of_block <= 4) | (of_block % 4 == 0))
     assert len(np.unique(of_block)) > 1
+
+
+def test_the_most_samples_that_may_be_asked_for_are_counted():
+    """By 32 bits, though a few tiles take many times their even share."""
+    noise = np.full((2, 2, 10, 10), 1e-6)
+    noise[0, :, 0, 0] = 1e3
+    more = share_out(noise, [8, 1], [4.0 * MOST_SPP, 1.0 * MOST_SPP], [0.13, 1.0])
+    assert more.min() >= 0
 
 
 def test_the_share_of_a_side_does_not_follow_from_its_own_samples():

@@ -229,3 +229,17 @@ def test_the_choosing_key_of_a_block_says_what_the_block_is():
     assert spot["description"].startswith("Tells what this is. A spot light")
     brown_conrady = SCHEMA["$defs"]["BrownConrady"]["properties"]["model"]
     assert brown_conrady["description"].startswith("Tells what this is. Distortion of a lens")
+
+
+def test_bounds_are_those_of_json_schema():
+    """Behind a validator they would be words that no editor knows, and no bounds."""
+
+    def keys(node):
+        if isinstance(node, dict):
+            yield from node
+            node = node.values()
+        if isinstance(node, (list, type({}.values()))):
+            for part in node:
+                yield from keys(part)
+
+    assert not {"ge", "le", "gt", "lt"} & {*keys(SCHEMA)}

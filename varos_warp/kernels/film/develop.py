@@ -68,10 +68,9 @@ def deviation(film: Film, sums: Sums, denoised: wp.float64, row: int, col: int):
 
     One difference for both: base and correction share the image point and the surface's reflectance.
     """
-    base = base_difference(film, sums, row, col)
     if is_sparse(film, side_of(film.count.shape[0], row, col), row / TILE, col / TILE):
-        return base + block_difference(film, row, col) / wp.sqrt(denoised)
-    off = base + correction_difference(film, sums, row, col) / wp.sqrt(denoised)
+        return block_difference(film, row, col) / wp.sqrt(denoised)  # of a film that is all correction
+    off = base_difference(film, sums, row, col) + correction_difference(film, sums, row, col) / wp.sqrt(denoised)
     return off * wp.sqrt(wp.float64(wp.max(pixel_count(film, row, col), 1)))
 
 
@@ -127,6 +126,27 @@ def paired(i: int, size: int):
     return i ^ 1
 
 
+@wp.struct
+class Window:
+    """Rows ``top`` to ``bottom`` - 1 and columns ``left`` to ``right`` - 1."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+
+@wp.func
+def borrowed(film: Film, tile_row: int, tile_col: int):
+    """The pixels of a tile; one that the image's edge cuts borrows blocks before it, for a few tell next to nothing."""
+    window = Window()
+    window.bottom = wp.min((tile_row + 1) * TILE, film.sums.shape[1])
+    window.right = wp.min((tile_col + 1) * TILE, film.sums.shape[2])
+    window.top = wp.max(window.bottom + window.bottom % BLOCK - TILE, 0)
+    window.left = wp.max(window.right + window.right % BLOCK - TILE, 0)
+    return window
+
+
 @wp.kernel(enable_backward=False)
 def side_variances(
     film: Film,
@@ -140,16 +160,13 @@ def side_variances(
     that, and is right in the mean.
     """
     side, tile_row, tile_col = wp.tid()
-    height, width = film.sums.shape[1], film.sums.shape[2]
-    # a tile cut by the image's edge borrows pixels before it
-    top = wp.max(wp.min(tile_row * TILE, height - TILE), 0)
-    left = wp.max(wp.min(tile_col * TILE, width - TILE), 0)
+    tile = borrowed(film, tile_row, tile_col)
     noise = wp.vec3d(wp.float64(0.0))
     light = wp.vec3d(wp.float64(0.0))
     pixels = wp.float64(0.0)
     sparse = wp.float64(0.0)
-    for row in range(top, wp.min((tile_row + 1) * TILE, height)):
-        for col in range(left, wp.min((tile_col + 1) * TILE, width)):
+    for row in range(tile.top, tile.bottom):
+        for col in range(tile.left, tile.right):
             if side_of(film.count.shape[0], row, col) == side:
                 one = deviation(film, sums_of(film, row, col), wp.float64(1.0), row, col)
                 noise += wp.cw_mul(one, one)
@@ -173,29 +190,30 @@ def tile_variances(
     distributed like the error of their mean. The error that all pixels of a tile share remains in the mean over it.
     """
     tile_row, tile_col = wp.tid()
+    around = borrowed(film, tile_row, tile_col)
     off = wp.vec3d(wp.float64(0.0))
-    pixels = wp.float64(0.0)
-    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
-        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
-            pixels += wp.float64(1.0)
+    for row in range(tile_row * TILE, around.bottom):
+        for col in range(tile_col * TILE, around.right):
             if not is_sparse(film, side_of(film.count.shape[0], row, col), tile_row, tile_col):
                 sums = sums_of(film, row, col)
                 off += base_difference(film, sums, row, col) + correction_difference(film, sums, row, col)
+    pixels = wp.float64((around.bottom - tile_row * TILE) * (around.right - tile_col * TILE))
     mean = off / pixels
     if is_sparse(film, 0, tile_row, tile_col) or is_sparse(film, 1, tile_row, tile_col):
-        mean += half_of_sides_apart(film, tile_row, tile_col)
+        more = wp.float64((around.bottom - around.top) * (around.right - around.left)) / pixels
+        mean += wp.sqrt(more) * half_of_sides_apart(film, around)
     blocks[tile_row, tile_col] += wp.cw_mul(mean, mean)
 
 
 @wp.func
-def half_of_sides_apart(film: Film, tile_row: int, tile_col: int):
+def half_of_sides_apart(film: Film, tile: Window):
     """Half the difference of the means of a tile's sides, of which slopes of the light leave nothing."""
     first = wp.vec3d(wp.float64(0.0))
     second = wp.vec3d(wp.float64(0.0))
     firsts = wp.float64(0.0)
     seconds = wp.float64(0.0)
-    for row in range(tile_row * TILE, wp.min((tile_row + 1) * TILE, film.sums.shape[1])):
-        for col in range(tile_col * TILE, wp.min((tile_col + 1) * TILE, film.sums.shape[2])):
+    for row in range(tile.top, tile.bottom):
+        for col in range(tile.left, tile.right):
             light = total_radiance(sums_of(film, row, col)) / expected_count(film, row, col)
             if side_of(2, row, col) == 0:
                 first += light
@@ -269,8 +287,6 @@ def develop(
     row, col = wp.tid()
     sums = sums_of(film, row, col)
     n = expected_count(film, row, col)
-    if n == wp.float64(0.0):
-        n = wp.float64(1.0)
     direct[row, col] += wp.vec3(sums.direct / n)
     single[row, col] += wp.vec3(sums.single / n)
     multiple[row, col] += wp.vec3(sums.multiple / n)

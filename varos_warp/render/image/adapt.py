@@ -29,10 +29,11 @@ GOLDEN = 0.6180339887
 PAIR = IN_BLOCK * FEWEST_FIRST
 """Samples of a block, two of each pixel, whose difference shows its noise; where there are more they come in pairs, for
 of low-discrepancy samples halves of unlike number would claim too large an error."""
-LEAST_FIRST, LEAST_SUBPATHS = PAIR, (1, IN_BLOCK)
-"""Least of the first samples of a block: a pair of each pixel. What subpaths carry is smooth, so the
-blocks around show it, and one of a block does for a start where a denoiser fills in the pixels without; one of each
-pixel where none does."""
+LEAST_FIRST, LEAST_SUBPATHS = PAIR, 1
+"""Least of the first samples of a block: a pair of each pixel. What subpaths carry is smooth, so the blocks around show
+its noise, and one of a block does for a start, with a denoiser or without."""
+MOST_COUNTED = float(1 << 28)
+"""Most samples of a pixel: those of its block are told by 32 bits."""
 MOST_SHARED = 64
 """No tile gets more than so many times the samples that an even share would give it: glints on a bolt's thread want
 that many."""
@@ -92,7 +93,7 @@ def share_out(noise: np.ndarray, taken: ArrayLike, spp: ArrayLike, cost: ArrayLi
 def _share_out(weight: np.ndarray, taken: np.ndarray, spp: np.ndarray, cost: np.ndarray) -> np.ndarray:
     if not weight.any():
         return np.zeros(weight.shape, np.int32)
-    most, asked = np.maximum(MOST_SHARED * spp, taken), (spp * cost).sum()
+    most, asked = np.clip(MOST_SHARED * spp, taken, MOST_COUNTED), (spp * cost).sum()
     # scales of the weight at which none gets more, and at which all have the most that they may
     low, high = taken.min() / weight.max(), most.max() / weight[weight > 0.0].min()
     for _ in range(24):

@@ -181,7 +181,6 @@ def tile_blocks(shape: tuple[int, int], sides: int) -> tuple[np.ndarray, np.ndar
     side = (row // BLOCK + col // BLOCK) % sides
     cut = (row ^ 1 >= shape[0]) | (col ^ 1 >= shape[1])
     tiles = (sides, *tile_pixels(*shape).shape)
-    counts = [np.zeros(tiles, int) for _ in "wc"]
-    for count, where in zip(counts, (~cut, cut), strict=True):
-        np.add.at(count, (side[where], row[where] // TILE, col[where] // TILE), 1)
-    return counts[0] // IN_BLOCK, counts[1]
+    places = np.ravel_multi_index((side, row // TILE, col // TILE), tiles)
+    whole, apart = (np.bincount(places[where], minlength=np.prod(tiles)).reshape(tiles) for where in (~cut, cut))
+    return whole // IN_BLOCK, apart

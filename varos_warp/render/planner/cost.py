@@ -18,6 +18,7 @@ from varos_warp.render.planner.pilot import Frames, pilot_camera
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import OF_NEXT_FRAME, TWIN, WATER
 from varos_warp.scene.description.optics import has_twin
+from varos_warp.scene.description.render import LEAST_SPP
 from varos_warp.scene.description.vehicle import Camera
 
 MOST_COSTED = 16
@@ -102,7 +103,7 @@ def _on_cpu(scene: Scene, frames: Frames, camera: Camera, letters: str, plan) ->
     samples = _samples(scene, camera, len(frames), plan)
     taken = {Source.WATER: samples["spp"], Source.AMBIENT: samples["spp_b"]}.get(OUTPUTS[letters[0]].source, 1)
     factor = min(1.0, MOST_COSTED / taken)
-    few = {"spp": max(1, factor * samples["spp"]), "spp_b": max(1, round(factor * samples["spp_b"]))}
+    few = {"spp": max(LEAST_SPP, factor * samples["spp"]), "spp_b": max(1, round(factor * samples["spp_b"]))}
 
     def measured(view: Camera, frame: int) -> tuple[float, float]:
         """Seconds of rendering an image of as many samples as an average frame, and of denoising it."""

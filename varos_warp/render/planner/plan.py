@@ -26,6 +26,7 @@ from varos_warp.render.planner.cost import sequence_cost
 from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
 from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
+from varos_warp.scene.block import plain_number
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.render import sees_water
@@ -301,7 +302,8 @@ class Planner:
 
     def most_spp(self) -> float:
         """Samples per pixel that an image may take."""
-        return max(int(min(self.most_seconds / self.seconds(1), MOST_SPP)), self.samples.fewest)
+        step, most = self.samples.step, min(self.most_seconds / self.seconds(1), MOST_SPP)
+        return plain_number(max(step * np.floor(most / step), self.samples.fewest))
 
     def tell_shortfall(self, error: float, needed: float) -> None:
         """Say first that the tolerance is not kept."""
@@ -350,7 +352,7 @@ class Planner:
         made, levels, law = [], [], None
         self.progress("samples", 0.0)
         while law is None or not self.reaches(law, target):
-            levels.append(2 * levels[-1] if levels else self.samples.fewest)
+            levels.append(plain_number(2 * levels[-1]) if levels else self.samples.fewest)
             self.try_samples(levels[-1], made, IMAGES)
             if len(levels) > 1:
                 law = self.law_of(levels, made, 1)
@@ -388,7 +390,7 @@ class Planner:
         """Add estimates until those that were made tell the error of the denoised images with ``spp`` samples."""
         images = [one for one in made if one.spp == spp and one.denoised is not None]
         each, added = ESTIMATE_LEVEL * spp, 0
-        most = min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each))
+        most = int(min(MOST_ESTIMATES, -(-MOST_ESTIMATING // each)))
         while added < most and not self.is_told(images, made):  # which takes its time: after 0, 1, 2, 4 ...
             more = min(max(added, 1), most - added)
             self.try_samples(each, made, more, denoised=False)
@@ -405,7 +407,7 @@ class Planner:
         channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
         after = f" after {self.denoiser}" if self.denoiser != "none" else ""
         words = (
-            f"{law.spp[-1]} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
+            f"{law.spp[-1]:g} samples leave an error of {law.measured[-1].max():.2%}{after} ({channel}, "
             f"{self.worst.label}), and {left:.2%} of the {self.render.tolerance:.2%} asked for are left for it"
         )
         return f"{words}; no fewer are taken" if needed <= self.samples.fewest else words

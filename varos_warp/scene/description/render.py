@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.block import Block, NonNegative, PlainNumber, Positive, unwritten_if_absent, written_otherwise
+from varos_warp.scene.block import AS_WRITTEN, Block, NonNegative, Positive, unwritten_if_absent, written_otherwise
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 from varos_warp.scene.description.noise_profile import CameraNoise
 
@@ -88,7 +88,7 @@ class Render(Block):
     max_seconds_per_frame: Positive | None = Field(default=None, examples=[20])
     """The planner chooses no more samples of A than take about this long, whatever the tolerance [s]; absent: 60 on a
     CPU, 5 on a GPU."""
-    spp: Annotated[PlainNumber, Field(ge=LEAST_SPP, le=MOST_SPP)] | None = Field(default=None, examples=[16])
+    spp: Annotated[float, Field(ge=LEAST_SPP, le=MOST_SPP), *AS_WRITTEN] | None = Field(default=None, examples=[16])
     """Samples per pixel of A; absent: the planner's choice. With the field this is a mean over the image, and fractions
     count, below one too; else they are rounded up."""
     spp_b: Annotated[int, Field(ge=1, le=MOST_SPP)] = 8
