@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -383,12 +384,14 @@ def test_what_is_made_once_is_told_but_not_when_quiet(scene_file, monkeypatch, q
 
     def scene_info(*_):
         cache.cached("x", {}, dict, tmp, "the field of a lamp")
+        warnings.warn("nothing grows", stacklevel=1)
         raise InputError("enough")
 
     tmp = scene_file.parent / "kept"
     monkeypatch.setattr("varos_warp.scene.info.scene_info", scene_info)
     result = call("info", scene_file, *["-q"] * quiet)
     assert ("making the field of a lamp, once" in result.stderr) is not quiet
+    assert ("note: nothing grows" in result.stderr) is not quiet
     assert result.stderr.splitlines()[-1] == "varos-warp: enough"
 
 

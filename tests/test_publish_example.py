@@ -112,6 +112,7 @@ def test_checksums_are_those_of_the_files(made):
 
 def test_the_card_has_a_header_and_the_numbers_of_the_datasets(made):
     text = (made / "upload" / "README.md").read_text(encoding="utf-8")
+    assert "1 sample per pixel;" in " ".join(text.split())
     _, header, body = text.split("---\n", 2)
     assert yaml.safe_load(header)["license"] == "cc-by-4.0"
     assert yaml.safe_load(header)["configs"][0]["data_files"] == "frames.csv"

@@ -8,6 +8,7 @@ from facts import LICENCES, Facts
 
 import varos_warp as vw
 from varos_warp.dataset.write.checksums import sha256
+from varos_warp.errors import counted
 
 SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"), (1e6, "100K<n<1M"), (np.inf, "n>1M"))
 """Names that Hugging Face has for numbers of rows."""
@@ -207,5 +208,9 @@ def quality(facts: Facts) -> dict[str, str]:
     spp = sorted({data.meta["samples"]["plan"]["spp"] for data in facts.datasets})
     meta = facts.datasets[0].meta
     noise = " A has the noise of a camera's sensor; `A_clean` is the same without." if meta.get("noise") else ""
-    many = f"{spp[0]}" if len(spp) == 1 else f"{spp[0]} to {spp[-1]}"
-    return {"spp": f"{many} samples per pixel", "denoiser": meta["samples"]["denoise"], "noise": noise}
+    many = counted(spp[0], "sample") if len(spp) == 1 else f"{spp[0]} to {spp[-1]} samples"
+    return {
+        "spp": f"{many} per pixel",
+        "denoiser": meta["samples"]["denoise"],
+        "noise": noise,
+    }

@@ -5,6 +5,7 @@ import functools
 import inspect
 import logging
 import sys
+import warnings
 from collections.abc import Callable, Iterable
 
 import typer
@@ -65,6 +66,8 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
         for name, group in groups.items():
             given[name] = group(**{field.name: given.pop(field.name) for field in dataclasses.fields(group)})
         logging.getLogger("varos_warp").setLevel(logging.WARNING if given.get("quiet") else logging.INFO)
+        if given.get("quiet"):
+            warnings.showwarning = lambda *_: None  # each call shows them again: cli._global
         try:
             return function(**given)
         except InputError as error:

@@ -147,6 +147,14 @@ def test_whole_numbers_and_choices_are_all_drawn():
             "versions:\n  a: {water: {jerlov: {type: I}}, water.jerlov.type: II}\n",
             "versions.a.water.jerlov.type: is given",
         ),
+        (
+            "versions:\n  a: {water: none, water.jerlov.type: IB}\n",
+            "versions.a.water = 'none': has no effect beside water.jerlov.type, which takes its place",
+        ),
+        (
+            "versions:\n  a: {water: {jerlov: {type: IB}, principled: {density: 1}}}\n",
+            "versions.a.water.jerlov.type = 'IB': has no effect beside water.principled.density",
+        ),
         ("versions:\n  a: {seed: 1}\nover: {seed: [1]}\n", "either versions or over"),
         ("seed: 1\n", "either versions or over"),
         ("waters:\n  a: {seed: 1}\n", "waters: unknown key"),
@@ -182,7 +190,13 @@ def test_a_file_that_does_not_say_what_a_sweep_is_is_refused(of, text, words):
         (["seed="], "is not of the form"),
         (["=1,2"], "is not of the form"),
         (["seed=1,2", "seed=3"], "--over seed: is given twice"),
-        (["seed=1,1"], "is given twice"),
+        (["seed=1,1"], "--over seed = 1: is given twice"),
+        (["vehicle.mass_kg={normal: [40, 1]}"], "--over vehicle.mass_kg = {'normal': [40, 1]}: is a distribution"),
+        (["seed={integer: [1, 9]},3"], "in a file, with a seed and a count"),
+        (["water=none", "water.jerlov.type=IB"], "--over water = 'none': has no effect beside water.jerlov.type"),
+        (["water.jerlov.type=IB", "water=none"], "--over water.jerlov.type = 'IB': has no effect beside water,"),
+        (["water={jerlov: {type: IB}},none"] * 2, "is given twice"),
+        (["vehicle.lights.0.blend=0.1,0.2", "vehicle.lights=[]"], "has no effect beside vehicle.lights"),
         (["seed=[1"], "is not of the form"),
         (["name=a b,a_b"], "name of two versions"),
         (["seed=1", "no_such_file.yaml"], "nothing else"),
@@ -191,6 +205,20 @@ def test_a_file_that_does_not_say_what_a_sweep_is_is_refused(of, text, words):
 def test_options_that_do_not_say_what_a_sweep_is_are_refused(over, words):
     with pytest.raises(InputError, match=re.escape(words)):
         read_versions(over)
+
+
+def test_a_key_of_what_another_key_sets_may_be_set_beside_it_and_changes_no_other_version():
+    lights = "vehicle.lights=[{kind: point, position: [0, 0, 0]}]"
+    versions = read_versions([lights, "vehicle.lights.0.intensity=[1, 1, 1],[2, 2, 2]"])
+    before = [str(version.overrides) for version in versions]
+    starter = ROOT / "varos_warp/data/starter.yaml"
+    scenes = [load_scene(starter, version.changes) for version in versions]
+    assert [scene.vehicle.lights[0].intensity for scene in scenes] == [(1, 1, 1), (2, 2, 2)]
+    assert [str(version.overrides) for version in versions] == before
+
+
+def test_a_block_that_has_a_key_of_a_distribution_is_none():
+    assert len(read_versions(["vehicle.cameras.0.port={normal: [0, 0, 1]}", "seed=1,2"])) == 2
 
 
 @pytest.mark.parametrize("name", ["waters", "drawn"])

@@ -335,6 +335,13 @@ def test_a_version_that_the_scene_refuses_is_refused_before_anything_is_made(sce
     refused(scene_file, tmp_path / "out", over, words=words)
 
 
+def test_what_the_scene_refuses_of_one_version_alone_is_told_with_its_name(scene_file, tmp_path):
+    over, share = "water={jerlov: {type: IB}},none", "particles=[{share: 0.01, radius_m: [0.0001, 0.004], slope: 3.2}]"
+    refused(scene_file, tmp_path / "out", over, share, words="particles: in version none: the water does not scatter")
+    field = "render.integrator=field"
+    refused(scene_file, tmp_path / "out", over, field, words="in version none: the field cannot be used")
+
+
 def test_frames_that_are_not_there_leave_nothing(scene_file, tmp_path):
     refused(scene_file, tmp_path / "out", WATERS, words="names no frame", frames=slice(1000, None))
 

@@ -445,7 +445,7 @@ def test_overrides_reach_into_blocks_and_lists_and_make_blocks(tmp_path):
         ("name.x.y=1", "no block"),
         ("render.spp=[1", "not valid YAML"),
         ("render.ssp=3", "Did you mean 'spp'?"),
-        ("render.spp=0", "at least 1"),
+        ("render.spp=0", "at least 0.25"),
         ("seed=-1", "at least 0"),
     ],
 )
@@ -453,6 +453,13 @@ def test_a_bad_override_is_blamed_itself(tmp_path, override, says):
     error = refusal(tmp_path, SMALL, [override])
     assert str(error.file) == f"--set {override}"
     assert says in error.message
+
+
+def test_an_override_of_a_block_leaves_what_an_alias_takes_from_it(tmp_path):
+    left = "&left {id: L0, vignetting: {kind: polynomial, coefficients: [-0.3]}}"
+    text = SMALL.replace("mass_kg: 40", f"cameras: [{left}, {{<<: *left, id: R0}}]")
+    scene = load_scene(write(tmp_path, text), ["vehicle.cameras.0.vignetting.coefficients.0=-0.1"])
+    assert [camera.vignetting.coefficients for camera in scene.vehicle.cameras] == [(-0.1,), (-0.3,)]
 
 
 def test_an_override_is_blamed_and_not_the_line_of_the_file_that_it_replaced(tmp_path):

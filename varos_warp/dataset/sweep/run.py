@@ -16,7 +16,7 @@ from varos_warp.dataset.run.shared import Shared, give_up, link_equal, unlike
 from varos_warp.dataset.run.summary import Summary
 from varos_warp.dataset.sweep.manifest import Manifest
 from varos_warp.dataset.sweep.units import Unit
-from varos_warp.dataset.sweep.versions import read_versions
+from varos_warp.dataset.sweep.versions import Version, read_versions
 from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError, RunFailed
 from varos_warp.scene.description import Scene
@@ -158,7 +158,8 @@ def prepare(
     load_scene(path, overrides)  # what is wrong without any version is not told of one
     units = []
     for version in read_versions(over):
-        scene = load_scene(path, [*overrides, *version.changes])
+        with _told_of(version):
+            scene = load_scene(path, [*overrides, *version.changes])
         units += [
             Unit(version, vehicle, alone, root)
             for vehicle, (alone, root) in datasets_of(scene, out / version.name, only).items()
@@ -166,8 +167,23 @@ def prepare(
     manifest = Manifest(out, units, frames)
     manifest.check()
     for unit in units:
-        check(unit.scene, resolve_device(device))
+        with _told_of(unit.version):
+            check(unit.scene, resolve_device(device))
     return Sweep(manifest, device)
+
+
+@contextlib.contextmanager
+def _told_of(version: Version) -> Iterator[None]:
+    """Errors name the version, unless they are about what it sets itself."""
+    try:
+        yield
+    except InputError as error:
+        if str(error.file) in [change.where for change in version.changes]:
+            raise
+        problem = f"in version {version.name}: {error.problem}"
+        raise InputError(
+            problem, file=error.file, key=error.key, value=error.value, remedy=error.remedy, line=error.line
+        ) from error
 
 
 def check(scene: Scene, device: str) -> None:

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import yaml
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from varos_warp.dataset.sweep.draws import Distribution
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.block import Block
-from varos_warp.scene.file.load import Change, validated
+from varos_warp.scene.file.load import Change, takes_the_place, validated
 from varos_warp.scene.file.source import Source
 from varos_warp.scene.file.yaml_files import parse_file
 
@@ -155,8 +155,22 @@ def _of_options(over: Sequence[str]) -> list[Version]:
             raise InputError("is not of the form KEY=VALUE,VALUE", key="--over", value=text, remedy=EXAMPLE)
         if key in values:
             raise InputError("is given twice", key=f"--over {key}", remedy="Give all its values at once.")
+        if drawn := [value for value in found if _is_distribution(value)]:
+            raise InputError(
+                "is a distribution, which stands in a file, with a seed and a count",
+                key=f"--over {key}",
+                value=drawn[0],
+                remedy="Write a file as docs/howto/sweeps.md shows, and give that: --over drawn.yaml.",
+            )
         values[key] = found
     return _combined(values, {key: f"--over {key}" for key in values}, None)
+
+
+def _is_distribution(value: Any) -> bool:
+    try:
+        return isinstance(value, dict) and bool(Distribution.model_validate(value))
+    except ValidationError:
+        return False
 
 
 def _combined(values: dict[str, list], where: dict[str, str], file: Path | None) -> list[Version]:
@@ -166,7 +180,8 @@ def _combined(values: dict[str, list], where: dict[str, str], file: Path | None)
             raise InputError("is empty", file=file, key=f"over.{key}", remedy="Give at least one value.")
         for i, value in enumerate(listed):
             if value in listed[:i]:
-                raise InputError("is given twice", file=file, key=key, value=value, remedy="Keep one.")
+                name = f"over.{key}" if file else where[key]
+                raise InputError("is given twice", file=file, key=name, value=value, remedy="Keep one.")
     if (count := math.prod(map(len, values.values()))) > MOST:
         raise InputError(
             f"asks for {count} versions, and {MOST} are the most",
@@ -229,5 +244,18 @@ def _check_names(versions: list[Version], file: Path | None) -> None:
                 remedy="Give each a name of its own, in a file with `versions:`.",
             )
         seen[name.lower()] = name
-        if twice := [change.key for i, change in enumerate(changes) if change.key in [c.key for c in changes[:i]]]:
-            raise InputError("is given twice", file=file, key=f"versions.{name}.{twice[0]}", remedy="Keep one.")
+        _check_changes(changes, f"versions.{name}." if file else "--over ", file)
+
+
+def _check_changes(changes: list[Change], above: str, file: Path | None) -> None:
+    """Refuse a change of which another of the same version would leave nothing."""
+    for earlier, later in itertools.combinations(changes, 2):
+        if takes_the_place(later.key, of=earlier):
+            same = earlier.key == later.key
+            raise InputError(
+                "is given twice" if same else f"has no effect beside {later.key}, which takes its place",
+                file=file,
+                key=f"{above}{earlier.key}",
+                value=None if same else earlier.value,
+                remedy="Keep one.",
+            )

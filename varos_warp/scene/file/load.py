@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterable
+from copy import copy
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -109,6 +110,16 @@ def path_of(key: str) -> tuple[str | int, ...]:
     return tuple(int(part) if part.isdecimal() else part for part in key.strip().split("."))
 
 
+def takes_the_place(key: str, of: Change) -> bool:
+    """Whether a `Change` of ``key`` after another leaves nothing of what that set."""
+    new, old = path_of(key), path_of(of.key)
+    if old[: len(new)] == new:
+        return True
+    if new[0] != "water" or old[0] != "water" or new[1] not in Water.model_fields:
+        return False
+    return old[1] != new[1] if len(old) > 1 else bool(of.value) and not isinstance(of.value, dict)
+
+
 def _choose_form(data: dict[str, Any], key: str) -> None:
     """Leave out the other forms of the water if a key of one form is to be set: only one may be given."""
     block, *inner = path_of(key)
@@ -123,7 +134,9 @@ def _set(source: Source, key: str, value: Any, where: str) -> None:
     for depth, part in enumerate(path[:-1]):
         if isinstance(block, dict) and block.get(part) is None:
             source.overridden[path[: depth + 1]] = where
-        block = _child(block, part, path[:depth], where)
+        child = copy(_child(block, part, path[:depth], where))  # what an alias or another version has stays as it is
+        block[part] = child
+        block = child
     _child(block, path[-1], path[:-1], where)
     block[path[-1]] = value
     source.overridden[path] = where
