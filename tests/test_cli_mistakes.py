@@ -42,7 +42,7 @@ def mesh(tmp_path):
     ("given", "key"),
     [
         ("--spp 0", "render.spp = 0"),
-        ("--spp 0.5", "render.spp = 0.5"),
+        ("--spp 0.1", "render.spp = 0.1"),
         ("--set render.spp=0.0", "render.spp = 0.0"),
         ("--tolerance 2", "render.tolerance = 2"),
         ("--outputs AX", "render.outputs.1 = 'X'"),
@@ -140,7 +140,7 @@ def test_an_incomplete_dataset_is_read_without_a_traceback(dataset, tmp_path):
     done = call("validate", dataset, "-q")
     assert done.exit_code == 2
     assert "problem: vehicle0/cam0/camL0_poses/camL0_poses_euler.csv: there is no such file" in done.output
-    for verb in ("report", "export --to stream -o E", "export --to colmap -o E"):
+    for verb in ("report", "export --to stream -o E", "export --to colmap -o E -q"):
         name, *options = verb.replace("E", str(tmp_path / "E")).split()
         assert "transformation_matrix.csv: there is no such file. `run` again to make it anew." in refused(
             name, dataset, *options

@@ -13,7 +13,7 @@ from varos_warp.kernels.film import denoise
 from varos_warp.kernels.film.adapt import average_tiles
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.film.develop import develop
-from varos_warp.kernels.film.film import BLOCK, CORRECTION_SUMS, SUMS
+from varos_warp.kernels.film.film import BLOCK, CORRECTION_SUMS, SUMS, add_batches
 from varos_warp.kernels.mesh.bake import bake_ground
 from varos_warp.kernels.particles.draw import make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
@@ -237,7 +237,7 @@ def kernels_needed(
         kernels += [tabulate_single_along_camera, average_tiles]
     kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if any(image.is_color for image in wanted):
-        kernels.append(develop)
+        kernels += [develop, add_batches]
     if any(image.is_color and getattr(scene.render, image.denoise_key) != "none" for image in wanted):
         kernels.append(denoise.clip_negative)
     return list(dict.fromkeys(kernels))
