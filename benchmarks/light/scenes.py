@@ -143,19 +143,15 @@ def paper_room(resolution=RESOLUTION) -> Built:
     return _assemble(resolution, PAPER, paper_lamps(), parts, target=(0.2, 3, -0.2))
 
 
+def _before_pipes(resolution, **blocks) -> Built:
+    """Terrain and pipes in the paper's water, two to three metres ahead."""
+    pose = (-0.5, 2.4, 1.0), (0, 5, 0.2)
+    return _assemble(resolution, PAPER, paper_lamps(), None, *pose, terrain=TERRAIN, objects=_pipes(), **blocks)
+
+
 @_named("paper's water, terrain and pipes at two to three metres")
 def paper_pipes(resolution=RESOLUTION) -> Built:
-    return _assemble(
-        resolution,
-        PAPER,
-        paper_lamps(),
-        None,
-        (-0.5, 2.4, 1.0),
-        (0, 5, 0.2),
-        terrain=TERRAIN,
-        objects=_pipes(),
-        materials=PLAIN,
-    )
+    return _before_pipes(resolution, materials=PLAIN)
 
 
 # --------------------------------------------------------------------------------------------------------- coastal
@@ -261,18 +257,7 @@ def metal_lens(resolution=RESOLUTION) -> Built:
         "steel": {"kind": "metal", "roughness": 0.25},
         "painted": {"kind": "rust", "amount": 0.5, "roughness": 0.35},
     }
-    return _assemble(
-        resolution,
-        PAPER,
-        paper_lamps(),
-        None,
-        (-0.5, 2.4, 1.0),
-        (0, 5, 0.2),
-        terrain=TERRAIN,
-        objects=_pipes(),
-        materials=materials,
-        view={"f_stop": 1.7, "focus_m": 2.6},
-    )
+    return _before_pipes(resolution, materials=materials, view={"f_stop": 1.7, "focus_m": 2.6})
 
 
 # --------------------------------------------------------------------------------------------- water as it was measured

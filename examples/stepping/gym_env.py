@@ -16,16 +16,11 @@ except ImportError:
     sys.exit("This example needs gymnasium: pip install gymnasium")
 
 TICKS, MAX_FORCE, REACH_M = 20, 40.0, 5.0
+SENSORS = {"cameras": [{"id": "M0"}], "imu": {"rate_hz": 200}, "depth_gauge": {"rate_hz": 10}}
 SCENE = {
     "name": "hold_station",
     "current": {"velocity": [0.1, 0, 0], "turbulence": {"rms": [0.06, 0.06, 0.04]}},
-    "vehicle": {
-        "mass_kg": 12,
-        "max_force": MAX_FORCE,
-        "cameras": [{"id": "M0"}],
-        "imu": {"rate_hz": 200},
-        "depth_gauge": {"rate_hz": 10},
-    },
+    "vehicle": {"mass_kg": 12, "max_force": MAX_FORCE, **SENSORS},
     "surface_depth_m": 10,
     "trajectory": {"waypoints": [{"position": [0, 0, 0]}], "duration_s": 10},
 }
@@ -55,21 +50,15 @@ class HoldStation(gymnasium.Env):
         """Hold a force for a tenth of a second; the reward is the negative distance."""
         states = [self.simulator.step(force=MAX_FORCE * np.asarray(action, float)) for _ in range(TICKS)]
         distance = float(np.linalg.norm(states[-1].position - states[-1].reference_position))
-        return (
-            self._observation(states),
-            -distance,
-            distance > REACH_M,
-            self.simulator.finished,
-            {"T_w_v": self.simulator.pose},
-        )
+        lost, over, info = distance > REACH_M, self.simulator.finished, {"T_w_v": self.simulator.pose}
+        return self._observation(states), -distance, lost, over, info
 
     def _observation(self, states: list[vw.Step]) -> np.ndarray:
         last, R_v_w = states[-1], states[-1].T_w_v[:3, :3].T
         self.depth = np.append(self.depth, np.concatenate([state.depth_gauge.depth for state in states]))[-1]
         felt = np.concatenate([state.imu.acceleration for state in states]).mean(axis=0)
-        return np.float32(
-            [*(R_v_w @ (last.reference_position - last.position)), *(R_v_w @ last.velocity), *felt, self.depth]
-        )
+        way = R_v_w @ (last.reference_position - last.position)
+        return np.float32([*way, *(R_v_w @ last.velocity), *felt, self.depth])
 
 
 def main() -> int:

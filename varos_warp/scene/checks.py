@@ -383,11 +383,8 @@ def _towards(scene, boxes, T_w_c, reach, fixed):
     """What brings things in boxes [N, 2, 3] into the sight of a camera: to go there, or to turn it."""
     beside = np.maximum(boxes[:, 0] - T_w_c[:3, 3], T_w_c[:3, 3] - boxes[:, 1]).clip(0.0)
     if (distance := np.linalg.norm(beside, axis=1).min()) > reach:
-        return (
-            "move the camera to them"
-            if fixed
-            else (f"move the course to them, or them to the course{_from_a_map(scene, distance)}")
-        )
+        of_course = f"move the course to them, or them to the course{_from_a_map(scene, distance)}"
+        return "move the camera to them" if fixed else of_course
     more = "" if fixed else ", or look_at of the trajectory"
     return f"turn the camera towards them (its rotation_euler_deg{more})"
 
