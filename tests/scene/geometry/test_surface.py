@@ -50,3 +50,24 @@ def test_beyond_its_reach_there_is_nothing():
     distance, face = Surface(BALL.vertices, BALL.faces).nearest(points, 1.0)
     assert np.isfinite(distance).tolist() == [True, False, True]
     assert (face >= 0).tolist() == [True, False, True]
+
+
+class _EdgeOn(Surface):
+    """A surface of which a BVH in float32 says that rays meet its first face, as it may of one edge on."""
+
+    def first_hits(self, points, directions):
+        return np.zeros(len(points), np.int32), np.ones(len(points), np.float32)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-9], ids=["in its plane", "beside it"])
+def test_a_face_edge_on_is_as_far_as_its_nearest_corner(offset):
+    """There the plane is met nowhere, or anywhere: 0 / 0 and x / 0 made relief of sheet piles not finite."""
+    surface = _EdgeOn(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([[0, 1, 2]]))
+    t = surface.distances(np.array([[0.25, offset, 3.0]]), np.array([[0.0, 0.0, -2.0]]))
+    np.testing.assert_allclose(t, [1.0], atol=1e-12)
+
+
+def test_of_faces_the_other_way_the_plane_counts():
+    surface = Surface(np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 4.0]]), np.array([[0, 1, 2]]))
+    t = surface.distances(np.array([[1.0, 1.0, 5.0]]), np.array([[0.0, 0.0, -1.0]]))
+    np.testing.assert_allclose(t, [4.0], rtol=1e-12)

@@ -12,6 +12,8 @@ from varos_warp.scene.geometry.topology import chunks
 
 KERNELS = (project.find_first_hits, project.find_nearest)
 """What repairing nearly every terrain needs."""
+EDGE_ON = 1e-6
+"""How far from a triangle's corners, along a ray, its plane may be met, as a share: rounding of float32."""
 
 
 class Surface:
@@ -99,17 +101,15 @@ class Surface:
     def distances(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Distance float64 [N] along rays to the first face, in lengths of their directions [N, 3]; infinite: none.
 
-        The BVH finds the face in float32; the distance to its plane is computed in float64.
+        The BVH finds the face in float32; the distance to its plane is computed in float64. Of a face that a ray meets
+        edge on, it is that of its nearest corner.
         """
         face, _ = self.first_hits(points, directions)
         t, hit = np.full(len(points), np.inf), np.flatnonzero(face >= 0)
         for part in chunks(len(hit)):
             chosen = hit[part]
-            a, b, c = np.moveaxis(self.vertices[self.faces[face[chosen]]], 1, 0)
-            n = np.cross(b - a, c - a)
-            with np.errstate(divide="ignore", invalid="ignore"):  # a face edge on
-                t[chosen] = ((a - points[chosen]) * n).sum(axis=1) / (directions[chosen] * n).sum(axis=1)
-        return np.where(np.isnan(t), np.inf, t)
+            t[chosen] = _along(points[chosen], directions[chosen], self.vertices[self.faces[face[chosen]]])
+        return t
 
     def signed_distance(self, points: np.ndarray, threshold: float, known: np.ndarray) -> np.ndarray:
         """Distance float32 [N] [m] from local float32 points [N, 3], negative where the winding number is above.
@@ -130,3 +130,16 @@ class Surface:
             self.device,
         )
         return value.numpy()
+
+
+def _along(points, directions, corners):
+    """Where rays [N] meet the planes of triangles [N, 3, 3], in lengths of their directions [N, 3]."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    n = np.cross(b - a, c - a)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a face edge on
+        t = ((a - points) * n).sum(axis=1) / (directions * n).sum(axis=1)
+    of_corners = ((corners - points[:, None]) * directions[:, None]).sum(axis=2)
+    of_corners /= np.square(directions).sum(axis=1)[:, None]
+    least, most = of_corners.min(axis=1), of_corners.max(axis=1)
+    slack = EDGE_ON * (1.0 + np.abs(of_corners).max(axis=1))
+    return np.where((t >= least - slack) & (t <= most + slack), t, least)

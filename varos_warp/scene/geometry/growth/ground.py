@@ -9,7 +9,8 @@ from varos_warp.scene.geometry.growth.solids import Form, around, grid_faces, so
 def pebble(rng: np.random.Generator) -> Form:
     """A flat worn stone with blunt edges, about half of it in the ground, silt on it and at its foot; of unit width.
 
-    Silt lies in patches: a cap of the ground's own tone would leave only a dark ring of its flanks.
+    Silt lies in thin patches: a cap of the ground's own tone would leave only a dark ring of its flanks. Stones are of
+    several rocks, darker and paler than sand.
     """
     ball = trimesh.creation.icosphere(subdivisions=2)
     p = np.asarray(ball.vertices)
@@ -22,9 +23,9 @@ def pebble(rng: np.random.Generator) -> Form:
     p /= np.ptp(p[:, :2], axis=0).max()
     p[:, 2] += np.ptp(p[:, 2]) * rng.uniform(-0.08, 0.2)
     shade = 1.0 + 0.12 * waves(p, 0.5, rng) + 0.1 * rng.standard_normal(len(p))
-    colours = np.outer(np.clip(shade, 0.5, 1.5), [0.105, 0.098, 0.085])
+    colours = np.outer(np.clip(shade, 0.5, 1.5), rng.uniform(0.6, 2.0) * np.array([0.105, 0.098, 0.085]))
     up, ragged = np.asarray(ball.vertices)[:, 2], waves(p, 0.35, rng)
-    dust = rng.uniform(0.1, 0.5) * np.clip(0.4 + 0.6 * up + 0.7 * ragged, 0.0, 1.0)
+    dust = rng.uniform(0.0, 0.3) * np.clip(0.4 + 0.6 * up + 0.9 * ragged, 0.0, 1.0)
     foot = 0.8 * np.clip(1.0 - p[:, 2] / 0.11 + 0.35 * ragged, 0.0, 1.0)
     silted = np.maximum(dust, foot)[:, None]
     return Form(solid(p, np.asarray(ball.faces), colours + silted * ([0.125, 0.115, 0.095] - colours)))
