@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 from chance import run
 
+from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world import texture
 from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
 from varos_warp.scene.file.load import scene_from_dict
@@ -16,6 +17,7 @@ from varos_warp.scene.materials.textures import Textures
 
 SQUARE = 25.0 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+material_at = texture.make_material_at(SceneSpec())
 
 
 @wp.kernel(enable_backward=False)
@@ -27,7 +29,7 @@ def colour(
     out: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
-    surface = texture.material_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
+    surface = material_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
     out[i] = surface.reflectance + surface.specular
 
 
@@ -216,7 +218,7 @@ def lobe(
     roughness: wp.array(dtype=float),
 ):
     i = wp.tid()
-    surface = texture.material_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
+    surface = material_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
     diffuse[i] = surface.reflectance
     specular[i] = surface.specular
     roughness[i] = surface.roughness
