@@ -22,6 +22,10 @@ class SceneSpec:
     """Some surfaces are instances."""
     textures: bool = True
     """Some material is more than one constant reflectance."""
+    patterns: bool = True
+    """Some material has an image or a pattern: more than colours of faces, and metal."""
+    metals: bool = True
+    """Some material shows bare metal."""
     masks: bool = False
     """Masks of mesh files cut holes."""
     bands: bool = False
@@ -50,7 +54,7 @@ class SceneSpec:
     @property
     def mirrors(self) -> bool:
         """There may be metals, whose lobes mirror what is around them."""
-        return self.surfaces and self.textures
+        return self.surfaces and self.metals
 
     def camera(self) -> "SceneSpec | None":
         """What the camera's own segments need; None if no layer does."""

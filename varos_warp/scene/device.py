@@ -20,19 +20,18 @@ from varos_warp.kernels.world.optics import HALVINGS, NEWTON_STEPS, Coefficients
 from varos_warp.kernels.world.texture import Material
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.frames import camera_pose, intrinsics, transform
 from varos_warp.scene.geometry.course import local_origin
 from varos_warp.scene.geometry.normals import face_normals, kept_corner_normals
 from varos_warp.scene.geometry.parts import FaceSpectra, Grown, Instances, Moving, Part
-from varos_warp.scene.geometry.placed import may_have_colours
 from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.materials.lobe import has_lobe, lobe_albedo_table
 from varos_warp.scene.materials.records import (
     corner_values,
     device_material,
     face_pages,
-    is_textured,
+    features,
+    foretold_features,
     tints_of,
 )
 from varos_warp.scene.materials.textures import Textures
@@ -68,23 +67,17 @@ class KnownSpectra(NamedTuple):
 def foretold_spec(scene: Scene, device: str) -> SceneSpec:
     """What a `DeviceScene` will find present, by the scene file alone.
 
-    Wrong where a mesh file that may have colours of its own has none, or masks that cut holes, or so many copies are
-    scattered or grow that they do not join the mesh on a GPU, or nothing grows though something is to.
+    Wrong where `foretold_features` is, or a mesh file has masks that cut holes, or so many copies are scattered or grow
+    that they do not join the mesh on a GPU.
     """
-    blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
-    blocks = [block for block in blocks if block is not None]
-    textured = [
-        may_have_colours(block) if block.material is None else not isinstance(scene.materials[block.material], Diffuse)
-        for block in blocks
-    ]
     copies = bool(scene.scatter or scene.growth) and MOST_JOINED_FACES[kind_of(device)] == 0
     scatters = scene.is_spectral or bool(optical_properties(scene).sigma_s.any())
     return SceneSpec(
         medium=scatters,
-        surfaces=bool(blocks),
+        surfaces=bool(scene.terrain or scene.objects or scene.scatter or scene.moving),
         bands=scene.is_spectral,
         instances=copies or bool(scene.moving),
-        textures=any(textured) or bool(scene.growth),
+        **foretold_features(scene),
     )
 
 
@@ -153,7 +146,7 @@ class DeviceScene:
             medium=bool(self.water.sigma_s.any()),
             surfaces=bool(parts),
             instances=not self.joins_copies or bool(self.moving),
-            textures=any(is_textured(part) for part in parts),
+            **features(parts),
             masks=any(part.has_holes for part in parts),
         )
         """What is present, for which kernels are compiled; of a camera's optics the images know."""

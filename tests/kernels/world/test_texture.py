@@ -7,15 +7,17 @@ import pytest
 import warp as wp
 from chance import run
 
+from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world import texture
 from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
 from varos_warp.scene.file.load import scene_from_dict
-from varos_warp.scene.geometry.parts import Part
+from varos_warp.scene.geometry.parts import Part, Skin
 from varos_warp.scene.materials.records import device_material
 from varos_warp.scene.materials.textures import Textures
 
 SQUARE = 25.0 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 UP, SIDE = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+material_at = texture.make_material_at(SceneSpec())
 
 
 @wp.kernel(enable_backward=False)
@@ -27,7 +29,7 @@ def colour(
     out: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
-    surface = texture.material_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
+    surface = material_at(material, p[i], n[i], wp.vec3(0.0), 0, footprint)
     out[i] = surface.reflectance + surface.specular
 
 
@@ -216,7 +218,7 @@ def lobe(
     roughness: wp.array(dtype=float),
 ):
     i = wp.tid()
-    surface = texture.material_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
+    surface = material_at(material, p[i], wp.vec3(0.0, 0.0, 1.0), wp.vec3(0.0), 0, 0.001)
     diffuse[i] = surface.reflectance
     specular[i] = surface.specular
     roughness[i] = surface.roughness
@@ -242,3 +244,45 @@ def test_metal_mirrors_and_only_bare_metal_does():
     assert np.all(bare[share[:, 0] == 1.0] == 0.0)
     assert np.all(metal == np.float32(0.4))
     np.testing.assert_allclose(diffuse, bare + rusty, atol=1e-6)
+
+
+def compiled_for(**present):
+    """The kernel `lobe` of what a scene needs that has no more than this."""
+    material_at_less = texture.make_material_at(SceneSpec(**present))
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def lobe_of_less(
+        material: texture.Material,
+        p: wp.array(dtype=wp.vec3),
+        at: wp.vec3,
+        diffuse: wp.array(dtype=wp.vec3),
+        specular: wp.array(dtype=wp.vec3),
+        roughness: wp.array(dtype=float),
+    ):
+        i = wp.tid()
+        surface = material_at_less(material, p[i], wp.vec3(0.0, 0.0, 1.0), at, 0, 0.001)
+        diffuse[i] = surface.reflectance
+        specular[i] = surface.specular
+        roughness[i] = surface.roughness
+
+    return lobe_of_less
+
+
+COLOURS = Skin(np.full((2, 3, 3), 0.4, np.float32))
+LESS = {
+    "colours": (Part("x", *SQUARE, Diffuse(), skin=COLOURS), {"patterns": False, "metals": False}),
+    "plain": (Part("x", *SQUARE, Diffuse(reflectance=(0.1, 0.2, 0.3))), {"patterns": False, "metals": False}),
+    "metal": (Part("x", *SQUARE, Metal(kind="metal", roughness=0.3)), {"patterns": False}),
+    "painted": (Part("x", *SQUARE, Rust(kind="rust", roughness=None)), {"metals": False}),
+    "ground": (Part("x", *SQUARE, slope_blend()), {"metals": False}),
+}
+
+
+@pytest.mark.parametrize("name", LESS)
+def test_kernels_for_what_a_scene_has_find_the_same_bytes(name):
+    part, present = LESS[name]
+    record, p, at = device_material(part, scene(1), np.zeros(3), textures()), points(1.0), wp.vec3(0.1, 0.5, 0.7)
+    results = [run(compiled_for(**some), [record, p, at], [wp.vec3, wp.vec3, float]) for some in ({}, present)]
+    for whole, less in zip(*results, strict=True):
+        assert whole.tobytes() == less.tobytes()
+    assert results[0][0].any() or results[0][1].any()

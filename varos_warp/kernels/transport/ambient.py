@@ -11,7 +11,7 @@ from varos_warp.kernels.transport.moments import Moments, instant_of
 from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_sample, bsdf_weight
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
-from varos_warp.kernels.world.surface import make_surface_at
+from varos_warp.kernels.world.surface import MATERIALS, make_surface_at
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
@@ -25,7 +25,7 @@ class Ambient:
     open: wp.vec3
 
 
-@specialised("instances", "textures", "masks", "bands")
+@specialised("instances", *MATERIALS, "masks", "bands")
 def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     """The function ``ambient_radiance``, for scenes with or without instances and textures."""
     first_hit = make_rays(spec).first_hit
@@ -69,7 +69,7 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
     return ambient_radiance
 
 
-@specialised("instances", "textures", "masks", "bands", "optics", "varies")
+@specialised("instances", *MATERIALS, "masks", "bands", "optics", "varies")
 def make_ambient_kernel(spec: SceneSpec) -> wp.Kernel:
     """Image B, for scenes with or without instances and textures, through a lens, a port and moments."""
     ambient_radiance = make_ambient_radiance(spec)

@@ -8,7 +8,7 @@ from varos_warp.kernels.transport.moments import Moments, instant_of_row
 from varos_warp.kernels.world.bsdf import bsdf_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import Instance, SceneData, make_rays, moves, to_instance
-from varos_warp.kernels.world.surface import corner_normal, make_surface_at
+from varos_warp.kernels.world.surface import MATERIALS, corner_normal, make_surface_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -140,7 +140,7 @@ class Guides:
     normal: wp.vec3
 
 
-@specialised("instances", "textures", "masks", "optics", "varies")
+@specialised("instances", *MATERIALS, "masks", "optics", "varies")
 def make_guides_kernel(spec: SceneSpec) -> wp.Kernel:
     """Guides for a denoiser, for scenes with or without instances and textures, through a lens, a port, a shutter."""
     centre_hit = make_centre_hit(spec)

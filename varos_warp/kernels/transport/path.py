@@ -169,7 +169,7 @@ def make_leave_vertex(spec: SceneSpec) -> wp.Function:
         if wp.static(spec.field):
             if path.vertex.shadowed == 0:
                 share = light_share(path, LEAST_AROUND)
-        if wp.static(spec.field and spec.textures):
+        if wp.static(spec.field and spec.mirrors):
             if is_metal(path.vertex):
                 share = share_from_metal(scene, path.vertex)
         return share

@@ -20,7 +20,7 @@ from varos_warp.kernels.world.lights.light import get_light, light_count, light_
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.phase import phase_eval, phase_sample
-from varos_warp.kernels.world.surface import SurfacePoint, make_surface_at
+from varos_warp.kernels.world.surface import MATERIALS, SurfacePoint, make_surface_at
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
@@ -119,7 +119,7 @@ def make_gather(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     return scattered_light, reflected_light
 
 
-@specialised("instances", "textures", "masks", "bands")
+@specialised("instances", *MATERIALS, "masks", "bands")
 def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     """The functions ``scatter`` and ``reflect``, for scenes with or without instances and textures."""
     surface_at = make_surface_at(spec)
@@ -157,7 +157,7 @@ def make_events(spec: SceneSpec) -> tuple[wp.Function, wp.Function]:
     return scatter, reflect
 
 
-@specialised("direct", "single", "multiple", "instances", "textures", "masks", "bands", "optics", "varies", "disks")
+@specialised("direct", "single", "multiple", "instances", *MATERIALS, "masks", "bands", "optics", "varies", "disks")
 def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
     """The kernel that renders a film's batches from ``first_row`` on, specialised to ``spec``."""
     first_hit = make_rays(spec).first_hit

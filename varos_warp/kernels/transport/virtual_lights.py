@@ -28,7 +28,7 @@ from varos_warp.kernels.world.lights.light import (
 )
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.surface import make_surface_at
+from varos_warp.kernels.world.surface import MATERIALS, make_surface_at
 from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
@@ -85,7 +85,7 @@ def instant_of_group(moments: Moments, group: int, groups: int, u: float):
     return first_instant(moments) + first + int(u * float(after - first))
 
 
-@specialised("instances", "textures", "masks", "bands", "varies", "disks")
+@specialised("instances", *MATERIALS, "masks", "bands", "varies", "disks")
 def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
     """Rays from the lights to the first surface."""
     first_hit = make_rays(spec).first_hit

@@ -13,9 +13,12 @@ from varos_warp.kernels.world.intersect import (
     tint_between,
     to_instance,
 )
-from varos_warp.kernels.world.texture import MAPPED, Bsdf, footprint_width, material_at
+from varos_warp.kernels.world.texture import MAPPED, Bsdf, footprint_width, make_material_at
 
 wp.set_module_options({"enable_backward": False})
+
+MATERIALS = ("textures", "patterns", "metals")
+"""What surfaces are compiled for."""
 
 
 @wp.struct
@@ -48,9 +51,10 @@ def shading_normal(scene: SceneData, hit: Hit):
     return corner_normal(scene, scene.shading_normals, hit)
 
 
-@specialised("textures", "instances")
+@specialised("patterns", "metals", "instances")
 def make_textured(spec: SceneSpec) -> wp.Function:
     """The function ``textured`` of a material other than one plain reflectance."""
+    material_at = make_material_at(spec)
 
     @wp.func
     def textured(scene: SceneData, hit: Hit, n: wp.vec3, footprint: float):
@@ -62,7 +66,7 @@ def make_textured(spec: SceneSpec) -> wp.Function:
         page = page_of(scene.face_page, hit.face)
         p = hit.p
         up = n
-        if wp.static(spec.instances):
+        if wp.static(spec.patterns and spec.instances):
             if hit.instance >= 0 and m.kind == MAPPED and page >= 0:
                 at[2] = at[2] / get_instance(scene, hit.instance).scale
             if moves(scene, hit):
@@ -79,7 +83,7 @@ def make_textured(spec: SceneSpec) -> wp.Function:
     return textured
 
 
-@specialised("textures", "instances", "bands")
+@specialised(*MATERIALS, "instances", "bands")
 def make_surface_at(spec: SceneSpec) -> wp.Function:
     """The function ``surface_at(scene, hit, d, angle) -> SurfacePoint``, of a ray along ``d`` for a cone of ``angle``.
 

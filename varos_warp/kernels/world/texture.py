@@ -6,6 +6,7 @@ from aliasing and makes them cheap, as patterns finer than the footprint are not
 
 import warp as wp
 
+from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.world.pattern_noise import band, fbm
 from varos_warp.kernels.world.tiling import Image, level_of, repeated, sample, tiled, unit_clamp
 
@@ -55,7 +56,7 @@ class Layer:
 
 @wp.struct
 class Material:
-    """Input of ``material_at``; scene/materials/records.py makes it."""
+    """Input of `make_material_at`; scene/materials/records.py makes it."""
 
     kind: int
     offset: wp.vec3
@@ -231,26 +232,40 @@ def page_alpha(layer: Layer, u: float, v: float):
 # ---------------------------------------------------------------------------------------------------------------- all
 
 
-@wp.func
-def material_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, page: int, footprint: float):
-    """Scattering function of a material at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
+@specialised("patterns", "metals")
+def make_material_at(spec: SceneSpec) -> wp.Function:
+    """The function ``material_at``, for scenes with or without images, patterns and metals.
 
-    ``at`` holds the mesh file's data for the point: u, v and their units per metre on the ``page`` of its textures, or
-    where that is -1 the colour; other kinds do not use it.
+    Where there is no metal its lobe is zero in all that is compiled, so nothing of it is left in the kernels.
     """
-    bsdf = Bsdf()
-    if m.kind == DIFFUSE:
-        bsdf.reflectance = m.base
-    elif m.kind == GROUND:
-        bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))
-    elif m.kind == MAPPED and page >= 0:
-        bsdf.reflectance = mapped(m.layers, page, at, footprint)
-    elif m.kind == COLOURED or m.kind == MAPPED:
-        bsdf.reflectance = at
-    elif m.kind == METAL:
-        bsdf.metal = 1.0
-        bsdf.specular = m.base
-        bsdf.roughness = m.roughness
-    else:
-        bsdf = layered(m, p + m.offset, n, footprint)
-    return bsdf
+
+    @wp.func
+    def material_at(m: Material, p: wp.vec3, n: wp.vec3, at: wp.vec3, page: int, footprint: float):
+        """Scattering function of a material at ``p`` (local world) with normal ``n``, averaged over ``footprint`` [m].
+
+        ``at`` holds the mesh file's data for the point: u, v and their units per metre on the ``page`` of its textures,
+        or where that is -1 the colour; other kinds do not use it.
+        """
+        bsdf = Bsdf()
+        if m.kind == DIFFUSE:
+            bsdf.reflectance = m.base
+        elif m.kind == COLOURED or (m.kind == MAPPED and page < 0):
+            bsdf.reflectance = at
+        if wp.static(spec.patterns):
+            if m.kind == GROUND:
+                bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))
+            elif m.kind == MAPPED and page >= 0:
+                bsdf.reflectance = mapped(m.layers, page, at, footprint)
+            elif m.kind == RUST or m.kind == DIRT:
+                bsdf = layered(m, p + m.offset, n, footprint)
+        if wp.static(spec.metals):
+            if m.kind == METAL:
+                bsdf.metal = 1.0
+                bsdf.specular = m.base
+                bsdf.roughness = m.roughness
+        if wp.static(not spec.metals):
+            bsdf.metal = 0.0
+            bsdf.specular = wp.vec3(0.0)
+        return bsdf
+
+    return material_at

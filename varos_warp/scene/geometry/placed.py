@@ -51,6 +51,11 @@ def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> b
     return block.material is None and brings_along
 
 
+def may_have_images(block: Terrain | Heights | ProceduralTerrain | Object) -> bool:
+    """Whether the colours that a block takes may be images: those of mesh files."""
+    return isinstance(block, Terrain | MeshObject)
+
+
 def object_part(scene: Scene, block: Object, key: str) -> Part:
     """An object of the scene file where its block places it; ``key`` names it, also in messages."""
     if isinstance(block, MeshObject):

@@ -1,6 +1,7 @@
 """Materials of a scene file as the device's Material records."""
 
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
@@ -9,8 +10,10 @@ from scipy.special import ndtri
 from varos_warp.kernels.world import texture
 from varos_warp.kernels.world.tiling import PERIOD
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
+from varos_warp.scene.description.world import Diffuse, Dirt, Material, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry.parts import Instances, Part
+from varos_warp.scene.geometry.placed import may_have_colours, may_have_images
+from varos_warp.scene.materials.lobe import has_lobe
 from varos_warp.scene.materials.textures import Textures
 
 
@@ -50,6 +53,36 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
 def is_textured(part: Part | Instances) -> bool:
     """Whether its material is more than one constant reflectance."""
     return part.skin is not None or not isinstance(part.material, Diffuse)
+
+
+def features(parts: Sequence[Part | Instances]) -> dict[str, bool]:
+    """What kernels are compiled for, of the materials of parts: fields of a `SceneSpec` by name."""
+    bare = [part.material for part in parts if part.skin is None]
+    return {
+        "textures": any(map(is_textured, parts)),
+        "patterns": any(part.skin.pages for part in parts if part.skin is not None) or any(map(_has_pattern, bare)),
+        "metals": any(map(has_lobe, bare)),
+    }
+
+
+def foretold_features(scene: Scene) -> dict[str, bool]:
+    """`features`, by the scene file alone: as if each mesh file that may have colours of its own had images.
+
+    Wrong where it has none, or nothing grows though something is to.
+    """
+    blocks = [scene.terrain, *scene.objects, *(block.object for block in scene.scatter), *scene.moving.values()]
+    named = [scene.materials[block.material] for block in blocks if block is not None and block.material is not None]
+    bring = [block for block in blocks if block is not None and block.material is None and may_have_colours(block)]
+    return {
+        "textures": bool(scene.growth or bring) or any(not isinstance(material, Diffuse) for material in named),
+        "patterns": any(map(may_have_images, bring)) or any(map(_has_pattern, named)),
+        "metals": any(map(has_lobe, named)),
+    }
+
+
+def _has_pattern(material: Material) -> bool:
+    """Whether a material has images, or patches."""
+    return isinstance(material, SlopeBlend | Rust | Dirt)
 
 
 WRAPS = {"repeat": int(texture.REPEAT), "clamp": int(texture.CLAMP), "mirror": int(texture.MIRROR)}
