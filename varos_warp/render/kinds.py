@@ -15,7 +15,7 @@ from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.film.develop import develop
 from varos_warp.kernels.film.film import BLOCK, CORRECTION_SUMS, SUMS, add_batches
 from varos_warp.kernels.mesh.bake import bake_ground
-from varos_warp.kernels.particles.draw import make_draw_kernel
+from varos_warp.kernels.particles.draw import count_bodies, make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
 from varos_warp.kernels.particles.field_light import make_field_light_kernel
 from varos_warp.kernels.particles.gather import gather_splats
@@ -224,6 +224,7 @@ def kernels_needed(
             bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
             hits += [
                 gather_splats,
+                count_bodies,
                 *([tabulate_expected] if along_camera(scene, view) else []),
                 *(kernel for kernel in bodies if kernel),
             ]

@@ -114,6 +114,33 @@ def cell_is_seen(cone: Cone, cells: Cells, at: wp.vec3i, reach: float):
     return angle - wp.asin(radius / away) <= cone.half_angle
 
 
+@wp.kernel(module="unique", enable_backward=False, module_options={"cpu_compiler_flags": CPU_FLAGS})
+def count_bodies(
+    cone: Cone,
+    particles: Particles,
+    cells: Cells,
+    first_row: int,
+    # out
+    counts: wp.array(dtype=int),
+):
+    """How many bodies cells hold that a camera may see."""
+    i = first_row + wp.tid()
+    at = cell_of(cells, i)
+    counts[i] = 0
+    if cell_is_seen(cone, cells, at, wp.min(particles.reach, cells.r_high / particles.least_angle)):
+        counts[i] = bodies_in_cell(cells, at)
+
+
+@wp.func
+def body_by_number(cells: Cells, ends: wp.array(dtype=int), i: int):
+    """The i-th body of cells whose bodies end at these numbers."""
+    cell = wp.lower_bound(ends, i + 1)
+    first = int(0)
+    if cell > 0:
+        first = ends[cell - 1]
+    return body_of(cells, cell_of(cells, cell), i - first)
+
+
 @wp.func
 def is_out_of_sight(cone: Cone, particles: Particles, body: Body):
     """Whether a body is too far away to be drawn, or its disc lies beside all that the camera sees."""
@@ -325,6 +352,25 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         I = light_of(scene, field, particles, body, found)
         return wp.static(1.0 / channels) / found.image.area * wp.cw_mul(seen, I)
 
+    @wp.func
+    def lit(
+        scene: SceneData,
+        field: Field,
+        lights: wp.array2d(dtype=Light),
+        moving: wp.array2d(dtype=Instance),
+        particles: Particles,
+        body: Body,
+        found: Sighting,
+        splat: Splat,
+        drawn: float,
+    ):
+        """A splat with the light of its body."""
+        after = splat
+        after.flux = drawn * flux_of(as_lit(scene, lights, moving, found), field, particles, body, found)
+        if splat.floc.loose == 0.0:
+            after.scale = 1.0 / profile_sum(splat)
+        return after
+
     @wp.kernel(module="unique", enable_backward=False, module_options={"cpu_compiler_flags": CPU_FLAGS})
     def draw_bodies(
         scene: SceneData,
@@ -335,27 +381,21 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         cone: Cone,
         particles: Particles,
         cells: Cells,
+        bodies: wp.array(dtype=int),  # where those of each cell end: `count_bodies`, summed up
         first_row: int,
         # out
         listed: SplatList,
     ):
-        """Splats, one for each tile that they show in, or how many there are of each cell."""
+        """Splats of a body, one for each tile that they show in, or how many there are."""
         i = first_row + wp.tid()
-        at = cell_of(cells, i)
         counting = listed.ends.shape[0] == 0
         count = int(0)
-        if counting:
-            listed.counts[i] = 0
-            if not cell_is_seen(cone, cells, at, wp.min(particles.reach, cells.r_high / particles.least_angle)):
-                return
-        else:
+        if not counting:
             count = listed.ends[i] - listed.counts[i]
             if listed.counts[i] == 0:
                 return
-        for n in range(bodies_in_cell(cells, at)):
-            body = body_of(cells, at, n)
-            if is_out_of_sight(cone, particles, body):
-                continue
+        body = body_by_number(cells, bodies, i)
+        if not is_out_of_sight(cone, particles, body):
             for k in range(wp.static(channels)):
                 channel = wp.where(wp.static(channels == 1), GREEN, k)
                 whole = sighting_of(exposure, particles, body, channel)
@@ -373,9 +413,9 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
                         if counting:
                             count += box[2] * box[3]
                         elif box[2] > 0:
-                            here = as_lit(scene, lights, exposure.moments.moving, found)
-                            splat.flux = drawn * flux_of(here, field, particles, body, found)
-                            splat.scale = 1.0 / profile_sum(splat)
+                            splat = lit(
+                                scene, field, lights, exposure.moments.moving, particles, body, found, splat, drawn
+                            )
                             splat.flow = flow_of(following, particles, body, whole.image, channel)
                             count = list_splat(splat, box, exposure.width, count, listed)
         if counting:

@@ -51,12 +51,12 @@ class Splat:
 
 @wp.struct
 class SplatList:
-    """The splats of the cells of one class of sizes, one for each tile that they show in, cell after cell."""
+    """The splats of the bodies of one class of sizes, one for each tile that they show in, body after body."""
 
     counts: wp.array(dtype=int)
-    """Of each cell."""
+    """Of each body."""
     ends: wp.array(dtype=int)
-    """Where those of each cell end; empty: they are to be counted."""
+    """Where those of each body end; empty: they are to be counted."""
     tiles: wp.array(dtype=int)
     splats: wp.array(dtype=Splat)
 

@@ -22,7 +22,7 @@ IN_CELL = 8.0
 WIDEST_CLASS = 2.5
 """Largest over smallest radius of a class of sizes, each of which has cells of its own."""
 MOST_CELLS = 2e7
-"""Of a block in one image: 160 MB, while they are counted."""
+"""Of a block in one image: with eight bodies in each, up to 1.4 GB while splats are counted."""
 FARTHEST_M, OPTICAL_DEPTHS = 8.0, 4.0
 """Bodies are drawn up to this distance, or fewer where so many optical depths lie before it."""
 NODES, FINE = 1024, 16

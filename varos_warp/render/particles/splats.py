@@ -9,15 +9,15 @@ import warp as wp
 from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.particles.bodies import Cells
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
-from varos_warp.kernels.particles.draw import Cone
+from varos_warp.kernels.particles.draw import Cone, count_bodies
 from varos_warp.kernels.particles.gather import find_tiles
 from varos_warp.kernels.particles.splat import TILE, Splat, SplatList
 from varos_warp.render.particles.cells import cells_of, cone_of, field_of, size_classes, slack_of
 from varos_warp.render.particles.exposure import Open, View
 from varos_warp.scene.water.particles import ParticleLaw
 
-CELL_ROWS = 1 << 12
-"""Cells that a CPU's thread visits at a time."""
+ROWS = 1 << 13
+"""Cells or bodies that a CPU's thread visits at a time."""
 
 
 class Seen(NamedTuple):
@@ -59,35 +59,55 @@ def splats_by_tiles(
 
     Args:
         launcher: Of the device.
-        kernel: Counts or lists the splats of cells.
+        kernel: Counts or lists the splats of bodies.
         known: Its arguments that are the same for all cells.
         seen: The cells.
         resolution: Width and height of the image.
     """
-    device = launcher.device
-    lists = []
-    for some in seen:
+    device, lists = launcher.device, []
+    for some, (bodies, count) in zip(seen, _bodies(launcher, seen), strict=True):
         listed = SplatList()
-        listed.counts = _integers(int(np.prod(some.cells.size)), device)
-        listed.ends, listed.tiles = _integers(0, device), _integers(0, device)
+        listed.counts, listed.ends, listed.tiles = _integers(count, device), _integers(0, device), _integers(0, device)
         listed.splats = wp.empty(0, dtype=Splat, device=device)
-        launcher.rows(kernel, listed.counts.shape, {**known, **some._asdict(), "listed": listed}, tile_rows=CELL_ROWS)
-        listed.ends = wp.empty_like(listed.counts)
-        wp.utils.array_scan(listed.counts, listed.ends, inclusive=True)
-        lists.append(listed)
-    totals = [int(total[0]) for total in launcher.fetch(*(listed.ends[-1:].contiguous() for listed in lists))]
+        arguments = {**known, **some._asdict(), "bodies": bodies, "listed": listed}
+        launcher.rows(kernel, (count,), arguments, tile_rows=ROWS)
+        listed.ends = _ends(listed.counts)
+        lists.append((listed, arguments))
+    totals = _totals(launcher, [listed.ends for listed, _ in lists])
     if not (count := sum(totals)):
         return None
     tiles, splats, first = _integers(2 * count, device), wp.empty(count, dtype=Splat, device=device), 0
-    for some, listed, total in zip(seen, lists, totals, strict=True):
+    for (listed, arguments), total in zip(lists, totals, strict=True):
         if total:
             part = slice(first, first + total)
             listed.tiles, listed.splats = tiles[part], splats[part]
-            launcher.rows(
-                kernel, listed.counts.shape, {**known, **some._asdict(), "listed": listed}, tile_rows=CELL_ROWS
-            )
+            launcher.rows(kernel, listed.counts.shape, arguments, tile_rows=ROWS)
         first += total
     return {"splats": splats, **_sorted(launcher, tiles, count, resolution)}
+
+
+def _bodies(launcher: Launcher, seen: Sequence[Seen]) -> list[tuple[wp.array, int]]:
+    """Where the bodies of each cell end, and how many there are, of each class."""
+    ends = []
+    for some in seen:
+        counts = _integers(int(np.prod(some.cells.size)), launcher.device)
+        launcher.rows(count_bodies, counts.shape, {**some._asdict(), "counts": counts}, tile_rows=ROWS)
+        ends.append(_ends(counts))
+    return list(zip(ends, _totals(launcher, ends), strict=True))
+
+
+def _ends(counts: wp.array) -> wp.array:
+    """Sums of counts up to each."""
+    ends = wp.empty_like(counts)
+    if len(counts):
+        wp.utils.array_scan(counts, ends, inclusive=True)
+    return ends
+
+
+def _totals(launcher: Launcher, ends: Sequence[wp.array]) -> list[int]:
+    """The last of each list, 0 of an empty one."""
+    last = iter(launcher.fetch(*(each[-1:].contiguous() for each in ends if len(each))))
+    return [int(next(last)[0]) if len(each) else 0 for each in ends]
 
 
 def _integers(count: int, device: str) -> wp.array:
