@@ -81,7 +81,7 @@ def turf(rng: np.random.Generator) -> Form:
         path = root + (length + 0.12) * (out * s**1.5 * [np.cos(away), np.sin(away), 0.0] + (s - 0.3 * out * s**2) * UP)
         path[1:] += 0.05 * rng.standard_normal((2, 3))
         across = np.cross(path[-1] - path[0], rng.standard_normal(3))
-        colours = rng.uniform(0.7, 1.25) * (np.array([0.058, 0.052, 0.037]) + s**1.5 * [0.075, 0.068, 0.051])
+        colours = rng.uniform(0.7, 1.25) * (np.array([0.09, 0.08, 0.056]) + s**1.5 * [0.095, 0.086, 0.063])
         strips.append(
             Strip(path, np.array([0.05, 0.042, 0.012]), colours, np.tile(across / np.linalg.norm(across), (3, 1)))
         )
@@ -96,7 +96,7 @@ def _blade(path, half_width, tone, rng):
     return Strip(
         path,
         half_width * (1.0 - 0.7 * s),
-        np.outer(tone * (0.55 + 0.6 * s), [0.105, 0.085, 0.056]),
+        np.outer(tone * (0.55 + 0.6 * s), [0.16, 0.135, 0.095]),
         np.tile(across, (len(path), 1)),
     )
 
