@@ -30,13 +30,15 @@ IN_SCARS = 0.04
 """Share of growth that scars have."""
 SPREAD, TAIL = 0.45, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
-FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.8, 1.1, 0.07, 1.5
+FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.04, 1.5
 """In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
 OUTLINE, OUTLINE_MOST = 0.2, 1.5
 """By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
-PATCHY, PATCH_EDGE = 3.0, 0.6
+WIDER, WIDEST = 0.25, 0.5
+"""By how much clumps reach farther where the place is liked (logarithm), for each deviation of noise, and at most."""
+PATCHY, PATCH_EDGE = 2.2, 0.6
 """Patches have so many times the area of the clumps in them; over how much of the noise they begin."""
-LEAST_PATCHES = 0.35
+LEAST_PATCHES = 0.25
 """Share of a surface that patches have at least."""
 
 
@@ -82,7 +84,8 @@ class Crowding:
     def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0) -> Crowd:
         """At points [N, 3] about the host's own origin [m].
 
-        ``liking`` is added to the noise of patches, of variance 1: more than 0 where there is to be more than elsewhere.
+        ``liking`` is added to the noise of patches, of variance 1: more than 0 where there is to be more than
+        elsewhere. Clumps reach farther there.
         """
         n = len(points)
         if self.full == 1.0:
@@ -92,19 +95,21 @@ class Crowding:
         scars = np.ones(n) if self.scars is None else _left_by_scars(self.scars(points))
         some = np.flatnonzero(gate > 0.0)
         share, depth, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
-        share[some], depth[some], clump[some] = self._in_clumps(points[some], gate[some])
+        wider = np.clip(WIDER * np.broadcast_to(liking, n)[some], -WIDEST, WIDEST)
+        share[some], depth[some], clump[some] = self._in_clumps(points[some], gate[some], wider)
         return Crowd((self.stray + (self.full - self.stray) * share) * scars / law.bare, depth, clump)
 
-    def _in_clumps(self, points, gate):
+    def _in_clumps(self, points, gate, wider):
         """How full [N], how deep [N] and in which clump [N] points [N, 3] are; 0 outside of all."""
         n = len(points)
         empty, deepest, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
         if n == 0:
             return empty, deepest, clump
-        reach = np.exp(OUTLINE * np.clip(self.outline(points), -OUTLINE_MOST, OUTLINE_MOST))
+        reach = np.exp(OUTLINE * np.clip(self.outline(points), -OUTLINE_MOST, OUTLINE_MOST) + wider)
+        most = HALO_TO * float(np.exp(OUTLINE * OUTLINE_MOST + max(wider.max(), 0.0)))
         middle, radius, keys = self._clumps(points)
         open_from = uniform(keys, 5)
-        site, at, far = _near(middle, HALO_TO * np.exp(OUTLINE * OUTLINE_MOST) * radius, points)
+        site, at, far = _near(middle, most * radius, points)
         inside = open_from[site] < gate[at]
         site, at, far = site[inside], at[inside], far[inside]
         x = far / (radius[site] * reach[at])
@@ -117,7 +122,7 @@ class Crowding:
 
     def _clumps(self, points):
         """Middles [C, 3], radii [C] and keys [C] of all clumps that may reach to points."""
-        side = HALO_TO * np.exp(OUTLINE * OUTLINE_MOST) * _radius(1.0) * self.radius
+        side = HALO_TO * np.exp(OUTLINE * OUTLINE_MOST + WIDEST) * _radius(1.0) * self.radius
         cells = np.unique(np.floor(points / side).astype(np.int64), axis=0)
         steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), -1).reshape(-1, 1, 3)
         cells = np.unique((cells + steps).reshape(-1, 3), axis=0)

@@ -13,7 +13,7 @@ from varos_warp.scene.geometry.parts import Instances, Part
 
 NEIGHBOURS = 4
 """Copies about a place that coat it."""
-LEAST_M, MOST_M = 0.006, 0.035
+LEAST_M, MOST_M = 0.008, 0.05
 """How far the coat of a copy reaches at least and at most [m]."""
 TONES = (0.75, 1.25)
 """Of the coats of clumps."""

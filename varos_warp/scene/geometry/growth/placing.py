@@ -190,7 +190,7 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
         keys[few],
         pixels[wide],
         clump[wide],
-        too_small + np.count_nonzero(~wide),
+        too_small + crowd.kept * np.count_nonzero(~wide),
     )
 
 

@@ -14,7 +14,7 @@ PER_CLUSTER = 0.28
 """Of what may be loose, clumps have exp(`PER_CLUSTER` cluster) times the mean, or as many as bodies fill the place."""
 LOW, HIGH = 1.6, 2.4
 """The smallest and the largest body of a log-normal law are so many deviations from its median."""
-YOUNGEST = 0.55
+YOUNGEST = 0.45
 """Bodies of the youngest clumps over those of the oldest."""
 SAMPLE = 30_000
 """Bodies by which the share is found that finds room."""
@@ -58,7 +58,7 @@ def grown_to(kind: Kind, depth: np.ndarray, clump: np.ndarray) -> np.ndarray:
     """Share [N] of their size that bodies have by how deep [N] they are in a clump of some key [N]: its age."""
     if kind.smaller == 0.0:
         return np.ones(len(depth))
-    return (1.0 - kind.smaller * (1.0 - depth)) * (YOUNGEST + (1.0 - YOUNGEST) * uniform(clump, 7))
+    return (1.0 - kind.smaller * (1.0 - depth) ** 2) * (YOUNGEST + (1.0 - YOUNGEST) * uniform(clump, 7))
 
 
 @lru_cache
@@ -68,7 +68,11 @@ def room(name: str, size_m: tuple[float, float]) -> tuple[float, float]:
     The share is that on a plane, of clumps by chance on a third of it.
     """
     kind = KINDS[name]
-    square = float(np.mean(sizes(kind, size_m, (np.arange(200) + 0.5) / 200) ** 2))
+    u = (np.arange(100) + 0.5) / 100
+    age = (1.0 - kind.smaller * u**2) if kind.smaller else np.ones(1)
+    young = YOUNGEST + (1.0 - YOUNGEST) * u if kind.smaller else np.ones(1)
+    size = sizes(kind, size_m, u)[:, None, None] * age[:, None] * young
+    square = float(np.mean(np.maximum(size, size_m[0]) ** 2))
     full = kind.cover / (0.25 * np.pi * (kind.body or 1.0) ** 2 * square)
     if kind.body == 0.0 or kind.cover == 0.0:
         return full, 1.0
