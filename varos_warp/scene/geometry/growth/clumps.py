@@ -30,7 +30,7 @@ IN_SCARS = 0.04
 """Share of growth that scars have."""
 SPREAD, TAIL = 0.45, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
-FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.04, 1.5
+FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.05, 1.3
 """In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
 OUTLINE, OUTLINE_MOST = 0.2, 1.5
 """By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
@@ -81,11 +81,17 @@ class Crowding:
     def _law(self):
         return _law_of(self.full, self.stray, self.kept, self.scars is not None)
 
-    def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0) -> Crowd:
+    def may(self, points: np.ndarray, above: np.ndarray) -> np.ndarray:
+        """Whether weights of points [N, 3] may be above numbers [N], by scars alone, bool [N]: what is quick to say."""
+        if self.scars is None:
+            return np.ones(len(points), bool)
+        return self.full * _left_by_scars(self.scars(points)) >= above * self._law.bare
+
+    def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0, above: np.ndarray | float = 0.0) -> Crowd:
         """At points [N, 3] about the host's own origin [m].
 
         ``liking`` is added to the noise of patches, of variance 1: more than 0 where there is to be more than
-        elsewhere. Clumps reach farther there.
+        elsewhere. Clumps reach farther there. Weights that cannot be ``above`` numbers [N] may be told too low.
         """
         n = len(points)
         if self.full == 1.0:
@@ -93,7 +99,7 @@ class Crowding:
         law = self._law
         gate = law.gate(sum(share * field(points) for field, share in self.patches) + liking)
         scars = np.ones(n) if self.scars is None else _left_by_scars(self.scars(points))
-        some = np.flatnonzero(gate > 0.0)
+        some = np.flatnonzero((gate > 0.0) & (self.full * scars >= above * law.bare))
         share, depth, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
         wider = np.clip(WIDER * np.broadcast_to(liking, n)[some], -WIDEST, WIDEST)
         share[some], depth[some], clump[some] = self._in_clumps(points[some], gate[some], wider)
@@ -114,18 +120,16 @@ class Crowding:
         site, at, far = site[inside], at[inside], far[inside]
         x = far / (radius[site] * reach[at])
         empty = np.bincount(at, np.log1p(-np.minimum(_profile(x), 1.0 - 1e-12)), n)
-        order = np.lexsort([keys[site], -x, at])
-        last = order[np.flatnonzero(np.diff(at[order], append=n))]
-        last = last[x[last] < EMPTY_FROM]
+        within = np.flatnonzero(x < EMPTY_FROM)
+        within = within[np.lexsort([keys[site[within]], -x[within], at[within]])]
+        last = within[np.flatnonzero(np.diff(at[within], append=n))]
         deepest[at[last]], clump[at[last]] = np.clip(1.0 - x[last] ** 2, 0.0, 1.0), keys[site[last]] | np.uint64(1)
         return -np.expm1(empty), deepest, clump
 
     def _clumps(self, points):
         """Middles [C, 3], radii [C] and keys [C] of all clumps that may reach to points."""
         side = HALO_TO * np.exp(OUTLINE * OUTLINE_MOST + WIDEST) * _radius(1.0) * self.radius
-        cells = np.unique(np.floor(points / side).astype(np.int64), axis=0)
-        steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), -1).reshape(-1, 1, 3)
-        cells = np.unique((cells + steps).reshape(-1, 3), axis=0)
+        cells = cells_around(np.floor(points / side).astype(np.int64))
         own = mixed(self.key, *cells.T.astype(np.uint64))
         rate = self._law.covered / (_ball() * _radius_cubed() * self.radius**3)
         counts = poisson_counts(uniform(own, 0), np.full(len(own), rate * side**3))
@@ -207,6 +211,17 @@ def _law_of(full: float, stray: float, kept: float, scars: bool) -> _Law:
         return float(density @ -np.expm1(-covered * most) @ density) - share
 
     return replace(law, covered=brentq(excess, 0.0, 200.0))
+
+
+def cells_around(cells: np.ndarray) -> np.ndarray:
+    """Cells [C, 3] and all that touch them, each once, int64 [D, 3]."""
+    low = cells.min(axis=0) - 1
+    shape = tuple(np.ptp(cells, axis=0) + 3)
+    found = np.unique(np.ravel_multi_index(tuple((cells - low).T), shape))
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), -1).reshape(-1, 1, 3)
+    around = np.stack(np.unravel_index(found, shape), -1) + steps
+    found = np.unique(np.ravel_multi_index(tuple(np.moveaxis(around.reshape(-1, 3), 1, 0)), shape))
+    return np.stack(np.unravel_index(found, shape), -1) + low
 
 
 def _near(middle, radius, points):

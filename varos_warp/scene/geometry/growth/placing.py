@@ -169,9 +169,12 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
     too_small = (len(keys) - len(few)) / crowd.peak
     faces, keys, size = faces[few], keys[few], size[few]
     weights, points = _within(host.corners[faces], keys)
+    chance = uniform(keys, 4) * crowd.peak
+    may = np.flatnonzero(crowd.may(points - host.origin, chance))
+    faces, keys, size, weights, points, chance = (each[may] for each in (faces, keys, size, weights, points, chance))
     normals = _normals(host, faces, weights)
-    there = crowd(points - host.origin, _liking(wanted, host, points, normals))
-    keep = uniform(keys, 4) * crowd.peak < there.weight
+    there = crowd(points - host.origin, _liking(wanted, host, points, normals), chance)
+    keep = chance < there.weight
     if wanted.block.depth_m is not None:
         below = wanted.surface_depth_m - points[:, 2]
         keep &= (below >= wanted.block.depth_m[0]) & (below <= wanted.block.depth_m[1])

@@ -58,7 +58,7 @@ def grown_to(kind: Kind, depth: np.ndarray, clump: np.ndarray) -> np.ndarray:
     """Share [N] of their size that bodies have by how deep [N] they are in a clump of some key [N]: its age."""
     if kind.smaller == 0.0:
         return np.ones(len(depth))
-    return (1.0 - kind.smaller * (1.0 - depth) ** 2) * (YOUNGEST + (1.0 - YOUNGEST) * uniform(clump, 7))
+    return (1.0 - kind.smaller * (1.0 - depth) ** 2) * (YOUNGEST + (1.0 - YOUNGEST) * np.sqrt(uniform(clump, 7)))
 
 
 @lru_cache
@@ -70,7 +70,7 @@ def room(name: str, size_m: tuple[float, float]) -> tuple[float, float]:
     kind = KINDS[name]
     u = (np.arange(100) + 0.5) / 100
     age = (1.0 - kind.smaller * u**2) if kind.smaller else np.ones(1)
-    young = YOUNGEST + (1.0 - YOUNGEST) * u if kind.smaller else np.ones(1)
+    young = YOUNGEST + (1.0 - YOUNGEST) * np.sqrt(u) if kind.smaller else np.ones(1)
     size = sizes(kind, size_m, u)[:, None, None] * age[:, None] * young
     square = float(np.mean(np.maximum(size, size_m[0]) ** 2))
     full = kind.cover / (0.25 * np.pi * (kind.body or 1.0) ** 2 * square)
