@@ -16,7 +16,7 @@ from varos_warp.scene.geometry.growth.chance import Field, field_of, mixed, pois
 
 GROUPS = ((50.0, 0.8), (16.0, 0.6))
 """Wavelengths of a kind's own patches, in the radius of its clumps, and shares of the noise's deviation."""
-TERRITORY_M, TERRITORY = 0.9, 0.8
+TERRITORY_M, TERRITORY = 0.9, 0.92
 """Wavelength [m] of the field by which kinds divide a host, and its share beside that of own patches."""
 MOST_CROWDED = 300.0
 """No place has more copies in the mean than so many times ``per_m2``."""
@@ -75,7 +75,7 @@ class Crowding:
     @property
     def peak(self) -> float:
         """The most that there can be."""
-        return self.full / self._law.bare
+        return 1.0 if self.full == 1.0 else self.full / self._law.bare
 
     @property
     def _law(self):
@@ -165,7 +165,10 @@ def crowding(
         return Crowding(1.0, radius, 1.0, 1.0, own, (), None, None)
     some = [(field_of(mixed(own, np.uint64(k)), times * radius), share) for k, (times, share) in enumerate(GROUPS)]
     if host is not None:
-        some = [some[1], (field_of(mixed(host, np.uint64(1)), TERRITORY_M, territory), TERRITORY)]
+        some = [
+            (some[1][0], np.sqrt(1.0 - TERRITORY**2)),
+            (field_of(mixed(host, np.uint64(1)), TERRITORY_M, territory), TERRITORY),
+        ]
     return Crowding(
         min(max(full, LEAST_CROWDED / kept), MOST_CROWDED),
         radius,
