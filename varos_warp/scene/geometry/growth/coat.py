@@ -1,4 +1,4 @@
-"""What covers a host at the feet of what grows on it, so that growth fades into it: crust, holdfasts and their catch."""
+"""What covers a host at the feet of what grows on it, so that this fades into it: crust, holdfasts and their catch."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

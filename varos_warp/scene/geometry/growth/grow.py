@@ -151,7 +151,7 @@ def _facts(wanted: Wanted, names: list[str], copies: Rooted, triangles: int) -> 
 
 
 def _silted(placed: Placed) -> np.ndarray:
-    """Which copies have silt on them [N]: on level ground as many as there is silt on their host, on undersides none."""
+    """Which copies have silt on them [N]: on level ground a share as there is silt on the host, on undersides none."""
     copies = placed.copies
     up = copies.normals[:, 2] / np.linalg.norm(copies.normals, axis=1)
     return uniform(copies.keys, 9) < placed.silt[copies.host] * np.clip((up + 0.2) / 0.7, 0.0, 1.0)

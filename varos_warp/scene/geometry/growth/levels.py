@@ -64,8 +64,7 @@ def decimated(body: Solid, triangles: int) -> Solid:
 
 
 def thinned(strips: tuple[Strip, ...], triangles: int, widest: float = np.inf) -> list[Strip]:
-    """The longest of some strips, of fewer rows, with the surface of all of them, but no more than ``widest`` times as
-    wide."""
+    """The longest of some strips, of fewer rows, with the surface of all, but at most ``widest`` times as wide."""
     round_ = len(strips) <= FEW_STRIPS
     each = triangles / len(strips) / (6 if round_ else 2)
     rows = max(int(each) + 1, 3 if triangles >= 60 else 2)
