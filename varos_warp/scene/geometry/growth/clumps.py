@@ -28,11 +28,11 @@ BARE_BELOW, FULL_ABOVE = -0.7, -0.1
 """Of a field of variance 1: scars, where next to nothing grows, and where it does as elsewhere."""
 IN_SCARS = 0.04
 """Share of growth that scars have."""
-SPREAD, TAIL = 0.45, 0.02
+SPREAD, TAIL = 0.6, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
 FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.05, 1.3
 """In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
-OUTLINE, OUTLINE_MOST = 0.2, 1.5
+OUTLINE, OUTLINE_MOST = 0.27, 1.5
 """By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
 WIDER, WIDEST = 0.25, 0.5
 """By how much clumps reach farther where the place is liked (logarithm), for each deviation of noise, and at most."""

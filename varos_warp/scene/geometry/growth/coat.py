@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from varos_warp.scene.geometry.growth.chance import uniform
+from varos_warp.scene.geometry.growth.chance import field_of, key_of, uniform
 from varos_warp.scene.geometry.growth.kinds import Kind
 from varos_warp.scene.geometry.growth.placing import Rooted
 from varos_warp.scene.geometry.parts import Instances, Part
@@ -15,6 +15,8 @@ NEIGHBOURS = 4
 """Copies about a place that coat it."""
 LEAST_M, MOST_M = 0.008, 0.05
 """How far the coat of a copy reaches at least and at most [m]."""
+RAGGED, RAGGED_M = 1.5, 0.022
+"""How ragged the borders of coats are, and how far their lobes are apart [m]."""
 TONES = (0.75, 1.25)
 """Of the coats of clumps."""
 
@@ -76,10 +78,8 @@ def _over(vertices, copies, kind):
     gap, which = cKDTree(copies.points).query(vertices[near], NEIGHBOURS, distance_upper_bound=far, workers=-1)
     some = np.flatnonzero(np.isfinite(gap[:, 0]))
     near, gap, which = near[some], gap[some], np.minimum(which[some], len(reach) - 1)
-    each = np.exp(-((gap / reach[which]) ** 2))
-    low, high = TONES
-    return (
-        near,
-        kind.coat.share * (1.0 - np.prod(1.0 - each, axis=1)),
-        low + (high - low) * uniform(copies.clump[which[:, 0]], 11),
-    )
+    cover = 1.0 - np.prod(1.0 - np.exp(-((gap / reach[which]) ** 2)), axis=1)
+    ragged = field_of(key_of("coat"), RAGGED_M)(vertices[near] - low)
+    cover = np.clip(cover + RAGGED * ragged * cover * (1.0 - cover), 0.0, 1.0)
+    dark, light = TONES
+    return near, kind.coat.share * cover, dark + (light - dark) * uniform(copies.clump[which[:, 0]], 11)
