@@ -8,7 +8,7 @@ from varos_warp.scene.geometry.topology import area_normals
 SILT = np.array([0.175, 0.159, 0.123])
 FROM = np.array([0.0, 0.6, 0.8])
 """Where it comes from: copies with silt have their y axis up along their host."""
-MOST, ALL_OVER, RAGGED = 0.9, 0.12, 0.22
+MOST, ALL_OVER, RAGGED = 0.75, 0.1, 0.22
 """The most that silt hides, what of it lies on all sides, and by how much it differs from place to place."""
 
 
