@@ -12,7 +12,7 @@ LEVELS = ((15.0, 100), (5.0, 32))
 """Copies of fewer pixels than the first number have about as many triangles as the second, if their kind has more."""
 WORTH = 1.5
 """There is a coarser level where the one before has this many times its triangles, or more."""
-WIDEST = 2.2
+WIDEST = 2.5
 """Strips on a body do not become wider than so many times, lest they be rods: the body stands for the others."""
 FEW_STRIPS = 3
 """Tubes stay round where there are no more of them; of a tuft they become ribbons."""
