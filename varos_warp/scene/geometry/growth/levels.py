@@ -12,8 +12,6 @@ LEVELS = ((15.0, 100), (5.0, 32))
 """Copies of fewer pixels than the first number have about as many triangles as the second, if their kind has more."""
 WORTH = 1.5
 """There is a coarser level where the one before has this many times its triangles, or more."""
-WIDEST = 2.5
-"""Strips on a body do not become wider than so many times, lest they be rods: the body stands for the others."""
 FEW_STRIPS = 3
 """Tubes stay round where there are no more of them; of a tuft they become ribbons."""
 
@@ -44,8 +42,7 @@ def coarser(form: Form, triangles: int) -> Solid:
     if not form.strips:
         return decimated(form.body, triangles)
     half = triangles // 2
-    strips = thinned(form.strips, half, WIDEST)
-    return together([decimated(form.body, half), *(strip.solid() for strip in strips)])
+    return together([decimated(form.body, half), *(strip.solid() for strip in thinned(form.strips, half))])
 
 
 def decimated(body: Solid, triangles: int) -> Solid:
@@ -63,8 +60,8 @@ def decimated(body: Solid, triangles: int) -> Solid:
     return Solid(vertices, faces.astype(np.int32), colours / np.where(bare, 1.0, total)[:, None])
 
 
-def thinned(strips: tuple[Strip, ...], triangles: int, widest: float = np.inf) -> list[Strip]:
-    """The longest of some strips, of fewer rows, with the surface of all, but at most ``widest`` times as wide."""
+def thinned(strips: tuple[Strip, ...], triangles: int) -> list[Strip]:
+    """The longest of some strips, of fewer rows, with the surface of all of them."""
     round_ = len(strips) <= FEW_STRIPS
     each = triangles / len(strips) / (6 if round_ else 2)
     rows = max(int(each) + 1, 3 if triangles >= 60 else 2)
@@ -73,7 +70,7 @@ def thinned(strips: tuple[Strip, ...], triangles: int, widest: float = np.inf) -
     longest = np.sort(np.argsort(length, kind="stable")[::-1][:most])
     kept = [_shorter(strips[k], rows, round_) for k in longest]
     wider = sum(strip.surface for strip in strips) / sum(strip.surface for strip in kept)
-    return [replace(strip, radius=min(wider, widest) * strip.radius) for strip in kept]
+    return [replace(strip, radius=wider * strip.radius) for strip in kept]
 
 
 def _shorter(strip, rows, round_):
