@@ -92,7 +92,6 @@ KINDS = {
         stray=0.04,
         dusty=((0.75, 0.72, 0.65),),
         coat=Coat((0.12, 0.108, 0.085), 0.7, 1.2),
-        edges=0.3,
     ),
     "tube_worm": Kind(
         tube_worm,

@@ -172,8 +172,7 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
     chance = uniform(keys, 4) * crowd.peak
     may = np.flatnonzero(crowd.may(points - host.origin, chance))
     faces, keys, size, weights, points, chance = (each[may] for each in (faces, keys, size, weights, points, chance))
-    normals = _normals(host, faces, weights)
-    there = crowd(points - host.origin, _liking(wanted, host, points, normals), chance)
+    there = crowd(points - host.origin, _liking(wanted, host, faces, weights, points), chance)
     keep = chance < there.weight
     if wanted.block.depth_m is not None:
         below = wanted.surface_depth_m - points[:, 2]
@@ -188,7 +187,7 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
     return Rooted(
         np.full(len(few), number, np.int32),
         points[few],
-        normals[few],
+        _normals(host, faces[few], weights[few]),
         size[wide],
         keys[few],
         pixels[wide],
@@ -206,13 +205,16 @@ def _normals(host, faces, weights):
     )
 
 
-def _liking(wanted, host, points, normals):
-    """What the noise of clumps is raised by at places [N] that a kind prefers: edges, undersides or tops."""
+def _liking(wanted, host, faces, weights, points):
+    """What the noise of patches is raised by at places [N] that a kind prefers: edges, undersides or tops."""
     kind = wanted.kind
     if wanted.cluster == 0.0 or kind.edges == kind.under == 0.0:
         return 0.0
-    liking = -kind.under * normals[:, 2] / np.linalg.norm(normals, axis=1)
-    return liking + kind.edges * host.edges(points - host.origin) if kind.edges else liking
+    liking = kind.edges * host.edges(points - host.origin) if kind.edges else 0.0
+    if kind.under:
+        normals = _normals(host, faces, weights)
+        liking = liking - kind.under * normals[:, 2] / np.linalg.norm(normals, axis=1)
+    return liking
 
 
 def _within(corners, keys):
