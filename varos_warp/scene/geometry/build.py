@@ -26,7 +26,7 @@ def build_parts(scene: Scene) -> list[Part | Instances]:
         *build_instances(scene, single),
     ]
     parts = with_relief(scene, parts)
-    return [*parts, *grow(scene, parts)]
+    return grow(scene, parts)
 
 
 def build_single_parts(scene: Scene) -> list[Part]:

@@ -10,7 +10,8 @@ from varos_warp.scene.description.growth import Growth
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.growth import placing
-from varos_warp.scene.geometry.growth.chance import crowding, key_of, poisson_counts, uniform
+from varos_warp.scene.geometry.growth.chance import key_of, poisson_counts, uniform
+from varos_warp.scene.geometry.growth.clumps import crowding
 from varos_warp.scene.geometry.growth.edges import edges_of
 from varos_warp.scene.geometry.growth.hosts import REACH_M
 from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
@@ -93,8 +94,8 @@ def test_clusters_raise_the_variance():
 @pytest.mark.parametrize("host", [None, "host"])
 @pytest.mark.parametrize("times", [4.0, 25.0])
 def test_the_mean_over_all_hosts_is_one(times, host):
-    places = np.random.default_rng(0).random((2000, 3)) * 30
-    means = [crowding(times, 0.2, key_of(k), host and key_of(host, k))(places)[0].mean() for k in range(200)]
+    places = np.random.default_rng(0).random((300, 3)) * [4.0, 4.0, 0.0]
+    means = [crowding(times, 0.06, key_of(k), host and key_of(host, k))(places).weight.mean() for k in range(120)]
     # 24 waves are not quite a normal variable: a hundredth, and some more of what is rare
     assert abs(np.mean(means) - 1.0) < 4.0 * np.std(means) / np.sqrt(len(means)) + 0.01
 
@@ -119,7 +120,7 @@ def test_copies_of_a_scatter_carry_growth_where_they_stand():
         ],
         "objects": [],
     }
-    groups = grown({"on": ["scatter.0"], "kind": "barnacle", "per_m2": 60, "size_m": [0.05, 0.1]}, **s)
+    groups = grown({"on": ["scatter.0"], "kind": "barnacle", "per_m2": 60, "cluster": 0, "size_m": [0.05, 0.1]}, **s)
     (rocks,) = [part for part in build_parts(scene(**s)) if part.name == "scatter.0"]
     copies = {part.name: trimesh.Trimesh(part.vertices, part.faces, process=False) for part in rocks.parts()}
     carrying = set()
@@ -153,7 +154,7 @@ def test_sizes_are_those_asked_for():
 
 
 def test_sizes_follow_a_power_law():
-    for kind in ("kelp", "barnacle", "tube_worm"):
+    for kind in ("shell", "pebble"):
         wanted = placing.Wanted(Growth(on=["terrain"], kind=kind), "growth.0", 1, 0.0)
         sizes = wanted.sizes(np.linspace(0.0, 1.0, 1001))
         np.testing.assert_allclose(wanted.share_above(sizes), np.linspace(1.0, 0.0, 1001), atol=1e-12)
@@ -312,10 +313,24 @@ def test_edges_stand_out_and_planes_do_not(cuts):
     assert corner > 0.4
 
 
-def test_both_sides_of_a_thin_plate_make_it_an_edge():
+def test_thin_plates_are_edges_at_their_rims_only():
     plate = trimesh.creation.box([0.5, 0.5, 0.002])
     edges = edges_of(np.asarray(plate.triangles), np.arange(len(plate.faces), dtype=np.uint64))
-    assert edges(np.array([[0.05, 0.05, 0.001]])) == 1.0
+    np.testing.assert_array_equal(edges(np.array([[0.05, 0.05, 0.001], [0.249, 0.05, 0.001]])), [0.0, 1.0])
+
+
+def test_bars_are_edges_all_around():
+    bar = trimesh.creation.cylinder(0.012, 0.5)
+    edges = edges_of(np.asarray(bar.triangles), np.arange(len(bar.faces), dtype=np.uint64))
+    np.testing.assert_array_equal(edges(np.array([[0.012, 0.0, 0.05], [0.0, -0.012, 0.0]])), 1.0)
+
+
+def test_walls_of_a_pipe_are_no_edges():
+    pipe = trimesh.creation.annulus(0.18, 0.2, 2.0)
+    edges = edges_of(np.asarray(pipe.triangles), np.arange(len(pipe.faces), dtype=np.uint64))
+    angle = np.linspace(0.0, 6.0, 50)
+    out = edges(np.column_stack([0.2 * np.cos(angle), 0.2 * np.sin(angle), np.linspace(-0.8, 0.8, 50)]))
+    assert out.mean() < 0.2
 
 
 def test_a_host_of_which_nothing_is_near_has_no_edges():
@@ -336,18 +351,18 @@ def test_more_mussels_are_larger_beds_and_no_fuller_ones():
 
 
 def test_copies_are_smaller_at_the_rim_of_their_clump():
-    crowd = crowding(25.0, 0.2, key_of(1), None)
-    places = np.random.default_rng(0).random((40_000, 3)) * 10
-    weight, depth = crowd(places)
-    assert (depth[weight == weight.min()] == 0.0).all(), "what stands alone"
-    inside = depth[weight >= 1.0]
-    assert 0.3 < inside.mean() < 0.7
+    crowd = crowding(25.0, 0.06, key_of(1), None)
+    there = crowd(np.random.default_rng(0).random((20_000, 3)) * [5.0, 5.0, 0.0])
+    assert (there.depth[there.weight == there.weight.min()] == 0.0).all(), "what stands alone"
+    full = there.weight > 0.99 * crowd.peak
+    assert there.depth[full].mean() > 0.3 > 0.2 > there.depth[~full & (there.depth > 0.0)].mean()
+    assert (there.clump > 0)[there.depth > 0.0].all()
 
 
 def test_kinds_half_a_turn_apart_have_their_territories_where_the_other_has_not():
-    places = np.random.default_rng(0).random((20_000, 3)) * 10
+    places = np.random.default_rng(0).random((20_000, 3)) * [10.0, 10.0, 0.0]
     one, other = (
-        crowding(25.0, 0.2, key_of(k), key_of("host"), territory)(places)[0] > 5.0
+        crowding(25.0, 0.06, key_of(k), key_of("host"), territory)(places).weight > 5.0
         for k, territory in ((1, 0.0), (2, 0.5))
     )
     assert np.count_nonzero(one & other) < 0.2 * one.mean() * other.mean() * len(places)

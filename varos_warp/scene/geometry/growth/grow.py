@@ -10,6 +10,7 @@ from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.growth.chance import uniform
+from varos_warp.scene.geometry.growth.coat import Placed, coated
 from varos_warp.scene.geometry.growth.hosts import REACH_M, Carrier
 from varos_warp.scene.geometry.growth.kinds import Kind, prototypes
 from varos_warp.scene.geometry.growth.levels import LEVELS, level_of
@@ -22,8 +23,14 @@ MANY_TRIANGLES = 4_000_000
 """A block with more is told of; on a GPU all copies of a scene join one mesh up to twice as many."""
 
 
-def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
-    """Copies for every block of ``growth``, those of one shape and tint together; none without blocks.
+ALONE = 1.2
+"""By how many tints copies of one clump differ."""
+LEVEL = 0.95
+"""Where the normal is so nearly vertical, silt has no side."""
+
+
+def grow(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:
+    """The parts, coated where something grows, and copies for every block of ``growth``, by shape and tint.
 
     Args:
         scene: The scene.
@@ -33,23 +40,24 @@ def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
         InputError: A block asks for too many.
     """
     if not scene.growth:
-        return []
+        return parts
     near = footprint(scene, parts)
     named = {name for block in scene.growth for name in block.on}
     carriers = {part.name: [] for part in parts if part.name in named}
     for part in parts:
         if part.name in named:
             carriers[part.name].append(Carrier(part, near))
-    groups = []
+    groups, coats = [], []
     for i, block in enumerate(scene.growth):
         wanted = Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m)
-        names, copies = _placed(wanted, [carrier for name in block.on for carrier in carriers[name]], near)
-        groups += _groups(wanted, names, copies)
-    return groups
+        placed = _placed(wanted, [carrier for name in block.on for carrier in carriers[name]], near)
+        groups += _groups(wanted, placed)
+        coats.append((wanted.kind, placed))
+    return [*coated(parts, coats), *groups]
 
 
-def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> tuple[list[str], Rooted]:
-    """Names of the hosts of a block, and its copies; from the user's cache where they were placed before."""
+def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> Placed:
+    """The copies of a block; from the user's cache where they were placed before."""
     depends_on = {
         "block": wanted.block.model_dump(mode="json"),
         "seed": wanted.seed,
@@ -59,26 +67,30 @@ def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> tuple[l
         "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh")),
     }
     kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
-    return kept["names"].tolist(), Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))
+    return Placed(
+        kept["names"].tolist(), kept["silt"], Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))
+    )
 
 
 def _place(wanted, carriers, near):
     """`_placed`, as arrays."""
-    names, found = [], []
+    names, silt, found = [], [], []
     for number, host in enumerate(host for carrier in carriers for host in carrier.hosts()):
         names.append(host.name)
+        silt.append(host.silt)
         found.append(rooted(wanted, host, number, near))
     copies = joined(found)
     # the larger stays, so that what is too small to be placed would not have driven out any that is
     priority = np.argsort(np.lexsort([copies.keys, copies.size])).astype(np.uint64)
     copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, priority))
-    return {"names": np.array(names, str), "too_small": np.array(copies.too_small)} | {
+    return {"names": np.array(names, str), "silt": np.array(silt, float), "too_small": np.array(copies.too_small)} | {
         name: getattr(copies, name) for name in COLUMNS
     }
 
 
-def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
+def _groups(wanted: Wanted, placed: Placed) -> list[Grown]:
     """The copies of one block, by their shapes and tints, and by how fine they are."""
+    names, copies = placed.names, placed.copies
     if not len(copies.size):
         why = (
             "its per_m2 is 0"
@@ -90,7 +102,8 @@ def _groups(wanted: Wanted, names: list[str], copies: Rooted) -> list[Grown]:
         warn(f"{wanted.key}: no {wanted.block.kind} is placed: {why}")
         return []
     shapes, groups, first = prototypes(wanted.block.kind), [], 0
-    which, poses = (uniform(copies.keys, 5) * len(shapes)).astype(int), _poses(copies, wanted.kind)
+    silted = _silted(placed)
+    which, poses = _which(copies, wanted.kind, silted), _poses(copies, wanted.kind, silted)
     level = level_of(copies.pixels)
     for k, fine in itertools.product(range(len(shapes)), range(len(LEVELS) + 1)):
         chosen, solid = np.flatnonzero((which == k) & (level == fine)), shapes[k][fine]
@@ -137,8 +150,28 @@ def _facts(wanted: Wanted, names: list[str], copies: Rooted, triangles: int) -> 
     }
 
 
-def _poses(copies: Rooted, kind: Kind) -> np.ndarray:
-    """Poses [N, 4, 4]: roots at the origin, z along the normal but for what stands up and for chance."""
+def _silted(placed: Placed) -> np.ndarray:
+    """Which copies have silt on them [N]: on level ground a share as there is silt on the host, on undersides none."""
+    copies = placed.copies
+    up = copies.normals[:, 2] / np.linalg.norm(copies.normals, axis=1)
+    return uniform(copies.keys, 9) < placed.silt[copies.host] * np.clip((up + 0.2) / 0.7, 0.0, 1.0)
+
+
+def _which(copies: Rooted, kind: Kind, silted: np.ndarray) -> np.ndarray:
+    """The prototype of each copy [N]: any shape, tints much alike within a clump."""
+    tints, all_tints = len(kind.tints), len(kind.tints) + len(kind.dusty)
+    tone = tints * uniform(copies.clump, 8) + ALONE * (uniform(copies.keys, 10) - 0.5)
+    tone = np.clip(tone.astype(int), 0, tints - 1)
+    if kind.dusty:
+        tone = np.where(silted, tints + (len(kind.dusty) * uniform(copies.keys, 10)).astype(int), tone)
+    return (uniform(copies.keys, 5) * kind.shapes).astype(int) * all_tints + tone
+
+
+def _poses(copies: Rooted, kind: Kind, silted: np.ndarray) -> np.ndarray:
+    """Poses [N, 4, 4]: roots at the origin, z along the normal but for what stands up and for chance.
+
+    The y axes of those with silt look up along their host, as their silt lies.
+    """
     u = [uniform(copies.keys, dimension) for dimension in (6, 7, 8)]
     radius = kind.jitter * np.sqrt(-2.0 * np.log1p(-u[0]))  # Box and Muller 1958
     z = copies.normals / np.linalg.norm(copies.normals, axis=1, keepdims=True) + [0.0, 0.0, kind.straight]
@@ -146,7 +179,8 @@ def _poses(copies: Rooted, kind: Kind) -> np.ndarray:
     z = z + radius[:, None] * (np.cos(2.0 * np.pi * u[1])[:, None] * x + np.sin(2.0 * np.pi * u[1])[:, None] * y)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     x, y = _across(z)
-    spin = 2.0 * np.pi * u[2][:, None]
+    upwards = np.arctan2(-x[:, 2], y[:, 2]) + (u[2] - 0.5)
+    spin = np.where(silted & (np.abs(z[:, 2]) < LEVEL), upwards, 2.0 * np.pi * u[2])[:, None]
     x, y = np.cos(spin) * x + np.sin(spin) * y, np.cos(spin) * y - np.sin(spin) * x
     T = np.tile(np.eye(4), (len(z), 1, 1))
     T[:, :3, :3] = copies.size[:, None, None] * np.stack([x, y, z], axis=2)

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from varos_warp.cache import digest
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.growth.chance import mixed
 from varos_warp.scene.geometry.growth.edges import AROUND_M, Edges, edges_of
 from varos_warp.scene.geometry.normals import kept_corner_normals
@@ -47,6 +48,8 @@ class Host:
     """uint64 [F]: by their places in the mesh, whatever of it is near."""
     gap: np.ndarray
     """float64 [F]: distance of the course, or less [m]."""
+    silt: float = 0.0
+    """How much of it lies on what of it looks up, 0 to 1."""
 
     @cached_property
     def area_and_up(self) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +93,13 @@ class Carrier:
         arrays = [part.vertices, part.faces, np.array(part.smooth_angle)]
         arrays += [part.normals if part.normals is not None else np.zeros(0)]
         arrays += [part.T_w_o, part.numbers] if isinstance(part, Instances) else []
+        arrays += [np.array(self._silt)]
         return digest(*arrays, *([] if self._holes is None else [self._holes]))
+
+    @property
+    def _silt(self):
+        """How much silt lies on what of it looks up, by its material."""
+        return float(getattr(self._part.material, "silt", 0.0)) if isinstance(self._part.material, Layered) else 0.0
 
     @property
     def _holes(self):
@@ -134,7 +143,7 @@ class Carrier:
         faces, keys, _ = self._whole
         gap = _gaps(vertices, faces, self._footprint)
         near = np.flatnonzero(gap <= REACH_M)
-        rest = Host(name, vertices.min(axis=0), vertices[faces[near]], normals[near], keys[near], gap[near])
+        rest = Host(name, vertices.min(axis=0), vertices[faces[near]], normals[near], keys[near], gap[near], self._silt)
         done = []
         while len(rest.keys):
             large = _longest(rest.corners, np.roll(rest.corners, 1, axis=1)) > LARGEST_M

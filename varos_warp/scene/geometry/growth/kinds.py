@@ -6,6 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from varos_warp.scene.geometry.growth.clumps import STRAY
+from varos_warp.scene.geometry.growth.dust import dusted
 from varos_warp.scene.geometry.growth.ground import coralline, pebble
 from varos_warp.scene.geometry.growth.levels import levels
 from varos_warp.scene.geometry.growth.plants import kelp, seagrass
@@ -17,6 +19,18 @@ GREYS: tuple[Rgb, ...] = ((0.7, 0.69, 0.66), (0.9, 0.86, 0.8), (1.15, 1.12, 1.06
 
 
 @dataclass(frozen=True)
+class Coat:
+    """What covers a host at the feet of copies: crust, holdfasts and what is caught between them."""
+
+    colour: Rgb
+    """Linear reflectance."""
+    share: float
+    """Of the host's own colour that it hides at most."""
+    reach: float
+    """How far it reaches from a root, over the copy's size."""
+
+
+@dataclass(frozen=True)
 class Kind:
     """What there is to know of a kind."""
 
@@ -24,15 +38,15 @@ class Kind:
     """A shape of about unit size."""
     shapes: int
     tints: tuple[Rgb, ...]
-    """Factors of its colours; shapes times tints is at most 12."""
+    """Factors of its colours, from dark to light; shapes times all tints is at most 12."""
     per_m2: float
     cluster: float
     up: tuple[float, float]
     size_m: tuple[float, float]
-    wavelength: float
-    """About how far clusters are apart [m]."""
-    small: float = 1.5
-    """Exponent s of sizes, whose density falls as size^-s: the larger, the more are small."""
+    clump_m: float
+    """Median of the radii of clumps [m]."""
+    small: float | None = None
+    """Exponent s of sizes whose density falls as size^-s; None: they are log-normal, as of what grows."""
     body: float = 0.0
     """Least distance of two copies over the mean of their sizes; 0: they may overlap."""
     straight: float = 0.0
@@ -49,6 +63,12 @@ class Kind:
     """What bodies in a clump cover before those that find no room are left out, over its area; 0: it may be loose."""
     smaller: float = 0.0
     """Share of its size that a copy lacks at the rim of its clump."""
+    stray: float = STRAY
+    """Share of the copies that stand outside of clumps."""
+    dusty: tuple[Rgb, ...] = ()
+    """Factors of the colours of copies with silt on them, which stand on hosts with silt."""
+    coat: Coat | None = None
+    """What covers the host between and about copies."""
     edges: float = 0.0
     """How much it prefers edges to level places, in deviations of the noise of clumps."""
     under: float = 0.0
@@ -59,18 +79,19 @@ KINDS = {
     "barnacle": Kind(
         barnacle,
         4,
-        ((0.62, 0.58, 0.52), (0.8, 0.77, 0.7), (1.0, 0.98, 0.92)),
-        400.0,
+        ((0.55, 0.52, 0.45), (0.76, 0.73, 0.66)),
+        230.0,
         11.0,
         (-1.0, 1.0),
         (0.007, 0.024),
-        0.2,
-        small=2.0,
-        body=0.82,
+        0.04,
+        body=0.8,
         territory=0.0,
-        cover=1.8,
-        smaller=0.6,
-        edges=0.3,
+        cover=2.2,
+        smaller=0.55,
+        stray=0.04,
+        dusty=((0.75, 0.72, 0.65),),
+        coat=Coat((0.12, 0.108, 0.085), 0.7, 1.2),
     ),
     "tube_worm": Kind(
         tube_worm,
@@ -80,28 +101,32 @@ KINDS = {
         9.0,
         (-1.0, 1.0),
         (0.018, 0.058),
-        0.25,
+        0.07,
         territory=0.65,
         cover=1.4,
         smaller=0.3,
+        stray=0.15,
         under=0.7,
     ),
     "hydroid": Kind(
         hydroid,
         3,
-        ((0.8, 0.8, 0.8), (0.6, 0.7, 0.58), (0.85, 0.7, 0.62), (1.0, 1.05, 1.05)),
+        ((0.72, 0.74, 0.66), (0.9, 0.8, 0.72), (1.05, 1.05, 1.0)),
         270.0,
         7.0,
         (-0.6, 1.0),
         (0.012, 0.055),
-        0.28,
+        0.05,
         straight=0.35,
         jitter=0.25,
         tall=True,
         territory=0.8,
         cover=0.7,
-        smaller=0.4,
-        edges=0.8,
+        smaller=0.5,
+        stray=0.1,
+        dusty=((0.95, 0.92, 0.86),),
+        coat=Coat((0.105, 0.092, 0.066), 0.75, 0.8),
+        edges=1.4,
     ),
     "anemone": Kind(
         anemone,
@@ -111,7 +136,7 @@ KINDS = {
         6.0,
         (-1.0, 1.0),
         (0.03, 0.08),
-        0.5,
+        0.07,
         body=0.7,
         straight=0.1,
         tall=True,
@@ -129,8 +154,7 @@ KINDS = {
         8.0,
         (-0.4, 1.0),
         (0.015, 0.11),
-        0.4,
-        small=2.0,
+        0.1,
         body=0.4,
         jitter=0.03,
         territory=0.3,
@@ -139,18 +163,20 @@ KINDS = {
     "mussel": Kind(
         mussel,
         4,
-        ((0.8, 0.82, 0.85), (1.1, 1.02, 0.92), (1.7, 1.5, 1.2)),
+        ((0.9, 0.9, 0.92), (1.3, 1.18, 1.0)),
         250.0,
         12.0,
         (-0.5, 1.0),
         (0.02, 0.06),
-        0.8,
-        small=1.0,
+        0.12,
         body=0.42,
         jitter=0.6,
         territory=0.4,
         cover=1.2,
         smaller=0.5,
+        stray=0.01,
+        dusty=((1.2, 1.12, 1.0),),
+        coat=Coat((0.08, 0.073, 0.06), 0.85, 0.8),
     ),
     "starfish": Kind(
         starfish,
@@ -160,8 +186,7 @@ KINDS = {
         4.0,
         (0.3, 1.0),
         (0.07, 0.14),
-        1.5,
-        small=1.0,
+        0.4,
         body=1.0,
         jitter=0.03,
         scars=False,
@@ -174,13 +199,14 @@ KINDS = {
         4.5,
         (0.75, 1.0),
         (0.012, 0.034),
-        1.4,
+        0.2,
+        small=1.5,
         body=0.8,
         jitter=0.25,
         scars=False,
     ),
     "pebble": Kind(
-        pebble, 4, GREYS, 190.0, 4.5, (0.7, 1.0), (0.005, 0.07), 1.4, small=2.7, body=0.85, jitter=0.15, scars=False
+        pebble, 4, GREYS, 190.0, 4.5, (0.7, 1.0), (0.005, 0.07), 0.2, small=2.7, body=0.85, jitter=0.15, scars=False
     ),
     "kelp": Kind(
         kelp,
@@ -190,8 +216,7 @@ KINDS = {
         7.0,
         (0.4, 1.0),
         (0.5, 1.6),
-        2.5,
-        small=1.0,
+        0.4,
         body=0.08,
         straight=2.5,
         tall=True,
@@ -205,8 +230,7 @@ KINDS = {
         9.0,
         (0.75, 1.0),
         (0.15, 0.5),
-        2.0,
-        small=1.0,
+        0.3,
         straight=2.0,
         jitter=0.15,
         tall=True,
@@ -215,32 +239,41 @@ KINDS = {
     "turf": Kind(
         turf,
         3,
-        ((0.7, 0.68, 0.64), (1.0, 0.92, 0.8), (0.8, 0.92, 0.7), (1.4, 1.33, 1.2)),
+        ((0.72, 0.7, 0.62), (0.84, 0.88, 0.7), (1.05, 0.97, 0.84)),
         900.0,
         9.0,
         (-0.7, 1.0),
-        (0.005, 0.03),
-        0.22,
-        small=2.0,
+        (0.006, 0.04),
+        0.06,
         straight=0.2,
         jitter=0.3,
         tall=True,
         territory=0.9,
         cover=0.9,
-        smaller=0.6,
-        edges=1.2,
-        under=-0.3,
+        smaller=0.65,
+        stray=0.05,
+        dusty=((0.8, 0.78, 0.7),),
+        coat=Coat((0.115, 0.102, 0.074), 0.8, 1.3),
+        edges=1.8,
+        under=-0.5,
     ),
 }
 
 
 @lru_cache
 def prototypes(kind: str) -> tuple[tuple[Solid, ...], ...]:
-    """The levels of every shape in every tint, the tints of a shape one after the other; the same in every scene."""
+    """The levels of every shape in every tint; the same in every scene.
+
+    The tints of a shape come one after the other, those without silt first.
+    """
     chosen, number = KINDS[kind], list(KINDS).index(kind)
-    made = [levels(chosen.make(np.random.default_rng([number, k]))) for k in range(chosen.shapes)]
-    shapes = [tuple(_of_unit_size(solid, chosen.tall) for solid in shape) for shape in made]
-    return tuple(tuple(solid.tinted(tint) for solid in shape) for shape in shapes for tint in chosen.tints)
+    made = []
+    for k in range(chosen.shapes):
+        form = chosen.make(np.random.default_rng([number, k]))
+        shape = [_of_unit_size(solid, chosen.tall) for solid in levels(form)]
+        made += [tuple(solid.tinted(tint) for solid in shape) for tint in chosen.tints]
+        made += [tuple(dusted(solid.tinted(tint), form.body is None) for solid in shape) for tint in chosen.dusty]
+    return tuple(made)
 
 
 def _of_unit_size(solid, tall):

@@ -6,17 +6,11 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.scene.description.growth import Growth
-from varos_warp.scene.geometry.growth.chance import (
-    PER_CLUSTER,
-    Crowding,
-    crowding,
-    key_of,
-    mixed,
-    poisson_counts,
-    uniform,
-)
+from varos_warp.scene.geometry.growth.chance import key_of, mixed, poisson_counts, uniform
+from varos_warp.scene.geometry.growth.clumps import Crowding, crowding
 from varos_warp.scene.geometry.growth.hosts import REACH_M, Host
 from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
+from varos_warp.scene.geometry.growth.room import PER_CLUSTER, grown_to, room, share_above, sizes
 from varos_warp.scene.geometry.relief.density import Footprint
 
 MOST_COPIES = 1_000_000
@@ -51,37 +45,28 @@ class Wanted:
             object.__setattr__(self, name, getattr(kind, name) if given is None else given)
 
     def sizes(self, u: np.ndarray) -> np.ndarray:
-        """Sizes [N] [m] of uniform numbers [N], by the power law of the kind."""
-        low, high = self.size_m
-        s = 1.0 - self.kind.small
-        if s == 0.0:
-            return low * (high / low) ** u
-        return (low**s + u * (high**s - low**s)) ** (1.0 / s)
+        """Sizes [N] [m] of uniform numbers [N], by the law of the kind."""
+        return sizes(self.kind, self.size_m, u)
+
+    def share_above(self, size: np.ndarray) -> np.ndarray:
+        """Share [N] of the copies that are larger than sizes [N] [m], but for those that are smaller in their clump."""
+        return share_above(self.kind, self.size_m, size)
 
     def crowding(self, host: str) -> Crowding:
         """How the copies keep together on a host of this name: clumps are as full as bodies make them.
 
         Fewer a square metre are fewer clumps, no looser ones, and more are more clumps, no fuller ones.
         """
+        kind = self.kind
         own = key_of(self.seed, self.block.seed, self.block.kind, host)
-        shared = key_of(self.seed, host) if self.kind.scars else None
+        shared = key_of(self.seed, host) if kind.scars else None
         if self.cluster == 0.0 or self.per_m2 == 0.0:
-            return crowding(1.0, self.kind.wavelength, own, None)
-        size = np.mean(self.sizes((np.arange(200) + 0.5) / 200) ** 2)
-        times = self.kind.cover / (0.25 * np.pi * (self.kind.body or 1.0) ** 2 * size) / self.per_m2
-        if not (self.kind.cover and self.kind.body):  # more than is full would find no room
+            return crowding(1.0, kind.clump_m, own, None)
+        full, kept = room(self.block.kind, self.size_m)
+        times = full / self.per_m2
+        if not (kind.cover and kind.body):  # more than is full would find no room
             times = max(np.exp(PER_CLUSTER * self.cluster), times)
-        return crowding(times, self.kind.wavelength, own, shared, self.kind.territory)
-
-    def share_above(self, size: np.ndarray) -> np.ndarray:
-        """Share [N] of the copies that are larger than sizes [N] [m]."""
-        low, high = self.size_m
-        s, size = 1.0 - self.kind.small, np.clip(size, low, high)
-        if low == high:
-            return (size >= high).astype(float)
-        if s == 0.0:
-            return np.log(high / size) / np.log(high / low)
-        return (high**s - size**s) / (high**s - low**s)
+        return crowding(times, kind.clump_m, own, shared, kind.territory, kind.stray, kept)
 
 
 @dataclass(frozen=True)
@@ -100,6 +85,8 @@ class Rooted:
     """uint64 [N]: what else there is of chance in them."""
     pixels: np.ndarray
     """float64 [N]: how large they are in the nearest view [px]."""
+    clump: np.ndarray
+    """uint64 [N]: key of the clump that each is in; its own where it stands alone."""
     too_small: float = 0.0
     """About how many more there would be if they were not smaller than `LEAST_PIXELS`."""
 
@@ -108,9 +95,15 @@ class Rooted:
         return Rooted(*(getattr(self, name)[chosen] for name in COLUMNS), self.too_small)
 
 
-COLUMNS = ("host", "points", "normals", "size", "keys", "pixels")
+COLUMNS = ("host", "points", "normals", "size", "keys", "pixels", "clump")
 NOTHING = Rooted(
-    np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.uint64), np.zeros(0)
+    np.zeros(0, np.int32),
+    np.zeros((0, 3)),
+    np.zeros((0, 3)),
+    np.zeros(0),
+    np.zeros(0, np.uint64),
+    np.zeros(0),
+    np.zeros(0, np.uint64),
 )
 
 
@@ -176,26 +169,30 @@ def _kept(wanted, host, number, faces, keys, crowd, footprint):
     too_small = (len(keys) - len(few)) / crowd.peak
     faces, keys, size = faces[few], keys[few], size[few]
     weights, points = _within(host.corners[faces], keys)
-    normals = _normals(host, faces, weights)
-    weight, depth = crowd(points - host.origin, _liking(wanted, host, points, normals))
-    keep = uniform(keys, 4) * crowd.peak < weight
+    chance = uniform(keys, 4) * crowd.peak
+    may = np.flatnonzero(crowd.may(points - host.origin, chance))
+    faces, keys, size, weights, points, chance = (each[may] for each in (faces, keys, size, weights, points, chance))
+    there = crowd(points - host.origin, _liking(wanted, host, faces, weights, points), chance)
+    keep = chance < there.weight
     if wanted.block.depth_m is not None:
         below = wanted.surface_depth_m - points[:, 2]
         keep &= (below >= wanted.block.depth_m[0]) & (below <= wanted.block.depth_m[1])
     kept = np.flatnonzero(keep)
     kept = kept[footprint.distance(points[kept]) <= REACH_M]
-    size = np.maximum(size[kept] * (1.0 - wanted.kind.smaller * (1.0 - depth[kept])), wanted.size_m[0])
+    clump = np.where(there.clump[kept] > 0, there.clump[kept], keys[kept])
+    size = np.maximum(size[kept] * grown_to(wanted.kind, there.depth[kept], clump), wanted.size_m[0])
     pixels = size / footprint(points[kept])
     wide = pixels >= LEAST_PIXELS
     few = kept[wide]
     return Rooted(
         np.full(len(few), number, np.int32),
         points[few],
-        normals[few],
+        _normals(host, faces[few], weights[few]),
         size[wide],
         keys[few],
         pixels[wide],
-        too_small + np.count_nonzero(~wide),
+        clump[wide],
+        too_small + crowd.kept * np.count_nonzero(~wide),
     )
 
 
@@ -208,13 +205,16 @@ def _normals(host, faces, weights):
     )
 
 
-def _liking(wanted, host, points, normals):
-    """What the noise of clumps is raised by at places [N] that a kind prefers: edges, undersides or tops."""
+def _liking(wanted, host, faces, weights, points):
+    """What the noise of patches is raised by at places [N] that a kind prefers: edges, undersides or tops."""
     kind = wanted.kind
     if wanted.cluster == 0.0 or kind.edges == kind.under == 0.0:
         return 0.0
-    liking = -kind.under * normals[:, 2] / np.linalg.norm(normals, axis=1)
-    return liking + kind.edges * host.edges(points - host.origin) if kind.edges else liking
+    liking = kind.edges * host.edges(points - host.origin) if kind.edges else 0.0
+    if kind.under:
+        normals = _normals(host, faces, weights)
+        liking = liking - kind.under * normals[:, 2] / np.linalg.norm(normals, axis=1)
+    return liking
 
 
 def _within(corners, keys):

@@ -78,7 +78,7 @@ def mussel(rng: np.random.Generator) -> Form:
     bow = (0.1 * np.sin(np.pi * s) * rng.uniform(0.6, 1.4))[:, None]
     x, y, z = (each.ravel() for each in (across + bow, np.repeat(s[:, None], sides, 1), through))
     rings = 1.0 + 0.16 * np.sin(np.hypot(x, 1.1 * y) * rng.uniform(55.0, 75.0)) * np.clip(2.0 * y, 0.0, 1.0)
-    shade = (rings * rng.uniform(0.85, 1.15, rows * sides))[:, None] * [0.032, 0.031, 0.035]
+    shade = (rings * rng.uniform(0.85, 1.15, rows * sides))[:, None] * [0.05, 0.048, 0.052]
     worn = np.clip(1.0 - y / rng.uniform(0.12, 0.4), 0.0, 1.0)[:, None] * rng.uniform(0.2, 1.0)  # down to the chalk
     seam = np.repeat(0.5 * np.exp(-((np.sin(t) / 0.2) ** 2))[None], rows, axis=0).reshape(-1, 1)
     colours = shade + worn * [0.13, 0.11, 0.10] + seam * [0.04, 0.03, 0.018]

@@ -70,22 +70,34 @@ def hydroid(rng: np.random.Generator) -> Form:
 
 
 def turf(rng: np.random.Generator) -> Form:
-    """A tuft of short fine algae, full of silt: blades that lean every way from a broad foot; of unit height."""
+    """A cushion of short fine algae, full of silt: a lumpy mat with blades that lean every way; of unit height."""
     strips = []
-    for _ in range(24):
-        t, foot = rng.uniform(0.0, 2.0 * np.pi), 0.55 * np.sqrt(rng.uniform())
-        root = [foot * np.cos(t), foot * np.sin(t), -0.12]
-        away = t + rng.normal(0.0, 1.0)
-        length, out = rng.uniform(0.4, 1.0) * (1.1 - 0.5 * foot), rng.uniform(0.05, 0.75)
+    for _ in range(26):
+        t, foot = rng.uniform(0.0, 2.0 * np.pi), 0.6 * np.sqrt(rng.uniform())
+        root = [foot * np.cos(t), foot * np.sin(t), 0.1 - 0.2 * foot]
+        away = t + rng.normal(0.0, 0.9)
+        length, out = rng.uniform(0.35, 0.9) * (1.1 - 0.6 * foot), rng.uniform(0.15, 0.9)
         s = np.array([0.0, 0.5, 1.0])[:, None]
-        path = root + (length + 0.12) * (out * s**1.5 * [np.cos(away), np.sin(away), 0.0] + (s - 0.3 * out * s**2) * UP)
+        path = root + (length + 0.05) * (out * s**1.5 * [np.cos(away), np.sin(away), 0.0] + (s - 0.3 * out * s**2) * UP)
         path[1:] += 0.05 * rng.standard_normal((2, 3))
         across = np.cross(path[-1] - path[0], rng.standard_normal(3))
-        colours = rng.uniform(0.7, 1.25) * (np.array([0.058, 0.052, 0.037]) + s**1.5 * [0.075, 0.068, 0.051])
-        strips.append(
-            Strip(path, np.array([0.05, 0.042, 0.012]), colours, np.tile(across / np.linalg.norm(across), (3, 1)))
-        )
-    return Form(None, tuple(strips))
+        colours = rng.uniform(0.75, 1.25) * (np.array([0.1, 0.09, 0.065]) + s**1.5 * [0.06, 0.054, 0.04])
+        width = 0.026 * np.array([1.0, 0.85, 0.35])
+        strips.append(Strip(path, width, colours, np.tile(across / np.linalg.norm(across), (3, 1))))
+    return Form(_cushion(rng), tuple(strips))
+
+
+def _cushion(rng):
+    """A low lumpy dome, darker in its hollows, that thins out at its border."""
+    height, sides = rng.uniform(0.26, 0.42), 10
+    radius, z = np.array([0.6, 0.54, 0.4, 0.2, 0.02]), height * np.array([-0.45, 0.05, 0.6, 0.95, 1.0])
+    t = around(sides)
+    girth = 1.0 + sum(rng.normal(0.0, 0.1) * np.cos(k * t + rng.uniform(0.0, 6.3)) for k in (2, 3, 4))
+    dome = revolved(radius, z, np.clip(girth, 0.7, 1.3))
+    lumps = waves(dome, 0.45, rng)
+    dome[:, 2] += 0.07 * lumps * np.repeat([0.0, 0.4, 1.0, 1.0, 1.0], sides)
+    shade = np.clip(1.0 + 0.18 * lumps + 0.1 * rng.standard_normal(len(dome)), 0.5, 1.5)
+    return solid(dome, grid_faces(len(radius), sides), np.outer(shade, [0.145, 0.13, 0.097]))
 
 
 def _blade(path, half_width, tone, rng):
@@ -96,7 +108,7 @@ def _blade(path, half_width, tone, rng):
     return Strip(
         path,
         half_width * (1.0 - 0.7 * s),
-        np.outer(tone * (0.55 + 0.6 * s), [0.105, 0.085, 0.056]),
+        np.outer(tone * (0.55 + 0.6 * s), [0.16, 0.135, 0.095]),
         np.tile(across, (len(path), 1)),
     )
 

@@ -1,0 +1,209 @@
+"""Growth in clumps: how many there are, how large, how near to each other; and what it does to its hosts."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+from scipy.stats import kstest
+
+from varos_warp.scene.description.growth import Growth
+from varos_warp.scene.geometry.growth.chance import key_of, uniform
+from varos_warp.scene.geometry.growth.clumps import crowding
+from varos_warp.scene.geometry.growth.coat import Placed, coated
+from varos_warp.scene.geometry.growth.dust import FROM, SILT, dusted
+from varos_warp.scene.geometry.growth.grow import _poses, _silted, _which
+from varos_warp.scene.geometry.growth.hosts import Host
+from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
+from varos_warp.scene.geometry.growth.placing import Rooted, Wanted, joined, rooted
+from varos_warp.scene.geometry.growth.room import HIGH, LOW, grown_to, room, sizes
+from varos_warp.scene.geometry.growth.solids import solid
+from varos_warp.scene.geometry.growth.spacing import apart
+from varos_warp.scene.geometry.parts import Part, Skin
+
+SIDE_M = 3.0
+
+
+class Everywhere:
+    """A course that sees every place as from a metre away, in pixels of a tenth of a millimetre."""
+
+    angle = 1e-4
+
+    def distance(self, points, normals=None, radius=0.0):
+        return np.ones(len(points))
+
+    def __call__(self, points, normals=None):
+        return np.full(len(points), 1e-4)
+
+
+def plane():
+    """A level square as a host, two triangles."""
+    corner = SIDE_M * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    corners = corner[[[0, 1, 2], [0, 2, 3]]]
+    normals = np.broadcast_to([0.0, 0.0, 1.0], (2, 3, 3))
+    return Host("plane", np.zeros(3), corners, normals, np.arange(2, dtype=np.uint64), np.ones(2))
+
+
+def settled(kind, seed, **more):
+    """Copies on the plane after those that find no room are left out."""
+    wanted = Wanted(Growth(on=["plane"], kind=kind, up=(-1, 1), **more), "growth.0", seed, 0.0)
+    some = rooted(wanted, plane(), 0, Everywhere())
+    priority = np.argsort(np.lexsort([some.keys, some.size])).astype(np.uint64)
+    return some.of(apart(some.points, some.size, wanted.kind.body, priority)), some
+
+
+@pytest.mark.parametrize(
+    ("kind", "per_m2", "size_m"),
+    [
+        ("barnacle", 230, (0.012, 0.04)),
+        ("mussel", 250, (0.02, 0.06)),
+        ("coralline", 18, (0.015, 0.11)),
+        ("tube_worm", 60, (0.018, 0.058)),
+    ],
+)
+def test_the_mean_number_is_per_m2_though_bodies_need_room(kind, per_m2, size_m, monkeypatch):
+    """Seeds scatter far more than Poisson numbers would; what a kind prefers is left out, as it moves the mean."""
+    monkeypatch.setattr("varos_warp.scene.geometry.growth.placing._liking", lambda *_: 0.0)
+    counts = (
+        np.array([len(settled(kind, seed, per_m2=per_m2, size_m=size_m)[0].size) for seed in range(24)]) / SIDE_M**2
+    )
+    error = counts.std(ddof=1) / np.sqrt(len(counts))
+    # of waves that are not quite normal a hundredth, of the share that finds room a hundredth, each of the mean
+    assert abs(counts.mean() - per_m2) < 3.5 * error + 0.02 * per_m2
+    assert counts.std() > 3.0 * np.sqrt(per_m2) / SIDE_M, "clumps, no rain"
+
+
+def nearest(some, body):
+    """How far every copy is from the nearest other, over the least distance that the two may have."""
+    gap = np.linalg.norm(some.points[:, None] - some.points, axis=2)
+    gap /= 0.5 * body * (some.size[:, None] + some.size)
+    np.fill_diagonal(gap, np.inf)
+    return gap.min(axis=1)
+
+
+def test_bodies_of_clumps_touch_and_do_not_overlap():
+    """Most have a neighbour within a quarter of the least distance; as rain they have none."""
+    more = {"per_m2": 200, "size_m": (0.012, 0.04)}
+    near = nearest(settled("barnacle", 3, **more)[0], KINDS["barnacle"].body)
+    rain = nearest(settled("barnacle", 3, cluster=0, **more)[0], KINDS["barnacle"].body)
+    assert near.min() >= 1.0 - 1e-12
+    assert np.median(near) < 1.25 < 1.5 < np.median(rain)
+
+
+def test_sizes_of_what_grows_are_log_normal():
+    low, high = 0.01, 0.08
+    found = sizes(KINDS["turf"], (low, high), uniform(np.arange(20_000, dtype=np.uint64), 0))
+    deviation = np.log(high / low) / (LOW + HIGH)
+    z = (np.log(found / low) - LOW * deviation) / deviation
+
+    def law(x):
+        return (ndtr(x) - ndtr(-LOW)) / (ndtr(HIGH) - ndtr(-LOW))
+
+    assert kstest(z, law).pvalue > 1e-3
+
+
+def test_old_bodies_are_in_the_middle_and_young_ones_at_the_rim():
+    clump = np.full(3, key_of("clump"))
+    rim, middle, core = grown_to(KINDS["barnacle"], np.array([0.0, 0.5, 1.0]), clump)
+    assert rim < middle < core <= 1.0
+    _, some = settled("barnacle", 2, per_m2=400)
+    same = grown_to(KINDS["barnacle"], np.zeros(len(some.clump)), some.clump)
+    assert same.min() < 0.6 * same.max(), "clumps are of different ages"
+
+
+def test_clumps_have_their_radius():
+    """Of balls about chosen middles: places that are full lie within, those beyond the rim are empty."""
+    crowd = crowding(60.0, 0.06, key_of(4), None)
+    grid = np.stack(np.meshgrid(*[np.arange(0.0, 3.0, 0.01)] * 2, indexing="ij"), -1).reshape(-1, 2)
+    there = crowd(np.column_stack([grid, np.zeros(len(grid))]))
+    wide = [np.ptp(grid[there.clump == key], axis=0).max() for key in np.unique(there.clump[there.clump > 0])]
+    assert len(wide) > 5
+    assert 0.06 < np.median(wide) < 0.3
+    assert max(wide) < 2.0 * 1.1 * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
+
+
+def test_places_are_the_same_whatever_else_is_asked_for():
+    crowd = crowding(25.0, 0.06, key_of(1), key_of("host"))
+    points = np.random.default_rng(1).random((4000, 3)) * [3.0, 3.0, 0.0]
+    whole, some = crowd(points), crowd(points[::7])
+    np.testing.assert_array_equal(whole.weight[::7], some.weight)
+    np.testing.assert_array_equal(whole.clump[::7], some.clump)
+
+
+def test_what_cannot_be_above_is_not_asked_for():
+    crowd = crowding(25.0, 0.06, key_of(1), key_of("host"))
+    points = np.random.default_rng(1).random((4000, 3)) * [3.0, 3.0, 0.0]
+    above = crowd.peak * np.random.default_rng(2).random(4000)
+    kept = crowd(points).weight > above
+    np.testing.assert_array_equal(kept, crowd(points, 0.0, above).weight > above)
+    assert (crowd.may(points, above) | ~kept).all()
+
+
+def copies(count, normal, size=0.02):
+    keys = np.arange(1, count + 1, dtype=np.uint64)
+    return Rooted(
+        np.zeros(count, np.int32),
+        np.zeros((count, 3)),
+        np.tile(np.asarray(normal, float), (count, 1)),
+        np.full(count, size),
+        keys,
+        np.full(count, 50.0),
+        np.full(count, key_of("clump")),
+    )
+
+
+@pytest.mark.parametrize(
+    ("silt", "normal", "share"), [(0.6, [0, 0, 1], 0.6), (0.6, [0, 0, -1], 0.0), (0, [0, 0, 1], 0)]
+)
+def test_silt_lies_on_what_looks_up_as_on_the_host(silt, normal, share):
+    found = _silted(Placed(["host"], np.array([float(silt)]), copies(4000, normal))).mean()
+    assert abs(found - share) <= 4.0 * np.sqrt(share * (1.0 - share) / 4000)
+
+
+def test_on_walls_silt_is_on_the_upper_side():
+    some = copies(200, [0.0, -1.0, 0.0])
+    up = _poses(some, KINDS["barnacle"], np.ones(200, bool))[:, 2, :3] / 0.02 @ FROM
+    assert up.min() > 0.2
+
+
+def test_dust_lies_where_it_comes_from():
+    for shape in (levels[0] for levels in prototypes("barnacle")[:2]):
+        dusty = dusted(solid(shape.vertices, shape.faces, np.zeros(3)), thin=False)
+        high, low = (dusty.colours[side * shape.vertices[:, 1] > 0.3].mean() for side in (1, -1))
+        assert high > 1.5 * low > 0.0
+        assert dusty.colours.max() <= SILT.max()
+
+
+def test_tints_of_a_clump_are_much_alike():
+    kind = KINDS["barnacle"]
+    some = copies(500, [0, 0, 1])
+    tones = _which(some, kind, np.zeros(500, bool)) % (len(kind.tints) + len(kind.dusty))
+    assert tones.max() < len(kind.tints)
+    clean = _which(some, kind, np.ones(500, bool)) % (len(kind.tints) + len(kind.dusty))
+    assert clean.min() >= len(kind.tints)
+
+
+def grid_part(colour=0.5, **more):
+    points = np.stack(np.meshgrid(np.linspace(0, 1, 51), np.linspace(0, 1, 51), indexing="ij"), -1).reshape(-1, 2)
+    i = (np.arange(50)[:, None] * 51 + np.arange(50)).ravel()
+    faces = np.vstack([np.stack([i, i + 51, i + 52], -1), np.stack([i, i + 52, i + 1], -1)]).astype(np.int32)
+    skin = Skin(np.full((len(faces), 3, 3), colour, np.float32), **more)
+    return Part("host", np.column_stack([points, np.zeros(len(points))]), faces, SimpleNamespace(), skin=skin)
+
+
+def test_hosts_are_coated_at_the_feet_of_copies_only():
+    some = joined([copies(1, [0, 0, 1], 0.04)])
+    some.points[:] = [0.5, 0.5, 0.0]
+    part = grid_part()
+    (done,) = coated([part], [(KINDS["turf"], Placed(["host"], np.zeros(1), some))])
+    far = np.linalg.norm(part.vertices - some.points, axis=1)[part.faces]
+    assert (done.skin.corners[far < 0.001] < 0.3).all()
+    assert (done.skin.corners[far > 0.11] == 0.5).all()
+    assert (part.skin.corners == 0.5).all(), "the part itself is as it was"
+
+
+def test_the_share_that_finds_room_is_that_of_a_plane():
+    full, kept = room("mussel", KINDS["mussel"].size_m)
+    assert 0.2 < kept < 0.9
+    assert room("turf", KINDS["turf"].size_m)[1] == 1.0, "turf may overlap"
+    assert full * kept > 1000.0

@@ -1,0 +1,272 @@
+"""How copies keep together: patches of metres, in them clumps of decimetres, and in these bodies that touch.
+
+Clumps are balls of space about points by chance (a Boolean model; Chiu et al. 2013, Stochastic Geometry, ch. 3): where
+a surface passes through one, it is settled, and nearer to the middle of the ball it is older.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.spatial import cKDTree
+from scipy.special import ndtri
+
+from varos_warp.scene.geometry.growth.chance import Field, field_of, mixed, poisson_counts, uniform
+
+GROUPS = ((50.0, 0.8), (16.0, 0.6))
+"""Wavelengths of a kind's own patches, in the radius of its clumps, and shares of the noise's deviation."""
+TERRITORY_M, TERRITORY = 0.9, 0.92
+"""Wavelength [m] of the field by which kinds divide a host, and its share beside that of own patches."""
+MOST_CROWDED = 300.0
+"""No place has more copies in the mean than so many times ``per_m2``."""
+LEAST_CROWDED = 1.06
+"""Nor do clumps have fewer than so many times."""
+STRAY = 0.015
+"""Share of the copies that stand alone, by default."""
+BARE_BELOW, FULL_ABOVE = -0.7, -0.1
+"""Of a field of variance 1: scars, where next to nothing grows, and where it does as elsewhere."""
+IN_SCARS = 0.04
+"""Share of growth that scars have."""
+SPREAD, TAIL = 0.6, 0.02
+"""Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
+FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.05, 1.3
+"""In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
+OUTLINE, OUTLINE_MOST = 0.27, 1.5
+"""By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
+WIDER, WIDEST = 0.25, 0.5
+"""By how much clumps reach farther where the place is liked (logarithm), for each deviation of noise, and at most."""
+PATCHY, PATCH_EDGE = 2.2, 0.6
+"""Patches have so many times the area of the clumps in them; over how much of the noise they begin."""
+LEAST_PATCHES = 0.25
+"""Share of a surface that patches have at least."""
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """How crowded some places are."""
+
+    weight: np.ndarray
+    """float64 [N]: how many times ``per_m2`` there are."""
+    depth: np.ndarray
+    """float64 [N]: 0 at the rim of a clump and outside, 1 in the middle of one."""
+    clump: np.ndarray
+    """uint64 [N]: key of the clump; 0 outside of all."""
+
+
+@dataclass(frozen=True)
+class Crowding:
+    """How much more or less than ``per_m2`` there is at places of one host: 1 in the mean over all seeds."""
+
+    full: float
+    """How many times ``per_m2`` clumps have; 1: there are none, copies are as rain."""
+    radius: float
+    """Median of the radii of clumps [m]."""
+    stray: float
+    """How many times ``per_m2`` there are outside of clumps."""
+    kept: float
+    """Share of what clumps have that finds room."""
+    key: np.uint64
+    patches: tuple[tuple[Field, float], ...]
+    """With their shares; the sum of squares of these is 1."""
+    outline: Field | None
+    scars: Field | None
+
+    @property
+    def peak(self) -> float:
+        """The most that there can be."""
+        return 1.0 if self.full == 1.0 else self.full / self._law.bare
+
+    @property
+    def _law(self):
+        return _law_of(self.full, self.stray, self.kept, self.scars is not None)
+
+    def may(self, points: np.ndarray, above: np.ndarray) -> np.ndarray:
+        """Whether weights of points [N, 3] may be above numbers [N], by scars alone, bool [N]: what is quick to say."""
+        if self.scars is None:
+            return np.ones(len(points), bool)
+        return self.full * _left_by_scars(self.scars(points)) >= above * self._law.bare
+
+    def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0, above: np.ndarray | float = 0.0) -> Crowd:
+        """At points [N, 3] about the host's own origin [m].
+
+        ``liking`` is added to the noise of patches, of variance 1: more than 0 where there is to be more than
+        elsewhere. Clumps reach farther there. Weights that cannot be ``above`` numbers [N] may be told too low.
+        """
+        n = len(points)
+        if self.full == 1.0:
+            return Crowd(np.ones(n), np.ones(n), np.zeros(n, np.uint64))
+        law = self._law
+        gate = law.gate(sum(share * field(points) for field, share in self.patches) + liking)
+        scars = np.ones(n) if self.scars is None else _left_by_scars(self.scars(points))
+        some = np.flatnonzero((gate > 0.0) & (self.full * scars >= above * law.bare))
+        share, depth, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
+        wider = np.clip(WIDER * np.broadcast_to(liking, n)[some], -WIDEST, WIDEST)
+        share[some], depth[some], clump[some] = self._in_clumps(points[some], gate[some], wider)
+        return Crowd((self.stray + (self.full - self.stray) * share) * scars / law.bare, depth, clump)
+
+    def _in_clumps(self, points, gate, wider):
+        """How full [N], how deep [N] and in which clump [N] points [N, 3] are; 0 outside of all."""
+        n = len(points)
+        empty, deepest, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
+        if n == 0:
+            return empty, deepest, clump
+        reach = np.exp(OUTLINE * np.clip(self.outline(points), -OUTLINE_MOST, OUTLINE_MOST) + wider)
+        most = HALO_TO * float(np.exp(OUTLINE * OUTLINE_MOST + max(wider.max(), 0.0)))
+        middle, radius, keys = self._clumps(points)
+        open_from = uniform(keys, 5)
+        site, at, far = _near(middle, most * radius, points)
+        inside = open_from[site] < gate[at]
+        site, at, far = site[inside], at[inside], far[inside]
+        x = far / (radius[site] * reach[at])
+        empty = np.bincount(at, np.log1p(-np.minimum(_profile(x), 1.0 - 1e-12)), n)
+        within = np.flatnonzero(x < EMPTY_FROM)
+        within = within[np.lexsort([keys[site[within]], -x[within], at[within]])]
+        last = within[np.flatnonzero(np.diff(at[within], append=n))]
+        deepest[at[last]], clump[at[last]] = np.clip(1.0 - x[last] ** 2, 0.0, 1.0), keys[site[last]] | np.uint64(1)
+        return -np.expm1(empty), deepest, clump
+
+    def _clumps(self, points):
+        """Middles [C, 3], radii [C] and keys [C] of all clumps that may reach to points."""
+        side = HALO_TO * np.exp(OUTLINE * OUTLINE_MOST + WIDEST) * _radius(1.0) * self.radius
+        cells = cells_around(np.floor(points / side).astype(np.int64))
+        own = mixed(self.key, *cells.T.astype(np.uint64))
+        rate = self._law.covered / (_ball() * _radius_cubed() * self.radius**3)
+        counts = poisson_counts(uniform(own, 0), np.full(len(own), rate * side**3))
+        cell = np.repeat(np.arange(len(own)), counts)
+        turn = np.arange(len(cell)) - np.repeat(np.cumsum(counts) - counts, counts)
+        keys = mixed(own[cell], turn.astype(np.uint64) + np.uint64(1))
+        middle = side * (cells[cell] + np.column_stack([uniform(keys, axis) for axis in (1, 2, 3)]))
+        return middle, self.radius * _radius(uniform(keys, 4)), keys
+
+
+def crowding(
+    full: float,
+    radius: float,
+    own: np.uint64,
+    host: np.uint64 | None,
+    territory: float = 0.0,
+    stray: float = STRAY,
+    kept: float = 1.0,
+) -> Crowding:
+    """Of a kind on a host.
+
+    Args:
+        full: How many times the mean its clumps have.
+        radius: Median of the radii of its clumps [m].
+        own: Key of the kind, the host and the seeds.
+        host: Key of the host alone, or None for what leaves no scars and has no territory.
+        territory: Where the kind has it, in turns of the host's field.
+        stray: Share of the copies that stand outside of clumps.
+        kept: Share of those in clumps that find room there; the mean is 1 without the others.
+    """
+    full = float(full)
+    if full == 1.0:
+        return Crowding(1.0, radius, 1.0, 1.0, own, (), None, None)
+    some = [(field_of(mixed(own, np.uint64(k)), times * radius), share) for k, (times, share) in enumerate(GROUPS)]
+    if host is not None:
+        some = [
+            (some[1][0], np.sqrt(1.0 - TERRITORY**2)),
+            (field_of(mixed(host, np.uint64(1)), TERRITORY_M, territory), TERRITORY),
+        ]
+    return Crowding(
+        min(max(full, LEAST_CROWDED / kept), MOST_CROWDED),
+        radius,
+        stray,
+        kept,
+        own,
+        tuple(some),
+        field_of(mixed(own, np.uint64(9)), 0.9 * radius),
+        None if host is None else field_of(host, 0.7),
+    )
+
+
+@dataclass(frozen=True)
+class _Law:
+    """What makes the mean of what finds room 1."""
+
+    covered: float
+    """Mean number of clumps that a point is in, within patches."""
+    rim: float
+    """Noise at which patches begin."""
+    bare: float
+    """What scars leave in the mean."""
+
+    def gate(self, noise):
+        """Share of the clumps that there are at places of such a noise."""
+        return np.ones(np.shape(noise)) if np.isinf(self.rim) else _smooth((noise - self.rim) / PATCH_EDGE)
+
+
+@lru_cache
+def _law_of(full: float, stray: float, kept: float, scars: bool) -> _Law:
+    """Expectations over normal variables: of a Boolean model's share of space, 1 - exp(-covered)."""
+    z = np.linspace(-8.0, 8.0, 401)
+    density = np.exp(-0.5 * z * z)
+    density /= density.sum()
+    bare = float(density @ _left_by_scars(z)) if scars else 1.0
+    share = (1.0 - stray) / (full * kept - stray)
+    patches = max(PATCHY * share, LEAST_PATCHES)
+    law = _Law(0.0, -np.inf if patches >= 1.0 else float(-ndtri(patches)) - 0.5 * PATCH_EDGE, bare)
+    wider = np.exp(3.0 * OUTLINE * np.clip(z, -OUTLINE_MOST, OUTLINE_MOST))
+    most = np.outer(wider, law.gate(z))
+
+    def excess(covered):
+        return float(density @ -np.expm1(-covered * most) @ density) - share
+
+    return replace(law, covered=brentq(excess, 0.0, 200.0))
+
+
+def cells_around(cells: np.ndarray) -> np.ndarray:
+    """Cells [C, 3] and all that touch them, each once, int64 [D, 3]."""
+    low = cells.min(axis=0) - 1
+    shape = tuple(np.ptp(cells, axis=0) + 3)
+    found = np.unique(np.ravel_multi_index(tuple((cells - low).T), shape))
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), -1).reshape(-1, 1, 3)
+    around = np.stack(np.unravel_index(found, shape), -1) + steps
+    found = np.unique(np.ravel_multi_index(tuple(np.moveaxis(around.reshape(-1, 3), 1, 0)), shape))
+    return np.stack(np.unravel_index(found, shape), -1) + low
+
+
+def _near(middle, radius, points):
+    """Balls and points in them, int [P] each, and how far they are from its middle [P] [m]."""
+    tree, some = cKDTree(points), [np.zeros((3, 0))]
+    bins = np.ceil(2.0 * np.log2(radius / radius.max(initial=1e-9)))
+    for k in np.unique(bins):
+        which = np.flatnonzero(bins == k)
+        pairs = cKDTree(middle[which]).sparse_distance_matrix(tree, radius[which].max(), output_type="ndarray")
+        some.append(np.stack([which[pairs["i"]], pairs["j"], pairs["v"]]))
+    site, at, far = np.concatenate(some, axis=1)
+    return site.astype(np.int64), at.astype(np.int64), far
+
+
+def _profile(x):
+    """How full a clump is so many radii from its middle."""
+    return np.maximum(
+        _smooth((EMPTY_FROM - x) / (EMPTY_FROM - FULL_TO)), HALO * _smooth((HALO_TO - x) / (HALO_TO - 1.0))
+    )
+
+
+def _radius(u):
+    """Radii of clumps over their median, of uniform numbers: a log-normal law without its ends."""
+    return np.exp(SPREAD * ndtri(TAIL + (1.0 - 2.0 * TAIL) * u))
+
+
+@lru_cache
+def _radius_cubed() -> float:
+    return float(np.mean(_radius((np.arange(10_000) + 0.5) / 10_000) ** 3))
+
+
+@lru_cache
+def _ball() -> float:
+    """Volume of a clump of radius 1, by how full it is."""
+    x = (np.arange(10_000) + 0.5) * HALO_TO / 10_000
+    return float(4.0 * np.pi * np.sum(_profile(x) * x * x) * HALO_TO / 10_000)
+
+
+def _smooth(t):
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _left_by_scars(noise):
+    return IN_SCARS + (1.0 - IN_SCARS) * _smooth((noise - BARE_BELOW) / (FULL_ABOVE - BARE_BELOW))

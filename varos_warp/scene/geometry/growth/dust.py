@@ -1,0 +1,24 @@
+"""Silt that has settled on what grows."""
+
+import numpy as np
+
+from varos_warp.scene.geometry.growth.solids import Solid, solid, waves
+from varos_warp.scene.geometry.topology import area_normals
+
+SILT = np.array([0.175, 0.159, 0.123])
+FROM = np.array([0.0, 0.6, 0.8])
+"""Where it comes from: copies with silt have their y axis up along their host."""
+MOST, ALL_OVER, RAGGED = 0.75, 0.1, 0.22
+"""The most that silt hides, what of it lies on all sides, and by how much it differs from place to place."""
+
+
+def dusted(clean: Solid, thin: bool) -> Solid:
+    """The same with silt on its upper side; of what is ``thin``, such as blades, on both sides."""
+    normal = np.zeros_like(clean.vertices)
+    for column in clean.faces.T:
+        np.add.at(normal, column, area_normals(clean.vertices, clean.faces))
+    facing = normal @ FROM / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    facing = np.abs(facing) if thin else np.maximum(facing, 0.0)
+    ragged = waves(clean.vertices, 0.3, np.random.default_rng(len(clean.faces)))
+    lies = np.clip(ALL_OVER + (0.45 if thin else 0.75) * facing + RAGGED * ragged, 0.0, MOST)[:, None]
+    return solid(clean.vertices, clean.faces, clean.colours + lies * (SILT - clean.colours))
