@@ -20,6 +20,8 @@ LOOK = Layered(kind="layered", relief="rock")
 class Waves:
     """h = a sin(k x), all of it coarse; grey."""
 
+    by_vertex = True
+
     def coarse(self, sites, look):
         return A * np.sin(K * sites.p[:, 0])
 

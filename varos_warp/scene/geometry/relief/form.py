@@ -5,7 +5,7 @@ by what lies where, and the thickness of silt.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from varos_warp.scene.geometry.normals import UP, corner_normals
 from varos_warp.scene.geometry.parts import Shape
 from varos_warp.scene.geometry.relief.contact import Foot, beside, settled
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
+from varos_warp.scene.geometry.relief.recipes.coats import Coat
 from varos_warp.scene.geometry.relief.recipes.layers import DARKEST, PALEST
 from varos_warp.scene.geometry.relief.recipes.masks import shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
@@ -120,25 +121,24 @@ def formed(
         spread=spread,
         sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity,
     )
-    surfaces = _blended(sites, look, up)
+    coats = _blended(sites, look, up)
     room = Room(base, x, faces, normals) if around is None else None
     for step in ("coarse", "fine"):
-        h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
+        h = sum(coat.displacement(step, normals) for coat in coats)
         h = _bounded(h, x, normals, faces)
         h = h if room is None else room.bounded(h)
         x = x + h[:, None] * normals
         normals = vertex_normals(x, faces)
-        sites = replace(sites, n=normals)
     shape = shape_of(x, faces, normals, sites.edge)
-    coats = [(share, *recipe.colour(sites, shape, look)) for recipe, share in surfaces]
-    colour = sum(share[:, None] * coat for share, coat, _ in coats)
+    colours, silts = zip(*(coat.colour(shape) for coat in coats), strict=True)
+    colour = sum(colours)
     pattern = sites.patterns(look.seed)
     if foot is not None:
         colour = settled(colour, foot.covers(x, pattern), pattern, tint)
     elif around is not None and np.isfinite(clear).any():
         colour = settled(colour, beside(clear, pattern), pattern, tint)
     colour = np.clip(colour * _grain(len(x), look.seed)[:, None], DARKEST, PALEST)
-    x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
+    x = x + sum(silts)[:, None] * UP
     return {
         "vertices": x.astype(np.float32),
         "faces": faces,
@@ -216,11 +216,11 @@ def _spread(base):
 
 
 def _blended(sites, look, up):
-    """The recipes of a material and the share of each at the vertices: one, or two for flat and for steep ground."""
+    """The recipes of a material where they have a share: one everywhere, or two for flat and for steep ground."""
     if look.steep is None or look.steep == look.relief:
-        return [(RECIPES[look.relief], np.ones(len(sites.p)))]
+        return [Coat(RECIPES[look.relief], look, sites, np.ones(len(sites.p)))]
     flat = smoothstep(*STEEP, up + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge))
-    return [(RECIPES[look.relief], flat), (RECIPES[look.steep], 1.0 - flat)]
+    return [Coat(RECIPES[name], look, sites, share) for name, share in ((look.relief, flat), (look.steep, 1.0 - flat))]
 
 
 def _grain(count, seed):

@@ -1,12 +1,13 @@
 """Masks that the form of a mesh tells: edges, grooves, what faces up, what is sheltered."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy import sparse
 
 from varos_warp.device.launch import in_threads, tiles_of
+from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.geometry.relief.recipes.runs import Slopes, slopes_of
 
 ITERATIONS = 80
@@ -16,6 +17,7 @@ FOLD = 64
 """Rows of an array that are multiplied as one."""
 EDGES = 3.0
 """Scale of convexity, in edges."""
+NO_FACES = np.zeros((0, 3), np.int32)
 BROAD = 2.0
 """Scale of what shelters, over that of convexity."""
 
@@ -38,16 +40,16 @@ class Shape:
         """float64 [N]: z of the normals."""
         return self.n[:, 2]
 
-    @cached_property
+    @once
     def neighbours(self) -> sparse.csr_array:
         """float64 [N, N]: 1 where an edge joins two vertices."""
         return neighbours_of(len(self.p), self.faces)
 
-    @cached_property
+    @once
     def _smooth(self) -> np.ndarray:
         return smoothed(self.p, self.p, self.neighbours, self.scale)
 
-    @cached_property
+    @once
     def convexity(self) -> np.ndarray:
         """float64 [N]: height over the surface smoothed at the scale asked for, over that scale.
 
@@ -56,21 +58,44 @@ class Shape:
         """
         return _convexity(self.p, self._smooth, self.n, self.scale)
 
-    @cached_property
+    @once
     def hollow(self) -> np.ndarray:
         """float64 [N]: 0 on flat and convex places to 1 in sharp grooves of that scale."""
         return np.clip(-3.0 * self.convexity, 0.0, 1.0)
 
-    @cached_property
+    @once
     def exposure(self) -> np.ndarray:
         """float64 [N]: 1 where water passes freely to 0 deep in hollows of twice the scale; 0.8 on a plane."""
         broad = smoothed(self.p, self.p, self.neighbours, BROAD * self.scale, near=self._smooth)
         return np.clip(0.8 + 2.5 * np.minimum(_convexity(self.p, broad, self.n, BROAD * self.scale), 0.08), 0.0, 1.0)
 
-    @cached_property
+    @once
     def slopes(self) -> Slopes:
         """The ways of water down the surface."""
         return slopes_of(self.p, self.n, self.neighbours)
+
+    def some(self, rows: np.ndarray) -> Self:
+        """The masks at some of the vertices, by their numbers; nothing can run down from one to another of them."""
+        return Some(self.p[rows], NO_FACES, self.n[rows], self.scale[rows], self, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Some(Shape):
+    """The form of a mesh at some of its vertices."""
+
+    whole: Shape
+    rows: np.ndarray
+    """int [N]: their numbers in it."""
+
+    @once
+    def convexity(self) -> np.ndarray:
+        """float64 [N]: that of the whole mesh there."""
+        return self.whole.convexity[self.rows]
+
+    @once
+    def exposure(self) -> np.ndarray:
+        """float64 [N]: that of the whole mesh there."""
+        return self.whole.exposure[self.rows]
 
 
 def neighbours_of(count: int, faces: np.ndarray) -> sparse.csr_array:
