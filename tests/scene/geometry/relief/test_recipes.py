@@ -4,7 +4,7 @@ from surfaces import Look, ball, sheet, sites_of, vertex_normals
 
 from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel, zinc
 from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M
-from varos_warp.scene.geometry.relief.recipes.masks import shape_of
+from varos_warp.scene.geometry.relief.recipes.masks import neighbours_of, shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 
 NAMES = sorted(RECIPES)
@@ -37,7 +37,7 @@ def dressed(name, look=None, surface=surface, **others):
     x = x + fine[:, None] * n
     n = vertex_normals(x, faces)
     sites = sites_of(p, faces, n, size=SIZE_M, **others)
-    colour, silt = RECIPES[name].colour(sites, shape_of(x, faces, n, sites.edge), look)
+    colour, silt = RECIPES[name].colour(sites, shape_of(x, neighbours_of(len(x), faces), n, sites.edge), look)
     return sites, coarse, fine, colour, silt
 
 

@@ -1,11 +1,13 @@
 """Blocks of ``growth`` become copies on the parts of a scene."""
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
 from varos_warp.cache import cached, code_hash
+from varos_warp.device.devices import usable_cores
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -40,12 +42,18 @@ def grow(scene: Scene, parts: list[Part | Instances]) -> list[Grown]:
     for part in parts:
         if part.name in named:
             carriers[part.name].append(Carrier(part, near))
-    groups = []
-    for i, block in enumerate(scene.growth):
-        wanted = Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m)
-        names, copies = _placed(wanted, [carrier for name in block.on for carrier in carriers[name]], near)
-        groups += _groups(wanted, names, copies)
-    return groups
+    blocks = [Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m) for i, block in enumerate(scene.growth)]
+
+    def place(wanted):
+        return _placed(wanted, [carrier for name in wanted.block.on for carrier in carriers[name]], near)
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        placed = list(pool.map(place, blocks))
+    return [
+        group
+        for wanted, (names, copies) in zip(blocks, placed, strict=True)
+        for group in _groups(wanted, names, copies)
+    ]
 
 
 def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> tuple[list[str], Rooted]:

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from varos_warp.cache import digest
 from varos_warp.scene.geometry.growth.chance import mixed
 from varos_warp.scene.geometry.growth.edges import AROUND_M, Edges, edges_of
+from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.geometry.normals import kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.relief.density import Footprint
@@ -48,7 +48,7 @@ class Host:
     gap: np.ndarray
     """float64 [F]: distance of the course, or less [m]."""
 
-    @cached_property
+    @once
     def area_and_up(self) -> tuple[np.ndarray, np.ndarray]:
         """Areas [F] [m^2], and vertical parts [F] of the unit normals; 0 without area."""
         area, up = np.zeros(len(self.keys)), np.zeros(len(self.keys))
@@ -59,7 +59,7 @@ class Host:
             up[part] = normal[:, 2] / np.where(area[part] > 0.0, area[part], 1.0)
         return area, up
 
-    @cached_property
+    @once
     def edges(self) -> Edges:
         """Where it stands out; asked at places from its origin."""
         return edges_of(self.corners - self.origin, self.keys)
@@ -83,7 +83,7 @@ class Carrier:
     def __init__(self, part: Part | Instances, footprint: Footprint):
         self._part, self._footprint = part, footprint
 
-    @cached_property
+    @once
     def digest(self) -> str:
         """A hash of all of it that places depend on, but for the course."""
         part = self._part
@@ -97,7 +97,7 @@ class Carrier:
         """Faces, bool [F], that masks may cut; None: none."""
         return None if self._part.skin is None else self._part.skin.cut
 
-    @cached_property
+    @once
     def _whole(self):
         """Faces that no mask cuts, their keys and their corners' normals: nothing grows where there may be holes."""
         part = self._part
@@ -111,7 +111,7 @@ class Carrier:
             normals[chosen].astype(np.float32),
         )
 
-    @cached_property
+    @once
     def _own(self):
         """A part's only host."""
         return self._near(self._part.name, self._part.vertices, self._whole[2])

@@ -6,13 +6,16 @@ from functools import lru_cache
 
 import numpy as np
 
+from varos_warp.cache import cached, code_hash
 from varos_warp.scene.geometry.growth.ground import coralline, pebble
-from varos_warp.scene.geometry.growth.levels import levels
+from varos_warp.scene.geometry.growth.levels import LEVELS, levels
 from varos_warp.scene.geometry.growth.plants import kelp, seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
 from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish, turf
 from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid
 
+SOLID = ("vertices", "faces", "colours")
+"""What a `Solid` is made of."""
 GREYS: tuple[Rgb, ...] = ((0.7, 0.69, 0.66), (0.9, 0.86, 0.8), (1.15, 1.12, 1.06))
 
 
@@ -237,10 +240,25 @@ KINDS = {
 @lru_cache
 def prototypes(kind: str) -> tuple[tuple[Solid, ...], ...]:
     """The levels of every shape in every tint, the tints of a shape one after the other; the same in every scene."""
+    depends_on = {"kind": kind, "code": code_hash(__name__, ("varos_warp.scene.geometry.growth",))}
+    kept = cached("prototypes", depends_on, lambda: _shapes(kind))
+    shapes = [
+        [Solid(*(kept[f"{column}_{k}_{level}"] for column in SOLID)) for level in range(len(LEVELS) + 1)]
+        for k in range(KINDS[kind].shapes)
+    ]
+    return tuple(tuple(solid.tinted(tint) for solid in shape) for shape in shapes for tint in KINDS[kind].tints)
+
+
+def _shapes(kind):
+    """The levels of every shape, as arrays."""
     chosen, number = KINDS[kind], list(KINDS).index(kind)
     made = [levels(chosen.make(np.random.default_rng([number, k]))) for k in range(chosen.shapes)]
-    shapes = [tuple(_of_unit_size(solid, chosen.tall) for solid in shape) for shape in made]
-    return tuple(tuple(solid.tinted(tint) for solid in shape) for shape in shapes for tint in chosen.tints)
+    return {
+        f"{column}_{k}_{level}": getattr(_of_unit_size(solid, chosen.tall), column)
+        for k, shape in enumerate(made)
+        for level, solid in enumerate(shape)
+        for column in SOLID
+    }
 
 
 def _of_unit_size(solid, tall):
