@@ -203,3 +203,18 @@ def test_the_beds_of_a_rock_are_layers():
         levels.append(rock._beds(sites.patterns(1), across, 0.085, 20).level)
     assert levels[0].std() > 0.3
     assert levels[1].std() < 1e-6
+
+
+@pytest.mark.parametrize("name", sorted(name for name, recipe in RECIPES.items() if recipe.by_vertex))
+def test_some_vertices_look_as_among_all_others(name):
+    """By the byte: tiles of a mesh are made apart from each other, and only where a recipe has a share."""
+    look, (p, faces, n) = Look(silt=0.4, film=0.5, seed=3), ball(0.5, 5)
+    joined = neighbours_of(len(p), faces)
+    sites = sites_of(p, faces, n, size=SIZE_M)
+    rows = np.flatnonzero(np.random.default_rng(0).random(len(p)) < 0.3)
+    recipe, shape = RECIPES[name], shape_of(p, joined, n, sites.edge)
+    for step in (recipe.coarse, recipe.fine):
+        np.testing.assert_array_equal(step(sites.some(rows), look), step(sites, look)[rows])
+    some, whole = (recipe.colour(*given, look) for given in ((sites.some(rows), shape.some(rows)), (sites, shape)))
+    for one, other in zip(some, whole, strict=True):
+        np.testing.assert_array_equal(one, other[rows])

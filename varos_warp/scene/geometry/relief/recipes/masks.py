@@ -91,9 +91,9 @@ class Some(Shape):
 def neighbours_of(count: int, faces: np.ndarray) -> sparse.csr_array:
     """Which of ``count`` vertices edges join, symmetric."""
     row, col = faces[:, [0, 1, 2, 1, 2, 0]].ravel(), faces[:, [1, 2, 0, 0, 1, 2]].ravel()
-    joined = sparse.coo_array((np.ones(len(row)), (row, col)), shape=(count, count)).tocsr()
-    joined.data[:] = 1.0
-    return joined
+    # small numbers while they are sorted: it takes half the time
+    found = sparse.coo_array((np.ones(len(row), np.int8), (row, col)), shape=(count, count)).tocsr()
+    return sparse.csr_array((np.ones(len(found.indices)), found.indices, found.indptr), shape=found.shape)
 
 
 def shape_of(p: np.ndarray, neighbours: sparse.csr_array, n: np.ndarray, edge: np.ndarray) -> Shape:
