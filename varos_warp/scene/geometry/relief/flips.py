@@ -9,6 +9,7 @@ from varos_warp.scene.geometry.topology import (
     area_normals,
     edge_keys,
     edge_lengths,
+    is_among,
     largest,
     next_corner,
     paired_edges,
@@ -63,7 +64,7 @@ def _flip_once(vertices, faces, needles):
     excess = _angle(vertices, c, a, b) + _angle(vertices, d, a, b) - np.pi
     wanted = np.flatnonzero((excess > 1e-6) & _convex(vertices, a, b, c, d, normals[one // 3]))
     if len(wanted):
-        wanted = wanted[~np.isin(_key(c, d)[wanted], edge_keys(faces))]
+        wanted = wanted[~is_among(_key(c, d)[wanted], np.sort(edge_keys(faces), axis=None))]
     if not len(wanted):
         return None
     chosen = wanted[_first_of_each(one[wanted] // 3, two[wanted] // 3, _key(c, d)[wanted], excess[wanted], len(faces))]

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from varos_warp.scene.geometry.relief.flips import NEEDLE, flip_needles
-from varos_warp.scene.geometry.topology import edge_keys, edge_lengths, largest
+from varos_warp.scene.geometry.topology import distinct, edge_keys, edge_lengths, is_among, largest
 
 SLIVER = 0.6
 """An edge shorter than this share of the longest that is too long in its face waits, so that slivers become round."""
@@ -90,7 +90,8 @@ def _to_halve(size, long, keys):
     longest = largest(np.where(long, size, 0.0))
     needle = largest(size) > -NEEDLE * largest(-size)
     now = long & (size >= (np.where(needle, 1.0 - 1e-9, SLIVER) * longest)[:, None])
-    return np.setdiff1d(keys[now], keys[long & ~now])
+    halved = distinct(keys[now])
+    return halved[~is_among(halved, np.sort(keys[long & ~now]))]
 
 
 def _numbers(keys, halved, count):
