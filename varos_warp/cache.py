@@ -109,6 +109,7 @@ def cached(
     """
     text = json.dumps(depends_on, sort_keys=True)
     path = (folder or cache_folder()) / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:32]}.npz"
+    _in_use.add(path)
     arrays = _read(path, text)
     if arrays is None:
         if what:
@@ -121,8 +122,7 @@ def cached(
             _write(path, arrays, text)
         except OSError as error:
             warn(f"what was computed is not kept, it will be made again: {error}")
-    _in_use.add(path)
-    _make_room(path.parent)
+        _make_room(path.parent)
     return arrays
 
 

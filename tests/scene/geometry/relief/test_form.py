@@ -20,6 +20,8 @@ LOOK = Layered(kind="layered", relief="rock")
 class Waves:
     """h = a sin(k x), all of it coarse; grey."""
 
+    by_vertex = True
+
     def coarse(self, sites, look):
         return A * np.sin(K * sites.p[:, 0])
 
@@ -110,7 +112,7 @@ def test_hollows_do_not_cross_themselves():
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
     vertices = np.stack([x, y, z], -1).reshape(-1, 3)
     normals = form.vertex_normals(vertices, faces)
-    h = form._bounded(np.full(len(vertices), 1.0), vertices, normals, faces)
+    h = form._bounded(np.full(len(vertices), 1.0), vertices, normals, form.neighbours_of(len(vertices), faces))
     inside = (np.abs(vertices[:, 0]) < 0.018) & (np.abs(vertices[:, 1] - 0.1) < 0.09)
     assert h[inside] == pytest.approx(0.4 * 0.02, rel=0.05)
 

@@ -4,7 +4,7 @@ from surfaces import Look, ball, sheet, sites_of, vertex_normals
 
 from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel, zinc
 from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M
-from varos_warp.scene.geometry.relief.recipes.masks import shape_of
+from varos_warp.scene.geometry.relief.recipes.masks import neighbours_of, shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 
 NAMES = sorted(RECIPES)
@@ -37,7 +37,7 @@ def dressed(name, look=None, surface=surface, **others):
     x = x + fine[:, None] * n
     n = vertex_normals(x, faces)
     sites = sites_of(p, faces, n, size=SIZE_M, **others)
-    colour, silt = RECIPES[name].colour(sites, shape_of(x, faces, n, sites.edge), look)
+    colour, silt = RECIPES[name].colour(sites, shape_of(x, neighbours_of(len(x), faces), n, sites.edge), look)
     return sites, coarse, fine, colour, silt
 
 
@@ -203,3 +203,18 @@ def test_the_beds_of_a_rock_are_layers():
         levels.append(rock._beds(sites.patterns(1), across, 0.085, 20).level)
     assert levels[0].std() > 0.3
     assert levels[1].std() < 1e-6
+
+
+@pytest.mark.parametrize("name", sorted(name for name, recipe in RECIPES.items() if recipe.by_vertex))
+def test_some_vertices_look_as_among_all_others(name):
+    """By the byte: tiles of a mesh are made apart from each other, and only where a recipe has a share."""
+    look, (p, faces, n) = Look(silt=0.4, film=0.5, seed=3), ball(0.5, 5)
+    joined = neighbours_of(len(p), faces)
+    sites = sites_of(p, faces, n, size=SIZE_M)
+    rows = np.flatnonzero(np.random.default_rng(0).random(len(p)) < 0.3)
+    recipe, shape = RECIPES[name], shape_of(p, joined, n, sites.edge)
+    for step in (recipe.coarse, recipe.fine):
+        np.testing.assert_array_equal(step(sites.some(rows), look), step(sites, look)[rows])
+    some, whole = (recipe.colour(*given, look) for given in ((sites.some(rows), shape.some(rows)), (sites, shape)))
+    for one, other in zip(some, whole, strict=True):
+        np.testing.assert_array_equal(one, other[rows])

@@ -35,7 +35,7 @@ def test_a_hollow_ball_is_as_concave_as_a_ball_is_convex():
 
 def test_masks_of_a_plane_find_nothing():
     p, faces, n = sheet(40, 0.01)
-    shape = shape_of(p, faces, n, np.full(len(p), 0.011))
+    shape = shape_of(p, neighbours_of(len(p), faces), n, np.full(len(p), 0.011))
     assert np.abs(shape.convexity).max() < 1e-5
     assert not shape.hollow.max() > 1e-4
     np.testing.assert_allclose(shape.exposure, 0.8, atol=1e-4)
@@ -44,7 +44,7 @@ def test_masks_of_a_plane_find_nothing():
 
 def test_a_groove_is_hollow_and_sheltered_and_a_ridge_is_not():
     p, faces, n = sheet(81, 0.01, lambda x, y: np.where(np.abs(x) < 0.035, np.abs(x) - 0.035, 0.0))
-    shape = shape_of(p, faces, n, np.full(len(p), 0.01))
+    shape = shape_of(p, neighbours_of(len(p), faces), n, np.full(len(p), 0.01))
     middle = np.abs(p[:, 1]) < 0.2
     groove, rim = middle & (np.abs(p[:, 0]) < 0.004), middle & (np.abs(np.abs(p[:, 0]) - 0.03) < 0.008)
     assert shape.hollow[groove].min() > 0.3
@@ -55,7 +55,8 @@ def test_a_groove_is_hollow_and_sheltered_and_a_ridge_is_not():
 def test_masks_do_not_depend_on_where_a_mesh_lies():
     p, faces, n = ball(0.5, 5)
     edge = np.full(len(p), mean_edge(p, faces))
-    there, here = shape_of(p + 1000.0, faces, n, edge), shape_of(p, faces, n, edge)
+    joined = neighbours_of(len(p), faces)
+    there, here = shape_of(p + 1000.0, joined, n, edge), shape_of(p, joined, n, edge)
     np.testing.assert_allclose(there.convexity, here.convexity, atol=1e-4)
 
 

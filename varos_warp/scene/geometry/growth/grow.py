@@ -1,11 +1,13 @@
 """Blocks of ``growth`` become copies on the parts of a scene."""
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
 from varos_warp.cache import cached, code_hash
+from varos_warp.device.devices import usable_cores
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -47,13 +49,15 @@ def grow(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:
     for part in parts:
         if part.name in named:
             carriers[part.name].append(Carrier(part, near))
-    groups, coats = [], []
-    for i, block in enumerate(scene.growth):
-        wanted = Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m)
-        placed = _placed(wanted, [carrier for name in block.on for carrier in carriers[name]], near)
-        groups += _groups(wanted, placed)
-        coats.append((wanted.kind, placed))
-    return [*coated(parts, coats), *groups]
+    blocks = [Wanted(block, f"growth.{i}", scene.seed, scene.surface_depth_m) for i, block in enumerate(scene.growth)]
+
+    def place(wanted):
+        return _placed(wanted, [carrier for name in wanted.block.on for carrier in carriers[name]], near)
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        placed = list(pool.map(place, blocks))
+    groups = [group for wanted, some in zip(blocks, placed, strict=True) for group in _groups(wanted, some)]
+    return [*coated(parts, [(wanted.kind, some) for wanted, some in zip(blocks, placed, strict=True)]), *groups]
 
 
 def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> Placed:

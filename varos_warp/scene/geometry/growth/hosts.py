@@ -2,18 +2,18 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from varos_warp.cache import digest
+from varos_warp.device.launch import in_tiles
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.growth.chance import mixed
 from varos_warp.scene.geometry.growth.edges import AROUND_M, Edges, edges_of
+from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.geometry.normals import kept_corner_normals
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.relief.density import Footprint
-from varos_warp.scene.geometry.topology import chunks
 
 REACH_M = 25.0
 """Farther from the course there is no growth [m]."""
@@ -51,18 +51,21 @@ class Host:
     silt: float = 0.0
     """How much of it lies on what of it looks up, 0 to 1."""
 
-    @cached_property
+    @once
     def area_and_up(self) -> tuple[np.ndarray, np.ndarray]:
         """Areas [F] [m^2], and vertical parts [F] of the unit normals; 0 without area."""
         area, up = np.zeros(len(self.keys)), np.zeros(len(self.keys))
-        for part in chunks(len(self.keys)):
+
+        def fill(part):
             a, b, c = np.moveaxis(self.corners[part], 1, 0)
             normal = 0.5 * np.cross(b - a, c - a)
             area[part] = np.sqrt(np.einsum("ni,ni->n", normal, normal))
             up[part] = normal[:, 2] / np.where(area[part] > 0.0, area[part], 1.0)
+
+        in_tiles(fill, len(self.keys))
         return area, up
 
-    @cached_property
+    @once
     def edges(self) -> Edges:
         """Where it stands out; asked at places from its origin."""
         return edges_of(self.corners - self.origin, self.keys)
@@ -86,7 +89,7 @@ class Carrier:
     def __init__(self, part: Part | Instances, footprint: Footprint):
         self._part, self._footprint = part, footprint
 
-    @cached_property
+    @once
     def digest(self) -> str:
         """A hash of all of it that places depend on, but for the course."""
         part = self._part
@@ -106,7 +109,7 @@ class Carrier:
         """Faces, bool [F], that masks may cut; None: none."""
         return None if self._part.skin is None else self._part.skin.cut
 
-    @cached_property
+    @once
     def _whole(self):
         """Faces that no mask cuts, their keys and their corners' normals: nothing grows where there may be holes."""
         part = self._part
@@ -120,7 +123,7 @@ class Carrier:
             normals[chosen].astype(np.float32),
         )
 
-    @cached_property
+    @once
     def _own(self):
         """A part's only host."""
         return self._near(self._part.name, self._part.vertices, self._whole[2])
@@ -146,7 +149,7 @@ class Carrier:
         rest = Host(name, vertices.min(axis=0), vertices[faces[near]], normals[near], keys[near], gap[near], self._silt)
         done = []
         while len(rest.keys):
-            large = _longest(rest.corners, np.roll(rest.corners, 1, axis=1)) > LARGEST_M
+            large = _are_large(rest.corners)
             if not large.any():
                 done.append(rest)
                 break
@@ -171,11 +174,25 @@ class Carrier:
 def _gaps(vertices, faces, footprint):
     """Distance of the course from triangles, or less, by what tells whether they are edges, float64 [F] [m]."""
     gap = np.empty(len(faces))
-    for part in chunks(len(faces)):
+
+    def fill(part):
         corners = vertices[faces[part]]
         middle = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
         gap[part] = footprint.distance(middle, radius=_longest(corners, middle[:, None]) + AROUND_M)
+
+    in_tiles(fill, len(faces))
     return gap
+
+
+def _are_large(corners):
+    """Which triangles [F] have an edge longer than `LARGEST_M`."""
+    large = np.empty(len(corners), bool)
+
+    def fill(part):
+        large[part] = _longest(corners[part], np.roll(corners[part], 1, axis=1)) > LARGEST_M
+
+    in_tiles(fill, len(corners))
+    return large
 
 
 def _longest(corners, others):

@@ -6,15 +6,18 @@ from functools import lru_cache
 
 import numpy as np
 
+from varos_warp.cache import cached, code_hash
 from varos_warp.scene.geometry.growth.clumps import STRAY
 from varos_warp.scene.geometry.growth.dust import dusted
 from varos_warp.scene.geometry.growth.ground import coralline, pebble
-from varos_warp.scene.geometry.growth.levels import levels
+from varos_warp.scene.geometry.growth.levels import LEVELS, levels
 from varos_warp.scene.geometry.growth.plants import kelp, seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
 from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish, turf
 from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid
 
+SOLID = ("vertices", "faces", "colours")
+"""What a `Solid` is made of."""
 GREYS: tuple[Rgb, ...] = ((0.7, 0.69, 0.66), (0.9, 0.86, 0.8), (1.15, 1.12, 1.06))
 
 
@@ -266,14 +269,27 @@ def prototypes(kind: str) -> tuple[tuple[Solid, ...], ...]:
 
     The tints of a shape come one after the other, those without silt first.
     """
-    chosen, number = KINDS[kind], list(KINDS).index(kind)
-    made = []
+    chosen, made = KINDS[kind], []
+    depends_on = {"kind": kind, "code": code_hash(__name__, ("varos_warp.scene.geometry.growth",))}
+    kept = cached("prototypes", depends_on, lambda: _shapes(kind))
     for k in range(chosen.shapes):
-        form = chosen.make(np.random.default_rng([number, k]))
-        shape = [_of_unit_size(solid, chosen.tall) for solid in levels(form)]
+        shape = [Solid(*(kept[f"{column}_{k}_{level}"] for column in SOLID)) for level in range(len(LEVELS) + 1)]
+        is_whole = bool(kept[f"is_whole_{k}"])
         made += [tuple(solid.tinted(tint) for solid in shape) for tint in chosen.tints]
-        made += [tuple(dusted(solid.tinted(tint), form.body is None) for solid in shape) for tint in chosen.dusty]
+        made += [tuple(dusted(solid.tinted(tint), is_whole) for solid in shape) for tint in chosen.dusty]
     return tuple(made)
+
+
+def _shapes(kind):
+    """The levels of every shape, as arrays, and whether it is without a body of its own."""
+    chosen, number = KINDS[kind], list(KINDS).index(kind)
+    forms = [chosen.make(np.random.default_rng([number, k])) for k in range(chosen.shapes)]
+    return {f"is_whole_{k}": np.array(form.body is None) for k, form in enumerate(forms)} | {
+        f"{column}_{k}_{level}": getattr(_of_unit_size(solid, chosen.tall), column)
+        for k, form in enumerate(forms)
+        for level, solid in enumerate(levels(form))
+        for column in SOLID
+    }
 
 
 def _of_unit_size(solid, tall):

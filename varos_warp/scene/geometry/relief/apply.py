@@ -4,17 +4,18 @@ import itertools
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cached_property
 from threading import Lock
 
 import numpy as np
 
 from varos_warp.cache import cached, code_hash, digest
 from varos_warp.device.devices import usable_cores
+from varos_warp.device.launch import in_tiles
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.course import places, used_stops
+from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.geometry.parts import Instances, Moving, Part, Skin
 from varos_warp.scene.geometry.relief.budget import MOST_TRIANGLES, Rough, factor_for, rough
 from varos_warp.scene.geometry.relief.contact import foot_of
@@ -72,20 +73,17 @@ class Unformed:
 
     def __init__(self, scene: Scene, part: Part | Instances, seen: Footprint):
         self.part, self.places, self._scene, self._seen = part, _places_of(scene, part), scene, seen
-        self._base: Base | None = None
 
-    @cached_property
+    @once
     def digest(self) -> str:
         """Of all of it that its base is made from."""
         part = self.part
         return digest(part.vertices, part.faces, np.array([part.smooth_shading, part.smooth_angle], float))
 
-    @property
+    @once
     def base(self) -> Base:
-        """Its surface; one thread at a time asks for that of a part."""
-        if self._base is None:
-            self._base = base_of(self.part)
-        return self._base
+        """Its surface."""
+        return base_of(self.part)
 
     def pixels(self) -> Pixels:
         """How wide a pixel is on it."""
@@ -234,14 +232,25 @@ def _formed(scene, unformed, parts, ground, seen, factor):
         part,
         vertices=vertices,
         faces=faces,
-        normals=made["normals"][faces],
+        normals=_at_corners(made["normals"], faces),
         smooth_shading=True,
         smooth_angle=np.pi,
-        skin=Skin(made["colours"][faces]),
+        skin=Skin(_at_corners(made["colours"], faces)),
         relief=facts,
         before=part,
         doubts=(*part.doubts, *made["doubts"].tolist()),
     )
+
+
+def _at_corners(values, faces):
+    """Values [V, 3] of vertices at the corners of faces, [F, 3, 3]."""
+    found = np.empty((*faces.shape, 3), values.dtype)
+
+    def fill(rows):
+        found[rows] = values[faces[rows]]
+
+    in_tiles(fill, len(faces))
+    return found
 
 
 def _held(made):

@@ -53,8 +53,13 @@ def surroundings(
     """
     clear, height = np.full(len(points), np.inf), np.zeros(len(points))
     objects = [part for part in parts if not isinstance(part, Instances | Moving)]
-    near = [partial(_near_object, points, part) for part in objects]
-    near += _near_copies(points, [part for part in parts if isinstance(part, Instances)])
+    groups = [part for part in parts if isinstance(part, Instances)]
+    reaches = [_reaches(group) for group in groups]
+    if not len(points) or not (objects or groups):
+        return clear, height
+    squares = Squares(points[:, :2], max((float(reach.max()) for reach in reaches), default=LARGEST_M))
+    near = [partial(_near_object, points, squares, part) for part in objects]
+    near += _near_copies(points, squares, groups, reaches)
 
     def found(some, own):
         trace = some()
@@ -63,7 +68,6 @@ def surroundings(
         chosen, distance, size, aside = trace
         return chosen, distance, drift(distance, size, aside @ current, own + unevenness(points[chosen], size, seed))
 
-    near = list(near)
     unlike = np.random.default_rng([seed, 1]).uniform(-UNLIKE, UNLIKE, len(near))
     with ThreadPoolExecutor(usable_cores()) as pool:
         for chosen, distance, added in filter(None, pool.map(found, near, unlike)):  # in the order of the parts
@@ -99,7 +103,7 @@ def flow_direction(velocity: tuple[float, float, float]) -> np.ndarray:
     return _directions(np.asarray(velocity, float)[None, :2])[0]
 
 
-def _near_object(points, part):
+def _near_object(points, squares, part):
     """Points near to an object: their numbers, distances, the object's size, and directions from its surface.
 
     None where it does not stand in the ground.
@@ -107,7 +111,8 @@ def _near_object(points, part):
     low, high = part.vertices.min(axis=0), part.vertices.max(axis=0)
     width = least_width(part.vertices[:, :2])
     reach = REACH * float(np.clip(width, SMALLEST_M, LARGEST_M))
-    near = np.flatnonzero(((points > low - reach) & (points < high + reach)).all(axis=1))
+    near = np.sort(squares.within(0.5 * (low + high)[:2], 0.5 * np.linalg.norm((high - low)[:2]) + 1.5 * reach))
+    near = near[((points[near] > low - reach) & (points[near] < high + reach)).all(axis=1)]
     ground = _stands(points[near], low, high)
     if ground is None:
         return None
@@ -144,12 +149,8 @@ def least_width(places: np.ndarray) -> float:
     return float(np.ptp(places @ np.stack([np.cos(turns), np.sin(turns)]), axis=0).min())
 
 
-def _near_copies(points, groups):
+def _near_copies(points, squares, groups, reaches):
     """Likewise of every copy of some meshes: a function for each copy."""
-    if not len(points) or not groups:
-        return
-    reaches = [_reaches(group) for group in groups]
-    squares = Squares(points[:, :2], max(float(reach.max()) for reach in reaches))
     for group, reach in zip(groups, reaches, strict=True):
         mesh = Surface(group.vertices, group.faces), least_width(group.vertices[:, :2])
         for T, s, radius in zip(group.T_w_o, group.scale, reach, strict=True):

@@ -9,6 +9,7 @@ from varos_warp.scene.geometry.topology import (
     area_normals,
     edge_keys,
     edge_lengths,
+    is_among,
     largest,
     next_corner,
     paired_edges,
@@ -57,16 +58,13 @@ def _flip_once(vertices, faces, needles):
     a, c = faces.ravel()[one], faces.ravel()[next_corner(next_corner(one))]
     b, d = faces.ravel()[next_corner(one)], faces.ravel()[next_corner(next_corner(two))]
     normals = area_normals(vertices, faces)
-    agree = faces.ravel()[two] == b
     plane = _cosine(normals[one // 3], normals[two // 3]) > PLANE
+    may = np.flatnonzero((faces.ravel()[two] == b) & plane)
+    one, two, a, b, c, d = (column[may] for column in (one, two, a, b, c, d))
     excess = _angle(vertices, c, a, b) + _angle(vertices, d, a, b) - np.pi
-    wanted = np.flatnonzero(
-        agree
-        & plane
-        & (excess > 1e-6)
-        & _convex(vertices, a, b, c, d, normals[one // 3])
-        & ~np.isin(_key(c, d), edge_keys(faces))
-    )
+    wanted = np.flatnonzero((excess > 1e-6) & _convex(vertices, a, b, c, d, normals[one // 3]))
+    if len(wanted):
+        wanted = wanted[~is_among(_key(c, d)[wanted], np.sort(edge_keys(faces), axis=None))]
     if not len(wanted):
         return None
     chosen = wanted[_first_of_each(one[wanted] // 3, two[wanted] // 3, _key(c, d)[wanted], excess[wanted], len(faces))]

@@ -5,10 +5,12 @@ by what lies where, and the thickness of silt.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
+from varos_warp.device.launch import in_tiles
 from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.joining import merge_equal
 from varos_warp.scene.geometry.noise import fbm
@@ -16,13 +18,15 @@ from varos_warp.scene.geometry.normals import UP, corner_normals
 from varos_warp.scene.geometry.parts import Shape
 from varos_warp.scene.geometry.relief.contact import Foot, beside, settled
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
+from varos_warp.scene.geometry.relief.recipes.coats import Coat
+from varos_warp.scene.geometry.relief.recipes.diffusion import ends_of
 from varos_warp.scene.geometry.relief.recipes.layers import DARKEST, PALEST
-from varos_warp.scene.geometry.relief.recipes.masks import shape_of
+from varos_warp.scene.geometry.relief.recipes.masks import neighbours_of, shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 from varos_warp.scene.geometry.relief.recipes.sites import Sites
 from varos_warp.scene.geometry.relief.subdivision import Lengths, refine
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.topology import area_normals
+from varos_warp.scene.geometry.topology import area_normals, incidence
 
 STEEP = (0.79, 0.85)
 """Upward part of the normal below which ground is steep, and above which it is flat, as in `slope_blend`."""
@@ -99,14 +103,15 @@ def formed(
         thickness of the part bounds, and ``thinnest``, the least thickness there [m].
     """
     p, faces, edge = refine(base.vertices, base.faces, wanted, base.normals)
-    normals = vertex_normals(p, faces)
+    joined, fans = neighbours_of(len(p), faces), fans_of(len(p), faces)
+    normals = vertex_normals(p, faces, fans)
     up = normals[:, 2]  # of the ground: banks are of its sediment, however steep they are
     clear = np.full(len(p), np.inf)
     x = p
     if around is not None:
         clear, height = around(p + base.middle)
         x = p + height[:, None] * UP
-        normals = vertex_normals(x, faces)
+        normals = vertex_normals(x, faces, fans)
     middle, spread = _spread(base)
     size = float(np.ptp(base.vertices, axis=0).max())
     sites = Sites(
@@ -118,31 +123,30 @@ def formed(
         clear=clear,
         middle=middle,
         spread=spread,
-        sharp=None if around is not None else shape_of(x, faces, normals, MEAN_EDGE * edge).convexity,
+        sharp=None if around is not None else shape_of(x, joined, normals, MEAN_EDGE * edge).convexity,
     )
-    surfaces = _blended(sites, look, up)
+    coats = _blended(sites, look, up)
     room = Room(base, x, faces, normals) if around is None else None
     for step in ("coarse", "fine"):
-        h = sum(share * getattr(recipe, step)(sites, look) for recipe, share in surfaces)
-        h = _bounded(h, x, normals, faces)
+        h = sum(coat.displacement(step, normals) for coat in coats)
+        h = _bounded(h, x, normals, joined)
         h = h if room is None else room.bounded(h)
         x = x + h[:, None] * normals
-        normals = vertex_normals(x, faces)
-        sites = replace(sites, n=normals)
-    shape = shape_of(x, faces, normals, sites.edge)
-    coats = [(share, *recipe.colour(sites, shape, look)) for recipe, share in surfaces]
-    colour = sum(share[:, None] * coat for share, coat, _ in coats)
+        normals = vertex_normals(x, faces, fans)
+    shape = shape_of(x, joined, normals, sites.edge)
+    colours, silts = zip(*(coat.colour(shape) for coat in coats), strict=True)
+    colour = sum(colours)
     pattern = sites.patterns(look.seed)
     if foot is not None:
         colour = settled(colour, foot.covers(x, pattern), pattern, tint)
     elif around is not None and np.isfinite(clear).any():
         colour = settled(colour, beside(clear, pattern), pattern, tint)
     colour = np.clip(colour * _grain(len(x), look.seed)[:, None], DARKEST, PALEST)
-    x = x + sum(share * silt for share, _, silt in coats)[:, None] * UP
+    x = x + sum(silts)[:, None] * UP
     return {
         "vertices": x.astype(np.float32),
         "faces": faces,
-        "normals": vertex_normals(x, faces).astype(np.float32),
+        "normals": vertex_normals(x, faces, fans).astype(np.float32),
         "colours": colour.astype(np.float32),
         "held": np.array(room.held if room else 0.0),
         "thinnest": np.array(room.thinnest if room else np.inf),
@@ -216,11 +220,11 @@ def _spread(base):
 
 
 def _blended(sites, look, up):
-    """The recipes of a material and the share of each at the vertices: one, or two for flat and for steep ground."""
+    """The recipes of a material where they have a share: one everywhere, or two for flat and for steep ground."""
     if look.steep is None or look.steep == look.relief:
-        return [(RECIPES[look.relief], np.ones(len(sites.p)))]
+        return [Coat(RECIPES[look.relief], look, sites, np.ones(len(sites.p)))]
     flat = smoothstep(*STEEP, up + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge))
-    return [(RECIPES[look.relief], flat), (RECIPES[look.steep], 1.0 - flat)]
+    return [Coat(RECIPES[name], look, sites, share) for name, share in ((look.relief, flat), (look.steep, 1.0 - flat))]
 
 
 def _grain(count, seed):
@@ -228,26 +232,48 @@ def _grain(count, seed):
     return 1.0 + GRAIN * np.clip(np.random.default_rng([seed, 1]).standard_normal(count), -2.5, 2.5)
 
 
-def _bounded(h, x, normals, faces):
+def _bounded(h, x, normals, neighbours):
     """Displacements [V] that do not make a hollow cross itself: outwards less than a share of its radius."""
     bend = np.zeros(len(x))
-    for i in range(3):
-        a, b = faces[:, i], faces[:, (i + 1) % 3]
-        way = x[b] - x[a]
-        hollow = -np.einsum("ij,ij->i", normals[b] - normals[a], way) / np.maximum(
-            np.einsum("ij,ij->i", way, way), 1e-18
-        )
-        for ends in (a, b):
-            np.maximum.at(bend, ends, hollow)
+
+    def fill(rows):
+        row, other = ends_of(neighbours, rows)
+        way, turned = x[other] - x[rows.start + row], normals[other] - normals[rows.start + row]
+        hollow = -np.einsum("ij,ij->i", turned, way) / np.maximum(np.einsum("ij,ij->i", way, way), 1e-18)
+        first = np.flatnonzero(np.diff(row, prepend=-1))
+        if len(first):
+            bend[rows.start + row[first]] = np.maximum(np.maximum.reduceat(hollow, first), 0.0)
+
+    in_tiles(fill, len(x))
     return np.minimum(h, MOST_OF_RADIUS / np.maximum(bend, 1e-9))
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals [V, 3], the means of the faces' weighted with their areas; +z where there is none."""
-    return _summed(np.repeat(area_normals(vertices, faces)[:, None], 3, axis=1), faces, len(vertices))
+def fans_of(count: int, faces: np.ndarray) -> sparse.csr_array:
+    """Which of the faces meet in each of ``count`` vertices, float64 [count, F]: 1 where they do."""
+    starts, fans = incidence(faces, count)
+    return sparse.csr_array((np.ones(len(fans)), fans, starts), shape=(count, len(faces)))
+
+
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray, fans: sparse.csr_array | None = None) -> np.ndarray:
+    """Unit normals [V, 3], the means of the faces' weighted with their areas; +z where there is none.
+
+    ``fans`` are those of the faces, where they are known.
+    """
+    fans = fans_of(len(vertices), faces) if fans is None else fans
+    of_faces, normals = area_normals(vertices, faces), np.empty((len(vertices), 3))
+
+    def fill(rows):
+        normals[rows] = _directions(fans[rows] @ of_faces)
+
+    in_tiles(fill, len(vertices))
+    return normals
 
 
 def _summed(corner, faces, count):
     total = np.column_stack([np.bincount(faces.ravel(), corner[..., axis].ravel(), count) for axis in range(3)])
+    return _directions(total)
+
+
+def _directions(total):
     size = np.linalg.norm(total, axis=1, keepdims=True)
     return np.where(size > 0.0, total / np.where(size > 0.0, size, 1.0), UP)

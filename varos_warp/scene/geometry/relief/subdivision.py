@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from varos_warp.scene.geometry.relief.flips import NEEDLE, flip_needles
-from varos_warp.scene.geometry.topology import edge_keys, edge_lengths, largest
+from varos_warp.scene.geometry.topology import distinct, edge_keys, edge_lengths, is_among, largest
 
 SLIVER = 0.6
 """An edge shorter than this share of the longest that is too long in its face waits, so that slivers become round."""
@@ -36,7 +36,7 @@ def refine(
     """
     vertices, faces = np.asarray(vertices, float), np.asarray(faces, np.int32)
     normals = np.zeros(vertices.shape) if normals is None else normals
-    length, finished = wanted(vertices, normals), []
+    length, finished, count = wanted(vertices, normals), [], len(vertices)
     for _ in range(MOST_ROUNDS):
         size, long = _long_edges(vertices, faces, length)
         active = largest(long)  # an edge is long for both of its faces: no other face will ever be cut
@@ -46,12 +46,23 @@ def refine(
         halved = _to_halve(size, long, edge_keys(faces))
         faces = faces[active]
         middles, turned = _middles(vertices, normals, halved >> 32, halved & 0xFFFFFFFF)
-        faces = split(faces, _numbers(edge_keys(faces), halved, len(vertices)))
-        vertices, normals = np.concatenate([vertices, middles]), np.concatenate([normals, turned])
-        length, faces = np.concatenate([length, wanted(middles, turned)]), flip_needles(vertices, faces)
+        faces = split(faces, _numbers(edge_keys(faces), halved, count))
+        vertices, normals, length = (
+            _with_more(values, count, more)
+            for values, more in ((vertices, middles), (normals, turned), (length, wanted(middles, turned)))
+        )
+        count, faces = count + len(middles), flip_needles(vertices, faces)
     else:
         finished.append(faces)
-    return vertices, np.concatenate(finished), length
+    return vertices[:count], np.concatenate(finished), length[:count]
+
+
+def _with_more(values, count, more):
+    """An array that begins with ``count`` values and ``more``; it grows by doubling, as most rounds add few."""
+    if count + len(more) > len(values):
+        values = np.concatenate([values[:count], np.empty((max(count, len(more)), *values.shape[1:]))])
+    values[count : count + len(more)] = more
+    return values
 
 
 def _middles(vertices, normals, a, b):
@@ -79,7 +90,8 @@ def _to_halve(size, long, keys):
     longest = largest(np.where(long, size, 0.0))
     needle = largest(size) > -NEEDLE * largest(-size)
     now = long & (size >= (np.where(needle, 1.0 - 1e-9, SLIVER) * longest)[:, None])
-    return np.setdiff1d(keys[now], keys[long & ~now])
+    halved = distinct(keys[now])
+    return halved[~is_among(halved, np.sort(keys[long & ~now]))]
 
 
 def _numbers(keys, halved, count):

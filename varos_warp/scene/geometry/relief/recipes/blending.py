@@ -38,7 +38,9 @@ def patches(noise: np.ndarray, share: float, soft: float = 0.1) -> np.ndarray:
     return smoothstep(threshold - soft, threshold + soft, noise)
 
 
-def height_blend(masks: Sequence[np.ndarray], heights: Sequence[np.ndarray]) -> np.ndarray:
+def height_blend(
+    masks: Sequence[np.ndarray], heights: Sequence[np.ndarray], means: Sequence[float] | None = None
+) -> np.ndarray:
     """Weights [K, N] of layers, each of which shows where its mask and its relief rise above those of the others.
 
     Grains stand out of silt and paint breaks along its pits, where a mere mixture would be a fog.
@@ -46,8 +48,10 @@ def height_blend(masks: Sequence[np.ndarray], heights: Sequence[np.ndarray]) -> 
     Args:
         masks: How much there is of each of K layers, [N] each.
         heights: Their relief, [N] each, in units of what makes up for a whole mask.
+        means: Of their relief; None: those of ``heights``.
     """
-    level = np.stack([mask + height - height.mean() for mask, height in zip(masks, heights, strict=True)])
+    means = [height.mean() for height in heights] if means is None else means
+    level = np.stack([mask + height - mean for mask, height, mean in zip(masks, heights, means, strict=True)])
     weight = np.maximum(level - (level.max(axis=0) - BLEND_DEPTH), 0.0)
     return weight / weight.sum(axis=0)
 

@@ -48,6 +48,7 @@ class Concrete:
     """
 
     name = "concrete"
+    by_vertex = False  # things run down
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Chips off the edges, spalls and uneven faces."""

@@ -21,6 +21,8 @@ LONGEST_RUN_M = 0.7
 """How long runs down a surface are at most."""
 RUN_TAIL_M = 0.10
 """Over what length a run fades at its end."""
+FINE = 55.0, 3
+"""Cells of the first octave of the finest tones [1/m], and octaves."""
 SALT = 900
 """Of the noise of these layers; recipes use smaller ones."""
 
@@ -43,7 +45,7 @@ def tones_of(pattern: Patterns) -> Tones:
     return Tones(
         pattern.fbm(0.8, 3, SALT + 1),
         pattern.fbm(7.0, 3, SALT + 2),
-        pattern.fbm(55.0, 3, SALT + 3),
+        pattern.fbm(*FINE, SALT + 3),
         pattern.fbm((8.0, 8.0, 0.9), 4, SALT + 5, 0.6),
     )
 
@@ -82,7 +84,7 @@ def covered(
     colour = _filmed(colour, tones, shape, look.film)
     if start is not None and max(look.film, look.silt) > 0.0:
         colour = _curtained(colour, pattern, tones, shape, look, start)
-    colour, thickness = silted(colour, tones, sites, shape, look.silt, hold)
+    colour, thickness = silted(colour, tones, sites, shape, look, hold)
     return np.clip(colour * (1.0 + 0.25 * tones.fine)[:, None], DARKEST, PALEST), thickness
 
 
@@ -143,10 +145,33 @@ def _curtained(colour, pattern, tones, shape, look, start):
     return mix(colour, tone, min(0.85, 1.8 * max(look.film, look.silt)) * thick)
 
 
+def _standing_out(shape):
+    """How far grains and edges stand out of silt."""
+    return np.clip(shape.convexity, -0.3, 0.3)
+
+
+def _heaped(fine):
+    """How unevenly silt lies, by the fine tones."""
+    return 0.3 * fine
+
+
+def _means(sites, shape, look, heights):
+    """Means of what stands out and of what is heaped over the whole mesh, of which these may be some vertices."""
+    if sites.whole is None:
+        return [height.mean() for height in heights]
+
+    def make():
+        fine = sites.whole.patterns(look.seed).fbm(*FINE, SALT + 3)
+        return [_standing_out(shape.whole).mean(), _heaped(fine).mean()]
+
+    return sites.whole.once(("silt", "means", look.seed), make)
+
+
 def silted(
-    colour: np.ndarray, tones: Tones, sites: Sites, shape: Shape, silt: float, hold: float
+    colour: np.ndarray, tones: Tones, sites: Sites, shape: Shape, look: Look, hold: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """A surface with silt on what faces up, in hollows and near the ground, and a dust of it; and its thickness [m]."""
+    silt = look.silt
     if silt == 0.0:
         return colour, np.zeros(len(colour))
     lies = shape.up + 0.32 * tones.middle + 0.35 * tones.fine + 0.25 * shape.hollow + 0.3 * (0.8 - shape.exposure)
@@ -156,8 +181,8 @@ def silted(
     foot = smoothstep(0.22, 0.0, sites.height + 0.16 * tones.middle + 0.08 * tones.broad) * smoothstep(-0.5, 0.4, lies)
     cover = np.maximum(cover, 0.7 * min(1.0, 2.0 * silt) * foot)
     dust = 0.5 * silt * smoothstep(-0.5, 0.8, shape.up + 0.4 * drawn(tones, shape) + 0.4 * tones.broad)
-    relief = np.clip(shape.convexity, -0.3, 0.3)  # grains and edges stand out of it
-    share = height_blend([1.0 - cover, cover], [relief, 0.3 * tones.fine])[1]
+    heights = [_standing_out(shape), _heaped(tones.fine)]
+    share = height_blend([1.0 - cover, cover], heights, _means(sites, shape, look, heights))[1]
     tone = mix(SILT_DARK, SILT, np.clip(0.55 + 0.6 * tones.broad - 0.6 * tones.middle + 0.5 * tones.fine, 0.0, 1.0))
     thickness = THICKEST_SILT_M * cover * np.clip(0.6 + tones.middle + tones.fine, 0.3, 1.0)
     return mix(colour, tone, np.maximum(0.92 * np.maximum(0.6 * cover, share * cover), dust)), thickness

@@ -14,6 +14,7 @@ class Plain:
     """``relief: none``: a surface stays where it is, but for its silt."""
 
     name = "none"
+    by_vertex = False  # things run down
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Nothing."""

@@ -38,11 +38,12 @@ class Rock:
     """
 
     name = "rock"
+    by_vertex = True
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Beds, ridges, blocks between joints and the joints themselves."""
         size, bent = sites.size, _bent(sites, look)
-        beds = _beds(bent, _bedding(look.seed), _thickness(size), 20)
+        beds = _wide_beds(sites, look)
         gap, id, joint = _joints(sites, bent)
         ridges = 0.085 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
         blocks = 0.032 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
@@ -65,7 +66,7 @@ class Rock:
     def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
         """Stone by its beds, iron stain, coralline crusts, film and a little silt; mean about 0.1."""
         size, bent, pattern = sites.size, _bent(sites, look), sites.patterns(look.seed)
-        beds, thin = _beds(bent, _bedding(look.seed), _thickness(size), 20), _thin_beds(sites, look)
+        beds, thin = _wide_beds(sites, look), _thin_beds(sites, look)
         joint = _joints(sites, bent)[2]
         stone = mix(DARK, PALE, smoothstep(-0.35, 0.35, bent.fbm(1.6 / size, 4, 80)))
         stone = stone * (0.78 + 0.44 * beds.tone)[:, None] * _family(look.seed)
@@ -126,6 +127,14 @@ def _beds(pattern: Patterns, across: np.ndarray, thickness: float, salt: int) ->
     return Beds(level * share, np.exp(-(off**2)) * deep * share, 0.5 + (tone - 0.5) * share)
 
 
+def _wide_beds(sites: Sites, look: Look) -> Beds:
+    """The beds that are seen from afar."""
+    return sites.once(
+        ("rock", "beds", look.seed),
+        lambda: _beds(_bent(sites, look), _bedding(look.seed), _thickness(sites.size), 20),
+    )
+
+
 def _thin_beds(sites: Sites, look: Look) -> Beds:
     """The laminae inside of the beds: what bedding is at arm's length."""
     return sites.once(
@@ -141,7 +150,10 @@ def _thin_beds(sites: Sites, look: Look) -> Beds:
 
 def _laminated(sites: Sites, look: Look) -> np.ndarray:
     """Where laminae show, [N]: half of the surface."""
-    return patches(sites.patterns(look.seed).fbm(max(1.6, 1.8 / sites.size), 3, 26), 0.6, 0.15)
+    return sites.once(
+        ("rock", "laminated", look.seed),
+        lambda: patches(sites.patterns(look.seed).fbm(max(1.6, 1.8 / sites.size), 3, 26), 0.6, 0.15),
+    )
 
 
 def _joints(sites: Sites, bent: Patterns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -54,6 +54,7 @@ class Sand:
     """
 
     name = "sand"
+    by_vertex = True
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Ripples that fade at objects and on slopes, worm mounds, uneven ground."""
@@ -88,7 +89,7 @@ class Sand:
         sand = filmed(sand, pattern.scaled(4.0), shape, 0.9 * look.film)  # in patches of a metre
         sand = mix(sand, ALGAE, _algae(pattern, look.film))
         sand, thickness = _muddy(sand, pattern, look.silt, rippled * profile)
-        sand = _flecked(sand, pattern)
+        sand = _flecked(sand, pattern, sites.chances(2, pattern.seed, 29))
         for tones, rise, _, _ in _stones(sites, pattern):
             sand = mix(sand, np.asarray(STONE) * (0.6 + 1.3 * tones)[:, None], 0.85 * smoothstep(0.05, 0.35, rise))
         sand = sand * (1.0 - 0.65 * _burrows(sites, pattern).hole - 0.2 * _tracks(sites, pattern))[:, None]
@@ -111,6 +112,14 @@ def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
     They are the phase of two trains that wander apart: where those cancel, the phase turns about a point, so a crest
     forks or ends there, and there is no height.
     """
+    strength, size, blunt, profile = sites.once(("sand", "ripples", pattern.seed), lambda: _trains(sites, pattern))
+    calm = smoothstep(*FREE_M, sites.clear) * smoothstep(*LEVEL, sites.n[:, 2])
+    there = strength * calm * smoothstep(0.0, 0.8, size) * (1.0 - 0.6 * np.clip(blunt / 0.25, 0.0, 1.0))
+    return AMPLITUDE_M * there * pattern.resolved(WAVELENGTH_M), profile
+
+
+def _trains(sites, pattern):
+    """Strength and size of the sum of both trains, how blunt crests are, and the profile, each [N]."""
     turn = np.random.default_rng([pattern.seed, 4]).uniform(0.0, np.pi)
     along = sites.p @ np.array([np.cos(turn), np.sin(turn), 0.0])
     one = along / WAVELENGTH_M + 4.0 * pattern.fbm(0.5, 2, 4) + 0.65 * pattern.fbm(3.2, 3, 5)
@@ -118,14 +127,12 @@ def _ripples(sites: Sites, pattern: Patterns) -> tuple[np.ndarray, np.ndarray]:
     both = np.exp(2j * np.pi * one) * (1.0 + second * np.exp(2j * np.pi * 3.4 * pattern.fbm(0.9, 2, 8)))
     phase, size = np.angle(both) / (2.0 * np.pi), np.abs(both)
     strength = smoothstep(-0.34, 0.30, pattern.fbm(0.55, 4, 3)) * np.clip(0.7 + 1.6 * pattern.fbm(2.0, 3, 6), 0.1, 1.0)
-    calm = smoothstep(*FREE_M, sites.clear) * smoothstep(*LEVEL, sites.n[:, 2])
     # old ones are blunt
     blunt = BLUNT + 0.25 * np.square(np.clip(0.5 + 1.4 * pattern.fbm(0.8, 2, 13), 0.0, 1.0))
     sharp = (np.sqrt(np.square(np.sin(np.pi * phase)) + blunt) - np.sqrt(blunt)) / (
         np.sqrt(1.0 + blunt) - np.sqrt(blunt)
     )
-    there = strength * calm * smoothstep(0.0, 0.8, size) * (1.0 - 0.6 * np.clip(blunt / 0.25, 0.0, 1.0))
-    return AMPLITUDE_M * there * pattern.resolved(WAVELENGTH_M), 1.0 - 2.0 * sharp
+    return strength, size, blunt, 1.0 - 2.0 * sharp
 
 
 def _stones(sites: Sites, pattern: Patterns) -> list[tuple[np.ndarray, np.ndarray, float, float]]:
@@ -146,6 +153,10 @@ def _strewn(pattern):
 
 def _tracks(sites: Sites, pattern: Patterns) -> np.ndarray:
     """Furrows of snails and crabs, [N]: lines along which a slow noise is 0, in some places."""
+    return sites.once(("sand", "tracks", pattern.seed), lambda: _furrows(sites, pattern))
+
+
+def _furrows(sites, pattern):
     level = pattern.fbm(1.9, 1, 90)
     where = patches(pattern.fbm(0.45, 2, 91), 0.22, 0.05) * smoothstep(0.05, 0.2, sites.clear)
     # the noise changes by about its frequency a metre
@@ -163,6 +174,10 @@ def _algae(pattern: Patterns, film: float) -> np.ndarray:
 
 def _mounds(sites: Sites, pattern: Patterns) -> np.ndarray:
     """Casts of lugworms, [N]: cones of unit height in a third of the cells; none against objects."""
+    return sites.once(("sand", "mounds", pattern.seed), lambda: _cast(sites, pattern))
+
+
+def _cast(sites, pattern):
     cells = pattern.moved(0.03, 7.0, 71).worley(2.1, 7, flat=True)
     radius = 0.10 + 0.12 * cells.id
     cone = np.clip(1.0 - cells.near / radius, 0.0, 1.0) ** 1.4 * (cells.id > 0.65)
@@ -199,13 +214,12 @@ def _muddy(sand: np.ndarray, pattern: Patterns, silt: float, relief: np.ndarray)
     return mix(sand, 0.85 * tone, 0.75 * cover), 0.002 * cover
 
 
-def _flecked(sand: np.ndarray, pattern: Patterns) -> np.ndarray:
+def _flecked(sand: np.ndarray, pattern: Patterns, chance: np.ndarray) -> np.ndarray:
     """Sand with bits of shell and dark grains, more of them in some places.
 
-    On meshes too coarse for them, single vertices stand for those that happen to lie there.
+    On meshes too coarse for them, single vertices stand for those that happen to lie there, by ``chance`` [2, N].
     """
     rich = np.clip(0.45 + 2.2 * pattern.fbm(1.2, 3, 28), 0.0, 1.0)
-    chance = np.random.default_rng([pattern.seed, 29]).random((2, len(sand)))
     for k, (colour, cycles, salt, share, strength) in enumerate(
         ((FLECK, 75.0, 25, 0.16, 0.75), (MINERAL, 60.0, 26, 0.24, 0.65))
     ):

@@ -1,12 +1,13 @@
 """What a recipe of a surface is given, and what it gives."""
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from threading import RLock
+from typing import Any, Protocol, Self
 
 import numpy as np
 
+from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.geometry.noise import Patterns
 from varos_warp.scene.geometry.relief.recipes.masks import Shape
 
@@ -63,17 +64,40 @@ class Sites:
     """Where noise is computed."""
     known: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
     """What `once` has made, for all steps of a recipe."""
+    whole: Self | None = field(default=None, repr=False, compare=False)
+    """The vertices of the whole mesh, where these are some of them."""
+    rows: np.ndarray | None = None
+    """int [N]: ascending numbers of these vertices in the mesh; None: it is all of them."""
+    lock: RLock = field(default_factory=RLock, repr=False, compare=False)
 
-    @cached_property
+    @once
     def edges(self) -> np.ndarray:
         """How much of a sharp edge is at a vertex, float64 [N]: 0 on flat places, 1 on an edge of about 90 degrees."""
         return np.zeros(len(self.p)) if self.sharp is None else np.clip(3.0 * self.sharp, 0.0, 1.0)
 
     def once(self, name: Hashable, make: Callable[[], Any]) -> Any:
         """What a recipe needs in more than one of its steps, made in the first: it must follow from ``p`` alone."""
-        if name not in self.known:
-            self.known[name] = make()
-        return self.known[name]
+        with self.lock:  # threads ask for what is of the whole mesh
+            if name not in self.known:
+                self.known[name] = make()
+            return self.known[name]
+
+    def some(self, rows: np.ndarray) -> Self:
+        """Some of the vertices, by their ascending numbers; what is told of the whole mesh stays."""
+        columns = {name: getattr(self, name)[rows] for name in ("p", "n", "edge", "height", "clear")}
+        sharp = None if self.sharp is None else self.sharp[rows]
+        return replace(self, **columns, sharp=sharp, known={}, whole=self, rows=rows, lock=RLock())
+
+    def chances(self, count: int, *seed: int) -> np.ndarray:
+        """Uniform numbers [count, N] in [0, 1): those of a vertex are the same, whichever others are asked for."""
+        everywhere = self if self.whole is None else self.whole
+        first, last = (0, len(self.p) - 1) if self.rows is None else self.rows[[0, -1]].tolist()
+        made = np.empty((count, len(self.p)))
+        for k in range(count):
+            rng = np.random.Generator(np.random.PCG64(seed).advance(k * len(everywhere.p) + first))
+            drawn = rng.random(last + 1 - first)
+            made[k] = drawn if self.rows is None else drawn[self.rows - first]
+        return made
 
     def patterns(self, seed: int) -> Patterns:
         """Noise at the vertices."""
@@ -84,6 +108,8 @@ class Recipe(Protocol):
     """A kind of surface, as functions of the vertices of a mesh."""
 
     name: str
+    by_vertex: bool
+    """Whether what it makes of a vertex does not depend on which others it is given: some may be made alone then."""
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Displacement along the normals [m], float64 [N]: forms larger than about 20 edges."""

@@ -64,6 +64,7 @@ class Steel:
     """
 
     name = "steel"
+    by_vertex = False  # things run down
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Weld seams around what is long and slender, and dents."""

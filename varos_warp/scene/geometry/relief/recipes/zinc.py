@@ -26,6 +26,7 @@ class Zinc:
     """
 
     name = "zinc"
+    by_vertex = False  # things run down
 
     def coarse(self, sites: Sites, look: Look) -> np.ndarray:
         """Edges worn round, hollows of a decimetre, skin of the casting."""
