@@ -17,12 +17,12 @@ from varos_warp.dataset.validate import alignment, blur, validate, views
 from varos_warp.errors import InputError
 from varos_warp.scene.optics.shutter import row_offsets_s
 
-ROLLING = {"exposure_s": 0.004, "readout_s": 0.03}
+ROLLING = {"time_s": 0.004, "readout_s": 0.03}
 SIZE = [96, 54]
 
 
 def made_with(out, outputs="BCDF", shutter=ROLLING, size=SIZE, **how):
-    scene = hills_scene(outputs, shutter=shutter, resolution=size, sensor_mm=[4.416, 2.484])
+    scene = hills_scene(outputs, exposure=shutter, resolution=size, sensor_mm=[4.416, 2.484])
     produce(scene, out, quiet=True, renderer=ShutterRenderer(scene), **how)
     return out
 
@@ -86,15 +86,15 @@ def test_points_are_projected_back_to_the_pixels_that_see_them(whole):
 
 def test_a_camera_says_what_its_shutter_does(whole):
     data = Dataset(whole)
-    shutter = data.camera()["shutter"]
-    assert shutter == {
+    exposure = data.camera()["exposure"]
+    assert exposure == {
         **ROLLING,
         "line_delay_s": 0.03 / 54,
         "time_stamp": "middle of the exposure of the middle row",
         "row_poses": "vehicle0/cam0/camM0_poses/camM0_poses_rows.npy",
     }
-    assert yaml.safe_load(data.layout.camera_file("M0", ".yaml").read_text())["shutter"] == shutter
-    assert "camXX_poses_rows.npy" in data.meta["conventions"]["shutter"]
+    assert yaml.safe_load(data.layout.camera_file("M0", ".yaml").read_text())["exposure"] == exposure
+    assert "camXX_poses_rows.npy" in data.meta["conventions"]["exposure"]
     readme = (whole / "README.txt").read_text()
     assert "line_delay" in readme
     assert "nothing is averaged" not in readme
@@ -104,7 +104,7 @@ def test_a_camera_says_what_its_shutter_does(whole):
 def test_without_a_shutter_all_rows_are_of_one_pose(hilly):
     data = Dataset(hilly)
     assert not data.layout.row_poses("M0").exists()
-    assert not {"shutter"} & (data.camera().keys() | data.meta["conventions"].keys())
+    assert not {"exposure"} & (data.camera().keys() | data.meta["conventions"].keys())
     assert np.array_equal(data[2].T_w_c_rows, np.tile(data[2].T_w_c, (80, 1, 1)))
     assert np.unique(data[2].row_times_ns).tolist() == [data[2].time_ns]
     assert data[2].exposure_s == 0.0
@@ -112,7 +112,7 @@ def test_without_a_shutter_all_rows_are_of_one_pose(hilly):
 
 def test_a_camera_that_stands_in_the_world_needs_no_poses_of_rows(tmp_path):
     scene = hills_scene(
-        "D", shutter=ROLLING, resolution=SIZE, mount="world", look_at=[0, 3, -3], rotation_euler_deg=[0, 0, 0]
+        "D", exposure=ROLLING, resolution=SIZE, mount="world", look_at=[0, 3, -3], rotation_euler_deg=[0, 0, 0]
     )
     produce(scene, tmp_path / "d", images=False, quiet=True)
     data = Dataset(tmp_path / "d")
@@ -220,16 +220,16 @@ def test_where_no_vehicle_is_on_record_the_images_tell(tmp_path):
 
 def test_another_readout_in_dataset_json_is_found(copy):
     meta = json.loads((copy / "dataset.json").read_text())
-    meta["cameras"][0]["shutter"]["readout_s"] = 0.02
+    meta["cameras"][0]["exposure"]["readout_s"] = 0.02
     (copy / "dataset.json").write_text(json.dumps(meta))
     problems = validate(copy, quiet=True).problems
-    assert any("shutter.readout_s" in problem for problem in problems)
+    assert any("exposure.readout_s" in problem for problem in problems)
     assert any("is not where the vehicle's motion has it" in problem for problem in problems)
 
 
 def test_blur_does_not_fail_the_checks_of_b(tmp_path, monkeypatch):
     """The exposure is 0.5 s, in which the course bends; without regard to it, B would not be where poses have it."""
-    out = made_with(tmp_path / "data", "BCD", {"exposure_s": 0.5}, size=[144, 81], frames=slice(0, 10, 3))
+    out = made_with(tmp_path / "data", "BCD", {"time_s": 0.5}, size=[144, 81], frames=slice(0, 10, 3))
     assert validate(out, quiet=True).problems == []
     for module in (alignment, views):
         monkeypatch.setattr(module, "blur_of", lambda *_: blur.SHARP)
@@ -237,7 +237,7 @@ def test_blur_does_not_fail_the_checks_of_b(tmp_path, monkeypatch):
 
 
 def test_a_streak_is_what_a_point_passes_in_the_exposure(tmp_path):
-    out = made_with(tmp_path / "data", outputs="D", shutter={"exposure_s": 0.2})
+    out = made_with(tmp_path / "data", outputs="D", shutter={"time_s": 0.2})
     data = Dataset(out)
     depth = data.planar_depth(4)
     found = blur.blur_of(data, 4, "M0", depth)
@@ -261,7 +261,7 @@ def test_kalibr_gets_the_line_delay_and_openvins_the_time_stamps(whole, tmp_path
     with pytest.warns(UserWarning, match="knows no rolling shutter: poses of M0 are of the time stamp"):
         export(whole, "euroc", tmp_path / "out", images="B")
     chain = yaml.safe_load((tmp_path / "out/kalibr_camchain.yaml").read_text())["cam0"]
-    scene = hills_scene(shutter=ROLLING, resolution=SIZE)
+    scene = hills_scene(exposure=ROLLING, resolution=SIZE)
     np.testing.assert_allclose(
         chain["timeshift_cam_imu"] + np.arange(54) * chain["line_delay"],
         row_offsets_s(scene.vehicle.cameras[0]),
@@ -277,7 +277,7 @@ def test_a_note_and_the_poses_of_rows_lie_beside_every_export(whole, tmp_path, f
     with pytest.warns(UserWarning, match="knows no rolling shutter"):
         export(whole, form, tmp_path / "out", images="B")
     note = (tmp_path / "out/shutter/README.txt").read_text()
-    assert "M0: rolling shutter, first row first: exposure_s 0.004, readout_s 0.03" in note
+    assert "M0: rolling shutter, first row first: exposure time_s 0.004, readout_s 0.03" in note
     assert (tmp_path / "out/shutter/camM0_poses_rows.npy").samefile(Dataset(whole).layout.row_poses("M0"))
 
 

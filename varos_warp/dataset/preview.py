@@ -193,7 +193,7 @@ def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Cons
 def developed(letter: str, radiance: np.ndarray, scene: Scene, camera: Camera) -> tuple[np.ndarray, float]:
     """Pixels uint8 [H, W, 3] of an image, exposed as a sequence of this frame alone would be, and the gain."""
     half, _ = to_half(radiance)
-    setting = getattr(scene.render.exposure, letter)
+    setting = exposure.setting_of(scene, camera.id, letter)
     known = exposure.statistics(half, exposure.meter_of(setting))
     gain = float(exposure.gains(setting, letter, np.zeros(1), [known])[0])
     return encode_color(half, gain, color_matrix(scene, camera)), gain
@@ -287,7 +287,7 @@ class _EditedScene:
         camera = _camera(cameras, self.viewpoint.camera)
         simulation = self._simulated(scene)
         time_ns, T_w_v = _pose(self.viewpoint, simulation, open_ns(cameras))
-        motion = simulation.motion(time_ns) if camera.shutter else None
+        motion = simulation.motion(time_ns) if not camera.exposure.is_instant else None
         return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position, time_ns, motion)
 
     def _simulated(self, scene: Scene):

@@ -95,10 +95,10 @@ def _check_shutters(scene):
     """Exposures that no camera makes, and strobes that a shutter misses."""
     warnings, period = [], 1.0 / scene.render.frame_rate_hz
     for i, camera in enumerate(scene.vehicle.cameras):
-        for name, seconds in camera.shutter or ():
+        for name, seconds in (("time_s", camera.exposure.time_s), ("readout_s", camera.exposure.readout_s)):
             if seconds > period * (1.0 + 1e-9):
                 warnings.append(
-                    f"vehicle.cameras.{i} ({camera.id}): shutter.{name} = {seconds:g} is longer than the "
+                    f"vehicle.cameras.{i} ({camera.id}): exposure.{name} = {seconds:g} is longer than the "
                     f"{period:.4g} s from frame to frame, which no camera can do"
                 )
         warnings += _check_strobes(scene.vehicle.lights, camera)
@@ -108,7 +108,7 @@ def _check_shutters(scene):
 def _check_strobes(lights, camera):
     """Which rows are exposed while a strobe is on."""
     warnings, offset = [], row_offsets_s(camera)
-    half = 0.5 * camera.shutter.exposure_s if camera.shutter else 0.0
+    half = 0.5 * camera.exposure.time_s
     for i, light in enumerate(lights):
         if light.strobe is None:
             continue

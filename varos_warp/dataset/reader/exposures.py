@@ -9,26 +9,26 @@ from pydantic import ValidationError
 from varos_warp.dataset import files
 from varos_warp.errors import InputError
 from varos_warp.products.images.registry import OUTPUTS
-from varos_warp.render.image.exposure import Setting, Statistics
-from varos_warp.scene.description.render import Exposure, PercentileMeter
+from varos_warp.render.image.exposure import Statistics
+from varos_warp.scene.description.exposure import CameraExposure, Exposure, Gain, PercentileMeter, gain_of
 
 MEAN = "centre_weighted_mean"
 """Column of the mean that a meter reads."""
 
 
-def exposure_setting(meta: Mapping[str, Any], letter: str, file: Path) -> Setting:
-    """How a dataset says that A, B or P is exposed.
+def exposure_setting(meta: Mapping[str, Any], about: Mapping[str, Any], letter: str, file: Path) -> Gain:
+    """How a dataset says that A, B or P of a camera gets its gain; ``about`` is the camera's entry in it.
 
     Raises:
         InputError: If it is no way to expose; names the dataset's ``file``.
     """
     try:
-        setting: Setting = getattr(Exposure(**meta["color"]["exposure"]), OUTPUTS[letter].settings)
+        own = CameraExposure(gain=(about.get("exposure") or {}).get("gain"))
+        return gain_of(Exposure(**meta["color"]["exposure"]), own, OUTPUTS[letter].settings)
     except (ValidationError, KeyError, TypeError):
         raise InputError(
             "says no way to expose", file=file, key="color.exposure", remedy="`run` again to make it anew."
         ) from None
-    return setting
 
 
 def exposure_columns(meter: PercentileMeter | None) -> list[str]:

@@ -29,8 +29,8 @@ from varos_warp.products.images.radiance import encode_color
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.render.image import exposure
 from varos_warp.render.image.dither import Dither
+from varos_warp.scene.description.exposure import PercentileMeter
 from varos_warp.scene.description.image_types import DEPTH, FLOW, NORMALS, SEGMENTS, WATER
-from varos_warp.scene.description.render import PercentileMeter
 from varos_warp.scene.frames import inverse
 
 BORDER_OF_C = 40
@@ -234,7 +234,7 @@ class Exposures:
         self.data, self.result, self.camera, self.output = data, result, camera, output
         self.path = data.layout.exposures(camera, output)
         self.has_noise = output == WATER and data.has_noise(WATER)
-        self.setting: exposure.Setting = "adaptive"
+        self.setting: exposure.Gain = "adaptive"
         self.meter: PercentileMeter | None = None
         self.dither = Dither(data.meta["seed"]) if data.is_dithered else None
         self.expected: dict[str, int] = {}
@@ -245,7 +245,7 @@ class Exposures:
         self.flaw, self.table = None, {}
         """Gain and statistics by frame, or why the table cannot be used."""
         try:
-            self.setting = exposure_setting(data.meta, output, data.layout.metadata)
+            self.setting = exposure_setting(data.meta, data.camera(camera), output, data.layout.metadata)
             self.meter = exposure.meter_of(self.setting)
             rows = read_exposures(self.path, self.meter)
             if bad := [f for f in data.frames if f not in rows or not 0.0 < rows[f][0] < np.inf]:

@@ -7,6 +7,7 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS, TIME
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.schema import renewed
 from varos_warp.dataset.validate.completeness import Pending, exposure_tables
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import texts as writers
@@ -73,7 +74,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         path = data.layout.camera_file(camera, ".yaml")
         found = [
             f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
-            for key, here, there in files.differences(_read_yaml(path), data.camera(camera), same, every=False)
+            for key, here, there in files.differences(renewed(_read_yaml(path)), data.camera(camera), same, every=False)
         ]
         result.add_all(found, "entries")
 

@@ -76,10 +76,12 @@ class Developer:
             files.write_png(path, self._without_noise(camera, letter, frame, half, gain))
         if (sensor := self.sensor(letter)) is not None:
             view = next(each for each in self.scene.vehicle.cameras if each.id == camera)
-            open_s = view.shutter.exposure_s if view.shutter else 0.0
             rng, linear = frame_generator(self.scene.seed, frame, camera), half.astype(np.float32)
             files.write_png(
-                finished, noisy_color(sensor, linear, gain, camera_model(view), open_s, rng, self._matrices[camera])
+                finished,
+                noisy_color(
+                    sensor, linear, gain, camera_model(view), view.exposure.time_s, rng, self._matrices[camera]
+                ),
             )
 
     def _without_noise(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: float) -> np.ndarray:

@@ -49,7 +49,7 @@ def expose(
     """
     from varos_warp.device.devices import usable_cores
 
-    setting = getattr(scene.render.exposure, OUTPUTS[letter].settings)
+    setting = exposure.setting_of(scene, camera, letter)
     table, meter, developer = layout.exposures(camera, letter), exposure.meter_of(setting), Developer(layout, scene)
     old: dict[int, tuple[float, exposure.Statistics]] = {}
     with contextlib.suppress(InputError):  # where there is nothing to trust, all is made anew
@@ -86,12 +86,12 @@ def expose(
 
 
 def twin_gains(
-    layout: Layout, setting: exposure.Setting, camera: str, frames: list[int], axis_weight: float
+    layout: Layout, setting: exposure.Gain, camera: str, frames: list[int], axis_weight: float
 ) -> np.ndarray | None:
     """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
 
-    None where A has none for some frame: then P is exposed by itself. ``setting`` is the scene's ``render.exposure`` of
-    A, the other arguments are those of `expose`.
+    None where A has none for some frame: then P is exposed by itself. ``setting`` is what the scene says of A
+    (`exposure.setting_of`), the other arguments are those of `expose`.
     """
     if isinstance(setting, float | int):
         return np.full(len(frames), axis_weight * setting)

@@ -100,7 +100,7 @@ class Store:
         with clock("encode"):
             half, clamped = to_half(denoised)
             files.write_exr(paths["_exr"], {"RGB": half})
-            setting = getattr(self.render.exposure, product.settings)
+            setting = exposure.setting_of(self.scene, camera, letter)
             if (gain := exposure.known_gain(setting, letter)) is not None:
                 Developer(self.layout, self.scene).write(camera, letter, frame, half, gain)
             return Stored(clamped, exposure.statistics(half, exposure.meter_of(setting)))

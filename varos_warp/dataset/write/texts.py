@@ -22,6 +22,7 @@ from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS, mounted
 from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
+from varos_warp.scene.description.exposure import CameraExposure
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
@@ -75,7 +76,7 @@ def describe_camera(layout: Layout, camera, matrix: np.ndarray | None = None) ->
         "focus_m": camera.focus_m,
         **describe_optics(camera),
         **({} if matrix is None else {"color_matrix": matrix.tolist()}),
-        **describe_shutter(layout, camera),
+        **describe_exposure(layout, camera),
         **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
         "K_center_half": intrinsics(camera).tolist(),
         "K_opencv": opencv_intrinsics(camera).tolist(),
@@ -97,18 +98,19 @@ def describe_optics(camera) -> dict:
     return about if camera.vignetting is None else about | {"vignetting": camera.vignetting.model_dump(mode="json")}
 
 
-def describe_shutter(layout: Layout, camera) -> dict:
-    """Exposure of a camera's rows, and where their poses are; nothing of a camera without a shutter."""
-    if camera.shutter is None:
+def describe_exposure(layout: Layout, camera) -> dict:
+    """Exposure of a camera, when its rows are exposed, and where their poses are; nothing where its scene says none."""
+    if camera.exposure == CameraExposure():
         return {}
-    about = {
-        **camera.shutter.model_dump(mode="json"),
-        "line_delay_s": camera.shutter.readout_s / camera.resolution[1],
-        "time_stamp": "middle of the exposure of the middle row",
-    }
+    times = {"time_s": camera.exposure.time_s, "readout_s": camera.exposure.readout_s}
+    about = times | camera.exposure.model_dump(mode="json")
+    if camera.exposure.is_instant:
+        return {"exposure": about}
+    about["line_delay_s"] = camera.exposure.readout_s / camera.resolution[1]
+    about["time_stamp"] = "middle of the exposure of the middle row"
     if has_row_poses(camera):
         about["row_poses"] = layout.row_poses(camera.id).relative_to(layout.root).as_posix()
-    return {"shutter": about}
+    return {"exposure": about}
 
 
 def has_row_poses(camera) -> bool:
@@ -265,7 +267,7 @@ def describe(
     bent = any(map(has_lens, vehicle.cameras))
     absent = set() if bent else {"rays"}
     absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
-    absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
+    absent |= {"exposure"} if all(camera.exposure.is_instant for camera in vehicle.cameras) else set()
     conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
     if scene.render.noise is not None and WATER in outputs:
         conventions[WATER] += CLEAN
@@ -378,9 +380,9 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
         "RAY": _RAYS[scene.render.depth_kind],
         "SURFACE": f"{scene.surface_depth_m:g}",
         "IMAGES": "".join("\n" + OUTPUTS[letter].readme for letter in outputs if OUTPUTS[letter].readme),
-        "SHUTTER": _text("shutter_readme.txt").rstrip("\n")
-        if any(c.shutter for c in scene.vehicle.cameras)
-        else _INSTANTS,
+        "SHUTTER": _INSTANTS
+        if all(c.exposure.is_instant for c in scene.vehicle.cameras)
+        else _text("shutter_readme.txt").rstrip("\n"),
         "VEHICLE": scene.vehicle.id,
         "SEQUENCE": scene.sequence,
         "CAMERA": scene.vehicle.cameras[0].id,

@@ -210,7 +210,7 @@ class Twin(Radiance):
     def seen_by(self, scene: Scene, camera: Camera) -> Camera:
         """Camera without port, distortion and vignetting; strobes light its image as they do A."""
         strobes = any(light.strobe for light in scene.lights)
-        return twin(camera).model_copy(update={"shutter": camera.shutter}) if strobes else twin(camera)
+        return twin(camera).model_copy(update={"exposure": camera.exposure}) if strobes else twin(camera)
 
 
 WATER_IMAGE, AMBIENT_IMAGE, TWIN_IMAGE = Water(), Ambient(), Twin()

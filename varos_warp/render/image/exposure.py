@@ -5,11 +5,12 @@ shards or the interruptions in which the frames were rendered.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from varos_warp.products.images.registry import OUTPUTS
-from varos_warp.scene.description.render import PercentileMeter
+from varos_warp.scene.description.exposure import Gain, PercentileMeter, gain_of
 
 KEY_VALUE = 0.18
 """Linear value that the log-average luminance of a frame is exposed to (Reinhard et al. 2002)."""
@@ -23,8 +24,6 @@ TIME_CONSTANT_S = 1.0
 EDGE_WEIGHT = 0.25
 """What a pixel in the middle of an edge of the image counts for a meter, beside one in the centre; one in a corner
 counts the square of it."""
-Setting = str | float | PercentileMeter
-"""What a scene's ``render.exposure`` says of an image type."""
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear red, green and blue in the luminance (Rec. 709)."""
@@ -101,7 +100,13 @@ def weighted_percentile(values: np.ndarray, percentile: float) -> float:
     return float(np.uint16(min(number, len(weight) - 1)).view(np.float16))
 
 
-def known_gain(setting: Setting, output: str) -> float | None:
+def setting_of(scene: Any, camera: str, output: str) -> Gain:
+    """What a scene says of the gains of an image type of a camera; of P, what it says of A."""
+    view = next(each for each in scene.vehicle.cameras if each.id == camera)
+    return gain_of(scene.render.exposure, view.exposure, OUTPUTS[output].settings)
+
+
+def known_gain(setting: Gain, output: str) -> float | None:
     """The gain, where it is known before any frame is rendered: a number, or ``constant`` for B; P follows A."""
     if OUTPUTS[output].like:
         return None
@@ -110,12 +115,12 @@ def known_gain(setting: Setting, output: str) -> float | None:
     return OUTPUTS[output].constant_gain if setting == "constant" else None
 
 
-def meter_of(setting: Setting) -> PercentileMeter | None:
+def meter_of(setting: Gain) -> PercentileMeter | None:
     """The meter by which a setting exposes; None if it does so by the brightness of the frames, or not at all."""
     return setting if isinstance(setting, PercentileMeter) else None
 
 
-def gains(setting: Setting, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:
+def gains(setting: Gain, output: str, time_s: np.ndarray, frames: list[Statistics]) -> np.ndarray:
     """Gain [N] of every frame of one camera.
 
     Args:

@@ -15,6 +15,7 @@ from varos_warp.files import absolute
 from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.classes import spelling_problem
+from varos_warp.scene.description.exposure import gain_of, varies
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.growth import Growth, problem_of
 from varos_warp.scene.description.image_types import SNOW, TWIN, WATER
@@ -258,24 +259,23 @@ class Scene(Block):
         return self
 
     @model_validator(mode="after")
-    def _sensor_fits_shutters(self):
-        """Check what `noise_pass` asks of a dataset: every frame's exposure time is that of the camera's shutter."""
-        noise, exposure = self.render.noise, self.render.exposure.A
+    def _sensor_fits_exposures(self):
+        """Check what `noise_pass` asks of a dataset: every frame is exposed for the camera's time."""
+        noise = self.render.noise
         if noise is None or WATER not in self.render.outputs:
             return self
-        varies = exposure != "constant" and not isinstance(exposure, float)
         for camera in (camera for vehicle in self._places.values() for camera in vehicle.cameras):
-            open_s = camera.shutter.exposure_s if camera.shutter else 0.0
+            open_s, gain = camera.exposure.time_s, gain_of(self.render.exposure, camera.exposure, WATER)
             if noise.dark_current_electrons_per_s and not open_s:
                 raise ValueError(
-                    f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no shutter with "
-                    "exposure_s, in which it gathers; give it one, or leave the dark current out"
+                    f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no "
+                    "exposure.time_s, in which it gathers; give it one, or leave the dark current out"
                 )
-            if noise.electrons_per_dn is not None and open_s and varies:
+            if noise.electrons_per_dn is not None and open_s and varies(gain):
                 raise ValueError(
                     "render.noise.electrons_per_dn: takes the gain of a frame for its time of exposure, "
                     f"but camera {camera.id} is exposed for {open_s:g} s in every frame; give "
-                    "electrons_per_radiance in a block of render.noise, or render.exposure.A: constant"
+                    "electrons_per_radiance in a block of render.noise, or the camera exposure.gain: constant"
                 )
         return self
 
