@@ -530,7 +530,7 @@ def test_info_tells_where_cameras_are_how_far_apart_a_pair_is_and_what_was_not_g
 
 
 def shutter_warnings(shutter, strobe=None):
-    camera = {"id": "M0", "resolution": [64, 36], "exposure": shutter}
+    camera = {"id": "M0", "resolution": [64, 36], "exposure": shutter or {}}
     vehicle = {"lights": [LAMP | ({"strobe": strobe} if strobe else {})], "cameras": [camera]}
     return warnings(terrain=FLAT, vehicle=vehicle, render={"frame_rate_hz": 20})
 

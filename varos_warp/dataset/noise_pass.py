@@ -187,7 +187,7 @@ def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
                 remedy="Give the camera exposure.time_s in the scene and `run` it anew, or "
                 "leave the dark current out of the profile.",
             )
-        gains = np.array(list(data.gains(WATER, camera).values()))
+        gains = np.array([np.min(gain) for gain in data.gains(WATER, camera).values()])
         if model.electrons_per_dn is not None and seconds and np.ptp(gains) > 1e-9 * gains.max():
             alike = model.electrons_per_dn * image_noise.levels(model) * np.median(gains)
             raise InputError(

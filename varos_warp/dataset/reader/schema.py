@@ -17,7 +17,7 @@ from varos_warp.files import is_file
 from varos_warp.limits import check_limit
 from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.block import CameraId, SequenceId, VehicleId
-from varos_warp.scene.description.exposure import Gain
+from varos_warp.scene.description.exposure import Gain, WhiteBalance
 from varos_warp.scene.description.image_types import ImageLetter
 from varos_warp.scene.description.lens import Distortion
 from varos_warp.scene.description.lights import Strobe
@@ -162,7 +162,9 @@ def _metadata() -> type[BaseModel]:
             "distortion": str | Distortion,
             "vignetting": Vignetting,
             "color_matrix": tuple[Vec3, Vec3, Vec3],
-            "exposure": _block({"row_poses": str, "gain": Gain}, time_s=Duration, readout_s=Duration),
+            "exposure": _block(
+                {"row_poses": str, "gain": Gain, "white_balance": WhiteBalance}, time_s=Duration, readout_s=Duration
+            ),
         },
         id=CameraId,
         width=Side,

@@ -20,6 +20,7 @@ from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS, mounted
+from varos_warp.render.image.exposure import rule_of
 from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.exposure import CameraExposure
@@ -111,6 +112,13 @@ def describe_exposure(layout: Layout, camera) -> dict:
     if has_row_poses(camera):
         about["row_poses"] = layout.row_poses(camera.id).relative_to(layout.root).as_posix()
     return {"exposure": about}
+
+
+def describe_lamp_gains(scene) -> dict:
+    """Gains of the channels of cameras that are balanced for lamps; nothing where none is."""
+    rules = {camera.id: rule_of(scene, camera.id, WATER) for camera in scene.vehicle.cameras}
+    of_lamps = {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
+    return {"lamp_gains": of_lamps} if of_lamps else {}
 
 
 def has_row_poses(camera) -> bool:
@@ -293,6 +301,7 @@ def describe(
             "exr": CHANNELS if scene.is_spectral else "linear, Rec. 709 primaries",
             "radiance_unit": "W/sr/m^2 per channel",
             "exposure": render.exposure.model_dump(mode="json"),
+            **describe_lamp_gains(scene),
         },
         "depth": {
             "kind": render.depth_kind,

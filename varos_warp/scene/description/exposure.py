@@ -35,9 +35,8 @@ Gain = Literal["adaptive", "constant"] | Positive | PercentileMeter
 """What gives each frame its gain before 8 bits: its brightness, that of the sequence, a number, or a meter."""
 
 
-def varies(gain: Gain) -> bool:
-    """Whether frames of a sequence may have different gains."""
-    return gain != "constant" and not isinstance(gain, float)
+WhiteBalance = Literal["none", "grey_world", "lamps"]
+"""What makes A's colours grey in the mean of an image, or of grey things in the light of the vehicle's lamps."""
 
 
 class Exposure(Block):
@@ -50,6 +49,12 @@ class Exposure(Block):
     B: Gain = "constant"
     """Exposure of B, in the same forms as that of A; with ``constant``, a reflectance of 0.5 becomes the same grey in
     every frame."""
+    white_balance: WhiteBalance = "none"
+    """White balance of A and P, by a gain for each channel: ``grey_world`` makes the mean of an image grey, smoothed as
+    the gain is; ``lamps`` makes grey what is so at ``focus_m`` in the light of the vehicle's lamps (docs/dataset.md).
+    Cameras may have one of their own (``exposure.white_balance``)."""
+
+    _written = written_otherwise(lambda exposure: ["white_balance"] if exposure.white_balance == "none" else [])
 
 
 class CameraExposure(Block):
@@ -62,11 +67,14 @@ class CameraExposure(Block):
     the next [s]; 0 is a global shutter. Time stamps are of the middle of the exposure of the middle row."""
     gain: Gain | None = Field(default=None, examples=["constant"])
     """Gain of this camera's A, and of P with it, in the forms of ``render.exposure.A``. Absent: that."""
+    white_balance: WhiteBalance | None = Field(default=None, examples=["grey_world"])
+    """White balance of this camera's A and P: ``none``, ``grey_world`` or ``lamps``. Absent: that of
+    ``render.exposure``."""
 
     _written = written_otherwise(
         lambda exposure: [
             *(("time_s", "readout_s") if exposure.is_instant else ()),
-            *(("gain",) if exposure.gain is None else ()),
+            *(key for key in ("gain", "white_balance") if getattr(exposure, key) is None),
         ]
     )
 
@@ -83,13 +91,26 @@ def gain_of(exposure: Exposure, of_camera: CameraExposure, letter: str) -> Gain:
     return gain
 
 
+def white_balance_of(exposure: Exposure, of_camera: CameraExposure, letter: str) -> WhiteBalance:
+    """White balance of A or B of a camera: B has none, A that of the camera, if it has one of its own."""
+    if letter != WATER:
+        return "none"
+    return exposure.white_balance if of_camera.white_balance is None else of_camera.white_balance
+
+
+def varies(exposure: Exposure, of_camera: CameraExposure) -> bool:
+    """Whether images A of a camera may have different gains."""
+    gain, balance = gain_of(exposure, of_camera, WATER), white_balance_of(exposure, of_camera, WATER)
+    return gain != "constant" and (balance == "grey_world" or not isinstance(gain, float))
+
+
 class Shutter(Block):
     """What older files call the times of ``exposure``."""
 
     exposure_s: Duration = 0.0
-    """``exposure.time_s``"""
+    """``exposure.time_s`` [s]."""
     readout_s: Duration = 0.0
-    """``exposure.readout_s``"""
+    """``exposure.readout_s`` [s]."""
 
     @model_validator(mode="after")
     def _is_open(self):

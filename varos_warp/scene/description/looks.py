@@ -8,7 +8,9 @@ tests/dataset/sweep renders every one of them both ways.
 from collections.abc import Iterable
 from typing import Any
 
-GAINS = ("vehicle.cameras.*.exposure.gain", "vehicles.*.cameras.*.exposure.gain")
+GAINS = tuple(
+    f"{place}.cameras.*.exposure.{key}" for place in ("vehicle", "vehicles.*") for key in ("gain", "white_balance")
+)
 """Keys of the gains of single cameras; ``*`` is any item."""
 LOOKS_OF_WATER = (
     *GAINS,
@@ -26,6 +28,7 @@ LOOKS_OF_WATER = (
     "render.integrator",
     "render.denoise",
     "render.exposure.A",
+    "render.exposure.white_balance",
     "render.noise",
     "render.linear_exr",
 )
