@@ -189,10 +189,10 @@ class Dataset(Readings):
         """
         if output not in OUTPUTS:
             raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
-        pixels, scale = self.pixels(output, frame, camera), self.scale(output, frame, camera)
+        pixels = self.pixels(output, frame, camera)
         if OUTPUTS[output].is_color:
-            return decode_color(pixels, scale, self.color_matrix(camera))
-        return OUTPUTS[output].decode(pixels, scale)
+            return decode_color(pixels, self.gain(output, frame, camera), self.color_matrix(camera))
+        return OUTPUTS[output].decode(pixels, self.scale(output, frame, camera))
 
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
         """What the finished image holds: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].

@@ -1,7 +1,6 @@
 """Tables of exposures: of each frame the gain, and what it follows from."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +89,12 @@ def _read(path: Path, names: list[str]) -> Iterator[tuple[Any, ...]]:
 def _gain_and_statistics(row: list[float], rule: Rule) -> tuple[FrameGain, Statistics]:
     """What `exposure_row` made a row of."""
     if rule.balance is None:
-        return row[0], Statistics(*row[1:])
+        return row[0], _statistics(row[1:])
     count = 7 if rule.meter else 5
     channels = Channels(*(as_rgb(row[i : i + 3]) for i in range(count, len(row), 3)))
-    return as_rgb(row[:3]), replace(Statistics(*row[3:count]), channels=channels)
+    return as_rgb(row[:3]), _statistics(row[3:count], channels)
+
+
+def _statistics(scalars: list[float], channels: Channels | None = None) -> Statistics:
+    log_average, highlight, *metered = scalars
+    return Statistics(log_average, highlight, *(metered or (None, None)), channels)

@@ -123,7 +123,7 @@ class Frame:
         return self.data.linear(TWIN, self.number, self.camera)
 
     def gain(self, output: str = WATER) -> FrameGain:
-        """What the radiance of A, B or P was multiplied with before the sRGB curve; with white balance three numbers."""
+        """What the radiance of A, B or P was multiplied with before the sRGB curve; with white balance by channel."""
         return self.data.gain(output, self.number, self.camera)
 
     @cached_property

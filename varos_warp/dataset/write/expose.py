@@ -86,10 +86,10 @@ def expose(
 def twin_gains(
     layout: Layout, rule: exposure.Rule, camera: str, frames: list[int], axis_weight: float
 ) -> np.ndarray | None:
-    """Gains [N] of P, or with white balance [N, 3]: those of A times what its port lets through, so that both show the middle alike.
+    """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
 
-    None where A has none for some frame: then P is exposed by itself. ``rule`` is that of A
-    (`exposure.rule_of`), the other arguments are those of `expose`.
+    With white balance they are [N, 3]. None where A has none for some frame: then P is exposed by itself. ``rule`` is
+    that of A (`exposure.rule_of`), the other arguments are those of `expose`.
     """
     try:
         if (gain := rule.known(WATER)) is not None:

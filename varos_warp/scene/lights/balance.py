@@ -18,7 +18,7 @@ AZIMUTHS = 72
 
 
 def effective_attenuation(water: OpticalProperties) -> np.ndarray:
-    """What dims a wide beam [1/m], float64 [3]: sigma_a + (1 - g) sigma_s, as light scattered forwards goes on in it."""
+    """What dims a wide beam [1/m], float64 [3]: sigma_a + (1 - g) sigma_s, for what is scattered forwards goes on."""
     return water.sigma_a + (1.0 - water.g) * water.sigma_s
 
 
