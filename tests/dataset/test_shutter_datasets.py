@@ -1,6 +1,8 @@
 """Cameras with a shutter: poses of rows in the dataset, read and checked; blur that checks of sharp images bear."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from varos_warp.dataset.reader.points import points_at, project
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import alignment, blur, validate, views
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.optics.shutter import row_offsets_s
 
 ROLLING = {"time_s": 0.004, "readout_s": 0.03}
@@ -99,6 +102,63 @@ def test_a_camera_says_what_its_shutter_does(whole):
     assert "line_delay" in readme
     assert "nothing is averaged" not in readme
     assert max(map(len, readme.splitlines())) <= 130
+
+
+OLD = {"time_s": "exposure_s"}
+
+
+def as_older_versions_wrote_it(about):
+    """What is said of a camera, with the times of its exposure under ``shutter``."""
+    times = {OLD.get(key, key): value for key, value in about["exposure"].items()}
+    return {"shutter" if key == "exposure" else key: about[key] for key in about} | {"shutter": times}
+
+
+def test_datasets_of_older_versions_are_read_and_checked(whole, tmp_path):
+    old = Path(shutil.copytree(whole, tmp_path / "old"))
+    meta = json.loads((old / "dataset.json").read_text())
+    for carrier in (meta, meta["scene"]["vehicle"]):
+        carrier["cameras"] = [as_older_versions_wrote_it(camera) for camera in carrier["cameras"]]
+    (old / "dataset.json").write_text(json.dumps(meta))
+    path = Dataset(old).layout.camera_file("M0", ".yaml")
+    about = as_older_versions_wrote_it(yaml.safe_load(path.read_text()))
+    path.write_text(yaml.safe_dump(about, sort_keys=False))
+    assert "time_s" not in path.read_text()
+    shutil.rmtree(old / "checksums", ignore_errors=True)
+    data, new = Dataset(old), Dataset(whole)
+    assert data.camera() == new.camera()
+    assert (data[1].exposure_s, data[1].row_times_ns.tolist()) == (0.004, new[1].row_times_ns.tolist())
+    assert [line for line in validate(old, quiet=True).problems if "checksum" not in line] == []
+
+
+def test_the_older_key_gives_the_same_dataset(whole, tmp_path):
+    """A scene with ``shutter`` is the same scene, which its dataset states with ``exposure``."""
+    scene = hills_scene("BCDF", shutter={"exposure_s": 0.004, "readout_s": 0.03}, resolution=SIZE)
+    assert scene == hills_scene("BCDF", exposure=ROLLING, resolution=SIZE)
+    assert "shutter" not in scene_to_dict(scene)["vehicle"]["cameras"][0]
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"shutter": {"exposure_s": 0.01}, "exposure": {"time_s": 0.01}}, r"\.shutter.*exposure\.time_s.*leave out"),
+        ({"shutter": {"exposure_s": 0.01}, "exposure": {"readout_s": 0}}, r"\.shutter.*exposure\.readout_s.*leave"),
+        ({"shutter": {"exposure_s": -1}}, r"\.shutter\.exposure_s = -1"),
+        ({"shutter": {"time_s": 1}}, r"\.shutter\.time_s.*unknown key"),
+        ({"exposure": {"exposure_s": 1}}, r"\.exposure\.exposure_s.*unknown key"),
+        ({"exposure": {"time_s": 61}}, r"\.exposure\.time_s = 61"),
+        ({"exposure": {"gain": -1}}, r"\.exposure\.gain = -1"),
+        ({"exposure": {"gain": {"meter": "median"}}}, r"\.exposure\.gain\.meter"),
+        ({"exposure": {"white_balance": "gray"}}, r"\.exposure\.white_balance.*grey_world"),
+    ],
+)
+def test_what_an_exposure_cannot_be_is_refused_by_name(keys, said):
+    with pytest.raises(InputError, match=r"vehicle\.cameras\.0" + said):
+        hills_scene("D", **keys)
+
+
+def test_an_older_shutter_stands_beside_a_gain():
+    (camera,) = hills_scene("D", shutter={"exposure_s": 0.01}, exposure={"gain": 2.0}).vehicle.cameras
+    assert (camera.exposure.time_s, camera.exposure.readout_s, camera.exposure.gain) == (0.01, 0.0, 2.0)
 
 
 def test_without_a_shutter_all_rows_are_of_one_pose(hilly):

@@ -3,9 +3,11 @@
 import numpy as np
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.image_types import DEPTH
+from varos_warp.scene.description.exposure import white_balance_of
+from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.info import camera_info
+from varos_warp.scene.lights.balance import MOST_BALANCE, lamp_gains
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import row_offsets_s
@@ -26,7 +28,7 @@ def check_cameras(scene: Scene) -> list[str]:
     for i, camera in enumerate(scene.vehicle.cameras):
         facts = [*_check_size(camera), *_check_view(camera), *_check_centre(camera), *_check_aperture(camera)]
         warnings += [f"vehicle.cameras.{i} ({camera.id}): {words}" for words in facts]
-    return [*warnings, *_check_planar_depth(scene), *_check_shutters(scene)]
+    return [*warnings, *_check_planar_depth(scene), *_check_shutters(scene), *_check_white_balance(scene)]
 
 
 def _check_size(camera):
@@ -102,6 +104,21 @@ def _check_shutters(scene):
                     f"{period:.4g} s from frame to frame, which no camera can do"
                 )
         warnings += _check_strobes(scene.vehicle.lights, camera)
+    return warnings
+
+
+def _check_white_balance(scene):
+    """Gains for lamps that are kept at their bounds; lamps that light nothing are refused."""
+    warnings = []
+    for i, camera in enumerate(scene.vehicle.cameras):
+        if white_balance_of(scene.render.exposure, camera.exposure, WATER) != "lamps":
+            continue
+        for channel, gain in zip(("red", "green", "blue"), lamp_gains(scene, camera), strict=True):
+            if gain in (MOST_BALANCE, 1.0 / MOST_BALANCE):
+                warnings.append(
+                    f"vehicle.cameras.{i} ({camera.id}): white balance for lamps at its focus_m, {camera.focus_m:g} m, "
+                    f"asks for more than {MOST_BALANCE:g} between {channel} and green, and is kept at that"
+                )
     return warnings
 
 

@@ -56,11 +56,19 @@ def read_metadata(root: Path) -> dict[str, Any]:
             file=path,
             remedy="Make it anew, or read it with the version of varos_warp that made it.",
         )
-    if isinstance(content.get("cameras"), list):
-        content["cameras"] = [renewed(camera) for camera in content["cameras"]]
+    _renew(content)
     if flaw := first_flaw(content):
         raise InputError(f"the entry {flaw}", file=path, remedy="Make the dataset anew.")
     return content
+
+
+def _renew(content: dict[str, Any]) -> None:
+    """Give cameras of older datasets, and of the scene in them, their ``exposure``."""
+    scene = content["scene"] if isinstance(content.get("scene"), dict) else {}
+    several = scene["vehicles"] if isinstance(scene.get("vehicles"), list) else []
+    for carrier in [content, scene.get("vehicle"), *several]:
+        if isinstance(carrier, dict) and isinstance(carrier.get("cameras"), list):
+            carrier["cameras"] = [renewed(camera) for camera in carrier["cameras"]]
 
 
 def renewed(about: Any) -> Any:

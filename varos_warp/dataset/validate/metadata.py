@@ -44,6 +44,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         plan=samples["plan"],
         device=meta["device"],
         denoisers={letter: samples[key] for letter, key in DENOISE_KEYS.items()},
+        lamp_gains=_lamp_gains(known) if known is scene else None,
     )
     for key in ("versions", "sources", "conventions"):  # not of the scene alone
         del made[key]
@@ -77,6 +78,14 @@ def check_metadata(data: Dataset, result: Validation) -> None:
             for key, here, there in files.differences(renewed(_read_yaml(path)), data.camera(camera), same, every=False)
         ]
         result.add_all(found, "entries")
+
+
+def _lamp_gains(scene: Scene) -> dict[str, list[float]] | None:
+    """Gains of cameras that are balanced for lamps; None where a lamp's own file is not at hand."""
+    try:
+        return writers.lamp_gains_of(scene)
+    except InputError:
+        return None
 
 
 def _without_table(scene: Scene) -> Scene:

@@ -114,11 +114,14 @@ def describe_exposure(layout: Layout, camera) -> dict:
     return {"exposure": about}
 
 
-def describe_lamp_gains(scene) -> dict:
-    """Gains of the channels of cameras that are balanced for lamps; nothing where none is."""
+def lamp_gains_of(scene) -> dict[str, list[float]]:
+    """Gains of the channels of those cameras that are balanced for lamps, by their ids.
+
+    Raises:
+        InputError: If no lamp lights what is in focus, or a lamp's file cannot be read.
+    """
     rules = {camera.id: rule_of(scene, camera.id, WATER) for camera in scene.vehicle.cameras}
-    of_lamps = {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
-    return {"lamp_gains": of_lamps} if of_lamps else {}
+    return {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
 
 
 def has_row_poses(camera) -> bool:
@@ -257,6 +260,7 @@ def describe(
     device: dict | None,
     denoisers: dict[str, str | None],
     moving: Sequence[dict] = (),
+    lamp_gains: dict[str, list[float]] | None = None,
 ) -> dict:
     """Everything that dataset.json says.
 
@@ -270,6 +274,7 @@ def describe(
         device: Where it was rendered first; None: nowhere yet.
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
         moving: Entries of objects that move (moving.py).
+        lamp_gains: Of cameras that are balanced for lamps (`lamp_gains_of`).
     """
     vehicle, render = scene.vehicle, scene.render
     bent = any(map(has_lens, vehicle.cameras))
@@ -301,7 +306,7 @@ def describe(
             "exr": CHANNELS if scene.is_spectral else "linear, Rec. 709 primaries",
             "radiance_unit": "W/sr/m^2 per channel",
             "exposure": render.exposure.model_dump(mode="json"),
-            **describe_lamp_gains(scene),
+            **({"lamp_gains": lamp_gains} if lamp_gains else {}),
         },
         "depth": {
             "kind": render.depth_kind,
