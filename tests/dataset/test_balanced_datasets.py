@@ -65,6 +65,12 @@ def test_each_camera_has_its_own_gains(whole):
     assert data.camera("R0")["exposure"] == {"time_s": 0.0, "readout_s": 0.0, "gain": 0.02}
 
 
+def test_its_texts_tell_of_three_gains(whole):
+    assert "gain_red" in Dataset(whole).meta["conventions"]["A"]
+    assert "gain_red" not in Dataset(whole).meta["conventions"]["B"]
+    assert "With white balance A has three of them" in (whole / "README.txt").read_text()
+
+
 def test_the_mean_of_the_balanced_images_is_grey(whole):
     """Gains are smoothed, so it is so of the mean of the logarithms over time, about."""
     data, weight = Dataset(whole), centre_weights(27, 48)

@@ -23,7 +23,7 @@ from varos_warp.products.sensors.registry import SENSORS, mounted
 from varos_warp.render.image.exposure import rule_of
 from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
-from varos_warp.scene.description.exposure import CameraExposure
+from varos_warp.scene.description.exposure import CameraExposure, white_balance_of
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
@@ -122,6 +122,12 @@ def lamp_gains_of(scene) -> dict[str, list[float]]:
     """
     rules = {camera.id: rule_of(scene, camera.id, WATER) for camera in scene.vehicle.cameras}
     return {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
+
+
+def is_balanced(scene) -> bool:
+    """Whether A of some camera has white balance."""
+    exposures = (camera.exposure for camera in scene.vehicle.cameras)
+    return any(white_balance_of(scene.render.exposure, exposure, WATER) != "none" for exposure in exposures)
 
 
 def has_row_poses(camera) -> bool:
@@ -246,6 +252,9 @@ CHANNELS = "linear, channels of each camera, balanced for the first lamp"
 """What EXR hold in water by wavelength."""
 BODIES = "; with bodies in the water (water.particles), which no denoiser touched"
 CLEAN = "; A_clean: without the noise of noise.profile.camera, which A has"
+_BALANCE = """
+  With white balance A has three of them, gain_red, gain_green and gain_blue, each of its channel."""
+BALANCED = "; with white balance by gain_red, gain_green and gain_blue, each of its channel"
 DITHERED = "; dithered with triangular noise before it is rounded to 8 bits (A with the noise of a sensor is not)"
 
 
@@ -284,6 +293,8 @@ def describe(
     conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
     if scene.render.noise is not None and WATER in outputs:
         conventions[WATER] += CLEAN
+    if is_balanced(scene):
+        conventions |= {letter: conventions[letter] + BALANCED for letter in {WATER, TWIN} & conventions.keys()}
     if scene.particles and scene.render.shows_bodies:
         conventions |= {letter: conventions[letter] + BODIES for letter in {WATER, TWIN} & conventions.keys()}
     if scene.render.dither is not None:
@@ -397,6 +408,7 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
         "SHUTTER": _INSTANTS
         if all(c.exposure.is_instant for c in scene.vehicle.cameras)
         else _text("shutter_readme.txt").rstrip("\n"),
+        "BALANCE": _BALANCE if is_balanced(scene) else "",
         "VEHICLE": scene.vehicle.id,
         "SEQUENCE": scene.sequence,
         "CAMERA": scene.vehicle.cameras[0].id,
