@@ -543,6 +543,12 @@ def test_exposures_that_no_camera_makes_are_noticed():
     assert "exposure.readout_s = 0.07" in text
 
 
+def test_a_gain_of_a_camera_far_from_any_picture_is_noticed():
+    assert shutter_warnings({"gain": 2.0}) == []
+    (text,) = shutter_warnings({"gain": 2e4})
+    assert "vehicle.cameras.0 (M0): exposure.gain: a gain of 20000 makes the picture black or white" in text
+
+
 def test_strobes_that_a_shutter_misses_are_noticed():
     assert shutter_warnings({"time_s": 0.01}, {"on_s": 0.001, "delay_s": 0.004}) == []
     assert shutter_warnings(None, {"on_s": 0.001}) == []

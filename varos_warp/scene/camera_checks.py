@@ -26,7 +26,13 @@ def check_cameras(scene: Scene) -> list[str]:
     """Warnings, one sentence each, of cameras that look wrong, and of their shutters."""
     warnings = []
     for i, camera in enumerate(scene.vehicle.cameras):
-        facts = [*_check_size(camera), *_check_view(camera), *_check_centre(camera), *_check_aperture(camera)]
+        facts = [
+            *_check_size(camera),
+            *_check_view(camera),
+            *_check_centre(camera),
+            *_check_aperture(camera),
+            *_check_gain(camera),
+        ]
         warnings += [f"vehicle.cameras.{i} ({camera.id}): {words}" for words in facts]
     return [*warnings, *_check_planar_depth(scene), *_check_shutters(scene), *_check_white_balance(scene)]
 
@@ -74,6 +80,13 @@ def _check_aperture(camera):
     if camera.f_stop > 0.0 and 1e3 * camera.focus_m <= camera.focal_mm:
         warnings.append("focus_m lies within the focal length; it is in metres")
     return warnings
+
+
+def _check_gain(camera):
+    gain = camera.exposure.gain
+    if isinstance(gain, float) and not 1e-4 <= gain <= 1e4:
+        return [f"exposure.gain: a gain of {gain:g} makes the picture black or white"]
+    return []
 
 
 def _check_planar_depth(scene):

@@ -97,4 +97,5 @@ def _gain_and_statistics(row: list[float], rule: Rule) -> tuple[FrameGain, Stati
 
 def _statistics(scalars: list[float], channels: Channels | None = None) -> Statistics:
     log_average, highlight, *metered = scalars
-    return Statistics(log_average, highlight, *(metered or (None, None)), channels)
+    read, mean = metered or (None, None)
+    return Statistics(log_average, highlight, read, mean, channels)
