@@ -58,7 +58,7 @@ BOX = [
     )
 ]
 """A closed room of 2 x 2.4 x 1.4 m around the vehicle."""
-SHUTTER = {"exposure_s": 0.05}
+SHUTTER = {"time_s": 0.05}
 SIDEWAYS = [0.5, 0.2, 0.1]
 """Velocity of a vehicle that moves [m/s]."""
 N_WATER = {"temperature_C": 10, "salinity": 35}
@@ -93,14 +93,14 @@ SCENES = {
         {"lights": [LAMP | {"position": [0.3, 1.2, 0.1], "direction": [-0.3, -0.2, 0], "cone_deg": 120}]},
         None,
     ),
-    "moving, shutter": ({"camera": {"shutter": SHUTTER}}, SIDEWAYS),
-    "forward, shutter": ({"camera": {"shutter": SHUTTER}}, [0.0, 0.5, 0.0]),
-    "rolling": ({"camera": {"shutter": SHUTTER | {"readout_s": 0.05}}}, SIDEWAYS),
+    "moving, shutter": ({"camera": {"exposure": SHUTTER}}, SIDEWAYS),
+    "forward, shutter": ({"camera": {"exposure": SHUTTER}}, [0.0, 0.5, 0.0]),
+    "rolling": ({"camera": {"exposure": SHUTTER | {"readout_s": 0.05}}}, SIDEWAYS),
     "dome port": ({"camera": {"port": {"kind": "dome", "radius_m": 0.05}}}, None),
     "fisheye": ({"camera": {"focal_mm": 3, "distortion": {"model": "kannala_brandt", "k": [0.01, 0, 0, 0]}}}, None),
     "dispersion": ({"camera": {"n_water": N_WATER, "port": {"kind": "flat", "distance_m": 0.02}}}, None),
     "disk lamps": ({"lights": [LAMP | {"radius_m": 0.1}]}, None),
-    "strobe": ({"lights": [LAMP | {"strobe": {"on_s": 0.005}}], "camera": {"shutter": SHUTTER}}, SIDEWAYS),
+    "strobe": ({"lights": [LAMP | {"strobe": {"on_s": 0.005}}], "camera": {"exposure": SHUTTER}}, SIDEWAYS),
 }
 
 

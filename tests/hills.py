@@ -104,7 +104,7 @@ class ShutterRenderer(HillsRenderer):
     def render(self, T_w_v, camera, outputs, *, motion, following=None, **how):
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
         made = super().render(T_w_v, camera, outputs, motion=motion, following=following, **how)
-        exposure_ns = in_ns(view.shutter.exposure_s * (np.arange(EXPOSED) + 0.5 - EXPOSED / 2) / EXPOSED).tolist()
+        exposure_ns = in_ns(view.exposure.time_s * (np.arange(EXPOSED) + 0.5 - EXPOSED / 2) / EXPOSED).tolist()
         if "B" in outputs and any(exposure_ns):
             made.B.radiance = np.mean(
                 [

@@ -52,7 +52,7 @@ SCENE = {
                 "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, 0, 0]},
                 "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.002, 0, 0.003]},
             },
-            {"id": "R0", "resolution": [48, 27], "shutter": {"exposure_s": 0.004, "readout_s": 0.06}},
+            {"id": "R0", "resolution": [48, 27], "exposure": {"time_s": 0.004, "readout_s": 0.06}},
         ]
     },
     "trajectory": {
@@ -124,7 +124,7 @@ def rays_of(data, frame, camera, aside):
 def truth(data, frame, camera):
     """By number: pixels that surely show it, that may, that would surely if nothing hid it, that may; bool [H, W]."""
     scene, about = scene_from_dict(data.meta["scene"]), data.camera(camera)
-    rows = offsets_of_rows_s(about["height"], (about.get("shutter") or {"readout_s": 0.0})["readout_s"])
+    rows = offsets_of_rows_s(about["height"], (about.get("exposure") or {"readout_s": 0.0})["readout_s"])
     time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + in_ns(rows)
     rolls = len(np.unique(time_ns)) > 1
     every = [meshes(scene, t) for t in (time_ns if rolls else time_ns[:1])]

@@ -142,7 +142,7 @@ FLAT = {"port": {"kind": "flat"}}
         ({"table": HEAD}, "camM0.csv has no corners"),
         ({"options": ["--noise", "-1"]}, "--noise is at least 0"),
         ({"camera": {"distortion": "rational"}}, "camM0.csv is of a camera with distortion"),
-        ({"camera": {"shutter": {"exposure_s": 0.01, "readout_s": 0.02}}}, "camM0.csv is of a rolling shutter"),
+        ({"camera": {"exposure": {"time_s": 0.01, "readout_s": 0.02}}}, "camM0.csv is of a rolling shutter"),
     ],
 )
 def test_both_fits_tell_a_wrong_table_by_name(tmp_path, capsys, name, kind, changes, says):

@@ -27,7 +27,7 @@ SEED = 1_000_003
 
 def lit(case: Case) -> np.ndarray:
     """When each row sees light, [H, 2] from the frame's time [s]."""
-    view, half = case.scene.vehicle.cameras[0], 0.5 * case.shutter.exposure_s
+    view, half = case.scene.vehicle.cameras[0], 0.5 * case.exposure.time_s
     rows = row_offsets_s(view)[:, None] + np.array([-half, half])
     if strobe := case.scene.lights[0].strobe:  # all have the same
         rows = np.clip(rows, strobe.delay_s - 0.5 * strobe.on_s, strobe.delay_s + 0.5 * strobe.on_s)
@@ -45,7 +45,7 @@ class Truth:
         self.case, self.device, self.rows = case, options.device, lit(case)
         self.how = {"outputs": "A", "spp": options.truth_spp, "integrator": options.truth}
         self.seconds = self.rows[:, 1] - self.rows[:, 0]
-        self.step = min(case.shutter.exposure_s / options.instants, 0.99 * float(self.seconds.min()))
+        self.step = min(case.exposure.time_s / options.instants, 0.99 * float(self.seconds.min()))
         still = case.instant(0.0)
         bodies = case.thing is not None or len(still.parts) > len(case.still)
         self.renderer = None if bodies else FrameRenderer(still.scene, self.device, still.parts)
@@ -55,7 +55,7 @@ class Truth:
         begin = self.rows[0, 0] + self.step * np.random.default_rng(seed).random()
         times = np.arange(begin, self.rows[-1, 1], self.step)
         sees = (self.rows[:, :1] <= times) & (times < self.rows[:, 1:])
-        share = (self.seconds / self.case.shutter.exposure_s / sees.sum(axis=1))[:, None] * sees
+        share = (self.seconds / self.case.exposure.time_s / sees.sum(axis=1))[:, None] * sees
         return sum(
             share[:, frame, None, None] * self._instant(offset_s, seed, frame)
             for frame, offset_s in enumerate(times)

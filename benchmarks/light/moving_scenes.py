@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.light.scenes import RESOLUTION, Built, build
 from benchmarks.light.shapes import BLUE, box, spot
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.exposure import CameraExposure
 from varos_warp.scene.description.lights import Strobe
-from varos_warp.scene.description.optics import Shutter
 from varos_warp.scene.description.placed import Stop
 from varos_warp.scene.frames import inverse, transform
 from varos_warp.scene.geometry.parts import Moving, Part
@@ -80,7 +80,7 @@ SCENES = {
 class Kind(NamedTuple):
     """What moves, and how the image is exposed."""
 
-    shutter: Shutter
+    exposure: CameraExposure
     moves: float = 0.0
     """Speed of the vehicle that sees, in shares of 1 m/s and 20 deg/s."""
     others: int = 0
@@ -90,11 +90,11 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "vehicles": Kind(Shutter(exposure_s=0.1), 0.3, 2),
-    "object": Kind(Shutter(exposure_s=0.15), thing=True),
-    "blur": Kind(Shutter(exposure_s=0.15), 1.0),
-    "rolling": Kind(Shutter(exposure_s=0.03, readout_s=0.12), 1.0),
-    "strobe": Kind(Shutter(exposure_s=0.06, readout_s=0.06), 1.0, strobe=Strobe(on_s=0.04, delay_s=0.01)),
+    "vehicles": Kind(CameraExposure(time_s=0.1), 0.3, 2),
+    "object": Kind(CameraExposure(time_s=0.15), thing=True),
+    "blur": Kind(CameraExposure(time_s=0.15), 1.0),
+    "rolling": Kind(CameraExposure(time_s=0.03, readout_s=0.12), 1.0),
+    "strobe": Kind(CameraExposure(time_s=0.06, readout_s=0.06), 1.0, strobe=Strobe(on_s=0.04, delay_s=0.01)),
 }
 
 BODY = {"kind": "pipe", "radius": 0.11, "length": 0.4, "wall": 1, "rotation_euler_deg": [90, 0, 0]}
@@ -117,9 +117,9 @@ class Case:
     thing: Course | None
 
     @property
-    def shutter(self) -> Shutter:
+    def exposure(self) -> CameraExposure:
         """Of the camera."""
-        return self.scene.vehicle.cameras[0].shutter
+        return self.scene.vehicle.cameras[0].exposure
 
     def motion(self, offset_ns: np.ndarray) -> np.ndarray:
         """Of the vehicle that sees, as a renderer takes it."""
@@ -152,7 +152,7 @@ class Case:
                 parts.append(_placed(object_part(self.scene, vehicle.body, key), there))
         if self.thing:
             parts.append(_placed(_thing(), self.thing.at(offset_s)[0]))
-        view = self.scene.vehicle.cameras[0].model_copy(update={"shutter": None})
+        view = self.scene.vehicle.cameras[0].model_copy(update={"exposure": CameraExposure()})
         seen = self.scene.vehicle.model_copy(update={"lights": lights, "cameras": [view]})
         still = {"vehicle": seen, "vehicles": None, "observer": None}
         return Built(self.scene.model_copy(update=still), parts, own)
@@ -218,7 +218,7 @@ def _scene(scene: Scene, how: Kind, fleet: dict) -> Scene:
     """The scene with a shutter, strobes, and other vehicles."""
     strobe = {"strobe": how.strobe}
     lights = [light.model_copy(update=strobe) for light in scene.vehicle.lights]
-    view = scene.vehicle.cameras[0].model_copy(update={"shutter": how.shutter})
+    view = scene.vehicle.cameras[0].model_copy(update={"exposure": how.exposure})
     vehicle = scene.vehicle.model_copy(update={"lights": lights, "cameras": [view]})
     scene = scene.model_copy(update={"vehicle": vehicle})
     if not fleet:

@@ -35,7 +35,7 @@ def camera_of(parser, given):
     camera = cameras[name]
     if camera.get("distortion", "none") != "none":
         parser.error(f"{name} is of a camera with distortion: K is not all")
-    if (camera.get("shutter") or {}).get("readout_s"):
+    if (camera.get("exposure") or camera.get("shutter") or {}).get("readout_s"):
         parser.error(f"{name} is of a rolling shutter: its rows are of other instants than the stamps")
     return about, camera
 

@@ -168,7 +168,7 @@ def passed_through(tmp_path_factory):
         "sensor_mm": [4.8, 2.7],
         "focal_mm": 3.0,
         "rotation_euler_deg": [-15, 0, 0],
-        "shutter": {"exposure_s": 0.08},
+        "exposure": {"time_s": 0.08},
     }
     scene = scene_from_dict(
         {

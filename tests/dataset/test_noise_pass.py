@@ -14,8 +14,9 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import validate
 from varos_warp.errors import InputError
 from varos_warp.products.sensors.imu import imu_noise
+from varos_warp.scene.description.exposure import CameraExposure
 from varos_warp.scene.description.noise_profile import NoiseProfile
-from varos_warp.scene.description.optics import Shutter, Vignetting
+from varos_warp.scene.description.optics import Vignetting
 from varos_warp.scene.file.noise_profiles import load_profile, merge_profiles, named_profiles
 from varos_warp.sim.sensors import image_noise
 
@@ -148,7 +149,7 @@ def test_a_camera_with_vignetting_gets_none_of_the_profile(tmp_path):
 def exposed_for(out, seconds, gain="adaptive"):
     """A dataset of two frames of one camera with such a shutter."""
     scene = make_scene(render={"exposure": {"A": gain}})
-    camera = scene.vehicle.cameras[0].model_copy(update={"shutter": seconds and Shutter(exposure_s=seconds)})
+    camera = scene.vehicle.cameras[0].model_copy(update={"exposure": CameraExposure(time_s=seconds or 0.0)})
     scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"cameras": [camera]})})
     produce(scene, out, frames=slice(2), quiet=True)
     return out
@@ -174,7 +175,9 @@ def test_dark_current_gathers_while_the_shutter_is_open(tmp_path):
 def test_dark_current_asks_for_a_time_of_exposure(tmp_path):
     root = exposed_for(tmp_path / "d", None)
     model = {"electrons_per_dn": 2.0, "dark_current_electrons_per_s": 50.0}
-    with pytest.raises(InputError, match=r"dark_current_electrons_per_s = 50.*L0 has no time of exposure.*exposure_s"):
+    with pytest.raises(
+        InputError, match=r"dark_current_electrons_per_s = 50.*L0 has no time of exposure.*exposure.time_s"
+    ):
         add_noise(root, NoiseProfile(camera=model), tmp_path / "out", quiet=True)
     assert not (tmp_path / "out").exists()
 

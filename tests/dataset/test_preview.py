@@ -139,7 +139,7 @@ def fresh(path: Path, width: int = 48, frame: int = 0) -> np.ndarray:
 
 def test_a_shutter_blurs_it_also_one_that_comes_at_the_last_frame(scene_file):
     cameras = yaml.safe_load(scene_file.read_text())["vehicle"]["cameras"]
-    cameras[0]["shutter"] = {"exposure_s": 0.09, "readout_s": 0.05}
+    cameras[0]["exposure"] = {"time_s": 0.09, "readout_s": 0.05}
     screen = watch(scene_file, lambda: edit(scene_file, cameras=cameras), viewpoint=Viewpoint(frame=10, width=48))
     sharp, blurred = screen.images
     assert np.array_equal(blurred, fresh(scene_file, frame=10))

@@ -149,7 +149,7 @@ def test_of_a_profile_with_sensors_the_camera_is_taken_and_that_is_told():
         ({"noise": {"bits": 12}}, r"render\.noise.*give one of electrons_per_dn"),
         (
             {"noise": {"electrons_per_dn": 2.6, "dark_current_electrons_per_s": 9.0}},
-            r"render\.noise\.dark_current_electrons_per_s.*no shutter",
+            r"render\.noise\.dark_current_electrons_per_s.*no exposure",
         ),
         ({"dither": "blue"}, r"render\.dither.*choices"),
         ({"exposure": {"A": {"meter": "median"}}}, r"render\.exposure\.A\.meter.*choices"),
@@ -167,7 +167,7 @@ def test_bad_values_are_refused_by_name(render, said):
 
 def test_a_gain_that_is_a_time_of_exposure_does_not_vary_behind_a_shutter():
     vehicle = make_scene().vehicle.model_dump(mode="json")
-    vehicle["cameras"][0]["shutter"] = {"exposure_s": 0.01}
+    vehicle["cameras"][0]["exposure"] = {"time_s": 0.01}
     for exposure in ("adaptive", METER):
         with pytest.raises(InputError, match=r"render\.noise\.electrons_per_dn.*camera L0"):
             make_scene(vehicle=vehicle, render=LOOK | {"exposure": {"A": exposure}})

@@ -1,6 +1,8 @@
 """Cameras with a shutter: poses of rows in the dataset, read and checked; blur that checks of sharp images bear."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +17,15 @@ from varos_warp.dataset.reader.points import points_at, project
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate import alignment, blur, validate, views
 from varos_warp.errors import InputError
+from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.optics.shutter import row_offsets_s
 
-ROLLING = {"exposure_s": 0.004, "readout_s": 0.03}
+ROLLING = {"time_s": 0.004, "readout_s": 0.03}
 SIZE = [96, 54]
 
 
 def made_with(out, outputs="BCDF", shutter=ROLLING, size=SIZE, **how):
-    scene = hills_scene(outputs, shutter=shutter, resolution=size, sensor_mm=[4.416, 2.484])
+    scene = hills_scene(outputs, exposure=shutter, resolution=size, sensor_mm=[4.416, 2.484])
     produce(scene, out, quiet=True, renderer=ShutterRenderer(scene), **how)
     return out
 
@@ -86,25 +89,82 @@ def test_points_are_projected_back_to_the_pixels_that_see_them(whole):
 
 def test_a_camera_says_what_its_shutter_does(whole):
     data = Dataset(whole)
-    shutter = data.camera()["shutter"]
-    assert shutter == {
+    exposure = data.camera()["exposure"]
+    assert exposure == {
         **ROLLING,
         "line_delay_s": 0.03 / 54,
         "time_stamp": "middle of the exposure of the middle row",
         "row_poses": "vehicle0/cam0/camM0_poses/camM0_poses_rows.npy",
     }
-    assert yaml.safe_load(data.layout.camera_file("M0", ".yaml").read_text())["shutter"] == shutter
-    assert "camXX_poses_rows.npy" in data.meta["conventions"]["shutter"]
+    assert yaml.safe_load(data.layout.camera_file("M0", ".yaml").read_text())["exposure"] == exposure
+    assert "camXX_poses_rows.npy" in data.meta["conventions"]["exposure"]
     readme = (whole / "README.txt").read_text()
     assert "line_delay" in readme
     assert "nothing is averaged" not in readme
     assert max(map(len, readme.splitlines())) <= 130
 
 
+OLD = {"time_s": "exposure_s"}
+
+
+def as_older_versions_wrote_it(about):
+    """What is said of a camera, with the times of its exposure under ``shutter``."""
+    times = {OLD.get(key, key): value for key, value in about["exposure"].items()}
+    return {"shutter" if key == "exposure" else key: about[key] for key in about} | {"shutter": times}
+
+
+def test_datasets_of_older_versions_are_read_and_checked(whole, tmp_path):
+    old = Path(shutil.copytree(whole, tmp_path / "old"))
+    meta = json.loads((old / "dataset.json").read_text())
+    for carrier in (meta, meta["scene"]["vehicle"]):
+        carrier["cameras"] = [as_older_versions_wrote_it(camera) for camera in carrier["cameras"]]
+    (old / "dataset.json").write_text(json.dumps(meta))
+    path = Dataset(old).layout.camera_file("M0", ".yaml")
+    about = as_older_versions_wrote_it(yaml.safe_load(path.read_text()))
+    path.write_text(yaml.safe_dump(about, sort_keys=False))
+    assert "time_s:" not in path.read_text()
+    shutil.rmtree(old / "checksums", ignore_errors=True)
+    data, new = Dataset(old), Dataset(whole)
+    assert data.camera() == new.camera()
+    assert (data[1].exposure_s, data[1].row_times_ns.tolist()) == (0.004, new[1].row_times_ns.tolist())
+    assert [line for line in validate(old, quiet=True).problems if "checksum" not in line] == []
+
+
+def test_the_older_key_gives_the_same_dataset(whole, tmp_path):
+    """A scene with ``shutter`` is the same scene, which its dataset states with ``exposure``."""
+    scene = hills_scene("BCDF", shutter={"exposure_s": 0.004, "readout_s": 0.03}, resolution=SIZE)
+    assert scene == hills_scene("BCDF", exposure=ROLLING, resolution=SIZE)
+    assert "shutter" not in scene_to_dict(scene)["vehicle"]["cameras"][0]
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"shutter": {"exposure_s": 0.01}, "exposure": {"time_s": 0.01}}, r"\.shutter.*exposure\.time_s.*leave out"),
+        ({"shutter": {"exposure_s": 0.01}, "exposure": {"readout_s": 0}}, r"\.shutter.*exposure\.readout_s.*leave"),
+        ({"shutter": {"exposure_s": -1}}, r"\.shutter\.exposure_s = -1"),
+        ({"shutter": {"time_s": 1}}, r"\.shutter\.time_s.*unknown key"),
+        ({"exposure": {"exposure_s": 1}}, r"\.exposure\.exposure_s.*unknown key"),
+        ({"exposure": {"time_s": 61}}, r"\.exposure\.time_s = 61"),
+        ({"exposure": {"gain": -1}}, r"\.exposure\.gain = -1"),
+        ({"exposure": {"gain": {"meter": "median"}}}, r"\.exposure\.gain\.meter"),
+        ({"exposure": {"white_balance": "gray"}}, r"\.exposure\.white_balance.*grey_world"),
+    ],
+)
+def test_what_an_exposure_cannot_be_is_refused_by_name(keys, said):
+    with pytest.raises(InputError, match=r"vehicle\.cameras\.0" + said):
+        hills_scene("D", **keys)
+
+
+def test_an_older_shutter_stands_beside_a_gain():
+    (camera,) = hills_scene("D", shutter={"exposure_s": 0.01}, exposure={"gain": 2.0}).vehicle.cameras
+    assert (camera.exposure.time_s, camera.exposure.readout_s, camera.exposure.gain) == (0.01, 0.0, 2.0)
+
+
 def test_without_a_shutter_all_rows_are_of_one_pose(hilly):
     data = Dataset(hilly)
     assert not data.layout.row_poses("M0").exists()
-    assert not {"shutter"} & (data.camera().keys() | data.meta["conventions"].keys())
+    assert not {"exposure"} & (data.camera().keys() | data.meta["conventions"].keys())
     assert np.array_equal(data[2].T_w_c_rows, np.tile(data[2].T_w_c, (80, 1, 1)))
     assert np.unique(data[2].row_times_ns).tolist() == [data[2].time_ns]
     assert data[2].exposure_s == 0.0
@@ -112,7 +172,7 @@ def test_without_a_shutter_all_rows_are_of_one_pose(hilly):
 
 def test_a_camera_that_stands_in_the_world_needs_no_poses_of_rows(tmp_path):
     scene = hills_scene(
-        "D", shutter=ROLLING, resolution=SIZE, mount="world", look_at=[0, 3, -3], rotation_euler_deg=[0, 0, 0]
+        "D", exposure=ROLLING, resolution=SIZE, mount="world", look_at=[0, 3, -3], rotation_euler_deg=[0, 0, 0]
     )
     produce(scene, tmp_path / "d", images=False, quiet=True)
     data = Dataset(tmp_path / "d")
@@ -220,16 +280,16 @@ def test_where_no_vehicle_is_on_record_the_images_tell(tmp_path):
 
 def test_another_readout_in_dataset_json_is_found(copy):
     meta = json.loads((copy / "dataset.json").read_text())
-    meta["cameras"][0]["shutter"]["readout_s"] = 0.02
+    meta["cameras"][0]["exposure"]["readout_s"] = 0.02
     (copy / "dataset.json").write_text(json.dumps(meta))
     problems = validate(copy, quiet=True).problems
-    assert any("shutter.readout_s" in problem for problem in problems)
+    assert any("exposure.readout_s" in problem for problem in problems)
     assert any("is not where the vehicle's motion has it" in problem for problem in problems)
 
 
 def test_blur_does_not_fail_the_checks_of_b(tmp_path, monkeypatch):
     """The exposure is 0.5 s, in which the course bends; without regard to it, B would not be where poses have it."""
-    out = made_with(tmp_path / "data", "BCD", {"exposure_s": 0.5}, size=[144, 81], frames=slice(0, 10, 3))
+    out = made_with(tmp_path / "data", "BCD", {"time_s": 0.5}, size=[144, 81], frames=slice(0, 10, 3))
     assert validate(out, quiet=True).problems == []
     for module in (alignment, views):
         monkeypatch.setattr(module, "blur_of", lambda *_: blur.SHARP)
@@ -237,7 +297,7 @@ def test_blur_does_not_fail_the_checks_of_b(tmp_path, monkeypatch):
 
 
 def test_a_streak_is_what_a_point_passes_in_the_exposure(tmp_path):
-    out = made_with(tmp_path / "data", outputs="D", shutter={"exposure_s": 0.2})
+    out = made_with(tmp_path / "data", outputs="D", shutter={"time_s": 0.2})
     data = Dataset(out)
     depth = data.planar_depth(4)
     found = blur.blur_of(data, 4, "M0", depth)
@@ -261,7 +321,7 @@ def test_kalibr_gets_the_line_delay_and_openvins_the_time_stamps(whole, tmp_path
     with pytest.warns(UserWarning, match="knows no rolling shutter: poses of M0 are of the time stamp"):
         export(whole, "euroc", tmp_path / "out", images="B")
     chain = yaml.safe_load((tmp_path / "out/kalibr_camchain.yaml").read_text())["cam0"]
-    scene = hills_scene(shutter=ROLLING, resolution=SIZE)
+    scene = hills_scene(exposure=ROLLING, resolution=SIZE)
     np.testing.assert_allclose(
         chain["timeshift_cam_imu"] + np.arange(54) * chain["line_delay"],
         row_offsets_s(scene.vehicle.cameras[0]),
@@ -277,7 +337,7 @@ def test_a_note_and_the_poses_of_rows_lie_beside_every_export(whole, tmp_path, f
     with pytest.warns(UserWarning, match="knows no rolling shutter"):
         export(whole, form, tmp_path / "out", images="B")
     note = (tmp_path / "out/shutter/README.txt").read_text()
-    assert "M0: rolling shutter, first row first: exposure_s 0.004, readout_s 0.03" in note
+    assert "M0: rolling shutter, first row first: exposure time_s 0.004, readout_s 0.03" in note
     assert (tmp_path / "out/shutter/camM0_poses_rows.npy").samefile(Dataset(whole).layout.row_poses("M0"))
 
 

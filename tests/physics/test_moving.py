@@ -117,7 +117,7 @@ def black(velocity=None):
 def test_a_moving_edge_before_a_still_camera_is_a_ramp(truth):
     """B is the share of the exposure in which the plate is not there; so it is if the camera moves instead."""
     speed, exposure = 1.2, 0.25
-    scene = scene_of({"exposure_s": exposure})
+    scene = scene_of({"time_s": exposure})
     T_0 = transform(position=(-0.5 * speed, 0, 0))  # the plate's edge is before the camera after half a second
     how = {"outputs": "B", "spp_b": 256}
     by_plate = (
@@ -150,7 +150,7 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
     clear = {"coefficients": {"sigma_s": [1e-6] * 3, "sigma_a": [0.0] * 3}}
     lamp = {"kind": "spot", "position": [-0.9, 0.6, 0], "direction": [-1, 0, 0], "cone_deg": 70, "intensity": [9, 9, 9]}
     reflector = rectangle((-1.75, 0.2, -0.4), (0, 0.8, 0), (0, 0, 0.8), 0.8, "reflector")
-    scene = scene_of({"exposure_s": 0.3}, [lamp], clear)
+    scene = scene_of({"time_s": 0.3}, [lamp], clear)
     one = moving(reflector, (1.0, 0, 0))
     how = {"outputs": "A", "spp": 16, "integrator": "path", "max_bounces": 2, "denoise": "none"}
     renderer = FrameRenderer(scene, "cpu", parts=[one, wall()])
@@ -176,7 +176,7 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
 
 
 def test_without_motion_objects_are_not_blurred_either():
-    scene, parts = scene_of({"exposure_s": 0.25}), [moving(plate(), (1, 0, 0)), wall()]
+    scene, parts = scene_of({"time_s": 0.25}), [moving(plate(), (1, 0, 0)), wall()]
     plain = FrameRenderer(scene_of(), "cpu", parts=parts)
     how = {"outputs": "ABD", "spp": 2, "spp_b": 2, "integrator": "path", "layers": ("direct",), "time_ns": SECOND // 3}
     still, sharp = FrameRenderer(scene, "cpu", parts=parts).render(np.eye(4), **how), plain.render(np.eye(4), **how)
@@ -278,7 +278,7 @@ def test_a_gpu_sees_what_moves_as_a_cpu_does():
     And by the field, whose kernels a CPU would compile for minutes, within the standard errors of 4 x 4 parts.
     """
     one = moving(replace(plate(), material=Rust(kind="rust", amount=0.5, roughness=0.4)), (0.6, 0.1, 0.2), (0, 40, 0))
-    scene, motion = scene_of({"exposure_s": 0.2}, water={"coefficients": TURBID}), steady((0.3, 0.1, 0), (0, 0, 0.2))
+    scene, motion = scene_of({"time_s": 0.2}, water={"coefficients": TURBID}), steady((0.3, 0.1, 0), (0, 0, 0.2))
     how = {"spp_b": 8, "integrator": "path", "motion": motion, "time_ns": SECOND // 2}
     cpu, gpu = (FrameRenderer(scene, device, parts=[one, wall()]) for device in ("cpu", "cuda:0"))
     on_cpu, on_gpu = (renderer.render(np.eye(4), outputs="ABDS", spp=16, **how) for renderer in (cpu, gpu))

@@ -29,7 +29,7 @@ LAMPS = [spot((x, 0.2, 0.1), (-x, -0.1, 1)) for x in (-0.4, 0.4)]
 
 def scene_of(shutter=None, lights=None, water="none", **more):
     view = {"resolution": list(SIZE), "sensor_mm": [4.416, 4.416 * SIZE[1] / SIZE[0]], "focal_mm": 3.4}
-    view |= {"shutter": shutter} if shutter else {}
+    view |= {"exposure": shutter} if shutter else {}
     return Scene(
         water=water,
         vehicle={"cameras": [view], "lights": lights or LAMPS},
@@ -65,7 +65,7 @@ def test_a_streak_is_as_long_as_speed_times_exposure(truth):
     """A black plate's edge, 2 m away, that crosses the image: B is the share of the time that it is not there."""
     speed, exposure, depth = 1.2, 0.25, 2.0
     renderer = FrameRenderer(
-        scene_of({"exposure_s": exposure}),
+        scene_of({"time_s": exposure}),
         "cpu",
         parts=[rectangle((-9, depth, -9), (9, 0, 0), (0, 0, 18), 0.0, "black")],
     )
@@ -94,7 +94,7 @@ ALL = ("direct", "single", "multiple")
 def test_a_blurred_image_is_the_mean_of_instants(any_field, integrator, layers):
     """64 of them, of a rig that moves and turns, in water; pixel by pixel, in blocks, and as a whole."""
     exposure, motion = 0.4, steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
-    blurred = scene_of({"exposure_s": exposure}, water={"coefficients": TURBID})
+    blurred = scene_of({"time_s": exposure}, water={"coefficients": TURBID})
     renderer = FrameRenderer(blurred, "cpu", parts=room())
     how = {"outputs": "A", "integrator": integrator, "denoise": "none", "layers": layers}
     spp = 256 if integrator == "reference" else 64
@@ -118,7 +118,7 @@ def worst_block(difference, variance):
 
 
 def test_a_still_vehicle_is_not_blurred_and_a_plain_camera_never():
-    plain, open_ = (FrameRenderer(scene_of(shutter), "cpu", parts=room()) for shutter in (None, {"exposure_s": 0.1}))
+    plain, open_ = (FrameRenderer(scene_of(shutter), "cpu", parts=room()) for shutter in (None, {"time_s": 0.1}))
     how = {"outputs": "ABCDS", "spp": 2, "spp_b": 2, "integrator": "path"}
     sharp = plain.render(np.eye(4), **how)
     for frame in (plain.render(np.eye(4), motion=steady((1, 0, 0)), **how), open_.render(np.eye(4), **how)):
@@ -156,7 +156,7 @@ def test_a_rolling_shutter_without_exposure_is_rows_of_instants(integrator):
 
 def test_rows_are_exposed_one_after_another_about_the_time_stamp():
     """Over one exposure each, with stretches of time that begin where a row's exposure does."""
-    camera = scene_of({"exposure_s": 0.011, "readout_s": 0.02}).vehicle.cameras[0]
+    camera = scene_of({"time_s": 0.011, "readout_s": 0.02}).vehicle.cameras[0]
     when = instants(camera)
     line = 0.02 / SIZE[1]
     starts = (np.arange(SIZE[1]) + 0.5 - SIZE[1] / 2) * line - 0.0055
@@ -179,7 +179,7 @@ def number_instants(moments: Moments, shares: wp.array(dtype=float), number: wp.
 )
 def test_every_row_is_exposed_about_its_own_time(exposure, readout, rows):
     """The mean over its samples, whether an instant stands for more or less than a row takes; and none is too late."""
-    view = {"resolution": [1, rows], "shutter": {"exposure_s": exposure, "readout_s": readout}}
+    view = {"resolution": [1, rows], "exposure": {"time_s": exposure, "readout_s": readout}}
     camera = Scene(vehicle={"cameras": [view]}, trajectory={"poses": [{"position": [0, 0, 0]}]}).vehicle.cameras[0]
     when, moments = instants(camera), Moments()
     moments.cameras = wp.zeros(len(when.offset_s), dtype=Camera, device="cpu")
@@ -195,7 +195,7 @@ def test_every_row_is_exposed_about_its_own_time(exposure, readout, rows):
 
 def test_a_row_that_is_open_for_less_than_a_part_sees_a_flash_or_not():
     """Rows of 0.6 ms, open for 1 us: a flash as long lights one row, or none if it falls between two."""
-    camera = scene_of({"exposure_s": 1e-6, "readout_s": 0.02}).vehicle.cameras[0]
+    camera = scene_of({"time_s": 1e-6, "readout_s": 0.02}).vehicle.cameras[0]
     when, line = instants(camera), 0.02 / SIZE[1]
     for delay, lit in ((0.5 * line, [1.0]), (0.0, []), (0.5 * line + 0.5e-6, [0.5])):
         share = on_share(Strobe(on_s=1e-6, delay_s=delay), when)
@@ -278,7 +278,7 @@ def test_a_strobe_lights_its_share_of_an_exposure():
     """A quarter of it; and two strobes that flash apart are as bright as each alone."""
 
     def A(lights, spp=64):
-        scene = scene_of({"exposure_s": 0.02}, lights)
+        scene = scene_of({"time_s": 0.02}, lights)
         renderer = FrameRenderer(scene, "cpu", parts=room())
         image = renderer.render(np.eye(4), outputs="A", spp=spp, integrator="path", layers=("direct",)).A
         return image.radiance.mean((0, 1)), np.sqrt((image.stderr**2).mean((0, 1)) / np.prod(SIZE))
@@ -296,7 +296,7 @@ def test_a_strobe_lights_its_share_of_an_exposure():
 def test_a_strobe_and_a_rolling_shutter_make_a_band():
     """Rows whose exposure meets the flash are lit, by the share of it that they see."""
     exposure, readout, flash = 0.01, 0.05, {"on_s": 0.006, "delay_s": 0.004}
-    scene = scene_of({"exposure_s": exposure, "readout_s": readout}, strobed(**flash)[:1])
+    scene = scene_of({"time_s": exposure, "readout_s": readout}, strobed(**flash)[:1])
     when = instants(scene.vehicle.cameras[0])
     share = on_share(scene.vehicle.lights[0].strobe, when)
     middle = ((np.arange(SIZE[1]) + 0.5) / SIZE[1] - 0.5) * readout
@@ -329,7 +329,7 @@ def test_light_of_two_reflections_flashes_with_its_rows():
         ]
         return np.array(found)
 
-    flash = rows({"exposure_s": exposure, "readout_s": readout}, strobed(on_s=on, delay_s=delay)[:1])
+    flash = rows({"time_s": exposure, "readout_s": readout}, strobed(on_s=on, delay_s=delay)[:1])
     assert not flash[:, expected == 0.0].any()
     steadily = expected * rows(None, LAMPS[:1])
     lit = expected > 0.0
@@ -344,7 +344,7 @@ def test_a_short_flash_is_as_noisy_as_a_lamp_that_shines_all_the_time(readout):
     """Of a tenth of the power; with as many samples in the dark as there is dark, RMS differences were 130 %."""
 
     def A(lamp):
-        scene = scene_of({"exposure_s": 0.02, "readout_s": readout}, [lamp])
+        scene = scene_of({"time_s": 0.02, "readout_s": readout}, [lamp])
         renderer = FrameRenderer(scene, "cpu", parts=room())
         return renderer.render(
             np.eye(4), outputs="A", spp=4, integrator="path", layers=("direct",), motion=steady()
@@ -361,7 +361,7 @@ def test_flashes_do_not_sharpen_an_image_in_ambient_light():
     """B is of the whole exposure, and so are its guides, whatever flashes in A."""
 
     def B(lights):
-        renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, lights), "cpu", parts=room())
+        renderer = FrameRenderer(scene_of({"time_s": 0.4}, lights), "cpu", parts=room())
         return renderer.render(np.eye(4), outputs="B", spp_b=4, denoise_b="oidn", motion=steady((0.3, 0, 0))).B
 
     flashed, steadily = B(strobed(on_s=0.1)[:1]), B(LAMPS[:1])
@@ -370,7 +370,7 @@ def test_flashes_do_not_sharpen_an_image_in_ambient_light():
 
 
 def test_guides_of_a_blurred_b_have_no_noise():
-    renderer = FrameRenderer(scene_of({"exposure_s": 0.4}), "cpu", parts=room())
+    renderer = FrameRenderer(scene_of({"time_s": 0.4}), "cpu", parts=room())
     how = {"outputs": "B", "spp_b": 4, "denoise_b": "oidn", "motion": steady((0.3, 0, 0))}
     one, two = (renderer.render(np.eye(4), seed=seed, **how).B for seed in (1, 2))
     assert not np.array_equal(one.radiance, two.radiance)
@@ -379,7 +379,7 @@ def test_guides_of_a_blurred_b_have_no_noise():
 
 def test_a_sharp_twin_lit_by_strobes_is_not_the_blurred_image():
     """Of a camera with nothing but a shutter; whether or not A is rendered with it."""
-    renderer = FrameRenderer(scene_of({"exposure_s": 0.4}, strobed(on_s=0.1)), "cpu", parts=room())
+    renderer = FrameRenderer(scene_of({"time_s": 0.4}, strobed(on_s=0.1)), "cpu", parts=room())
     how = {"spp": 2, "integrator": "path", "layers": ("direct",)}
     moving = renderer.render(np.eye(4), outputs="AP", motion=steady((1, 0, 0)), **how)
     still = renderer.render(np.eye(4), outputs="AP", **how)
@@ -389,13 +389,13 @@ def test_a_sharp_twin_lit_by_strobes_is_not_the_blurred_image():
 
 
 def test_the_field_is_not_for_strobes():
-    scene = scene_of({"exposure_s": 0.02}, strobed(on_s=0.005), {"coefficients": TURBID})
+    scene = scene_of({"time_s": 0.02}, strobed(on_s=0.005), {"coefficients": TURBID})
     with pytest.raises(Exception, match="strobe"):
         FrameRenderer(scene, "cpu", parts=room()).render(np.eye(4), outputs="A", spp=2, integrator="field")
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("shutter", [{"exposure_s": 0.2}, {"exposure_s": 0.02, "readout_s": 0.1}])
+@pytest.mark.parametrize("shutter", [{"time_s": 0.2}, {"time_s": 0.02, "readout_s": 0.1}])
 def test_a_gpu_exposes_as_a_cpu_does(shutter):
     """Both lamps disks, one a strobe: the same random numbers, so that rounding alone differs, but at edges."""
     lights = [LAMPS[0] | {"radius_m": 0.05, "strobe": {"on_s": 0.1}}, LAMPS[1] | {"radius_m": 0.02}]

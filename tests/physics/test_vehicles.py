@@ -69,7 +69,7 @@ def test_lights_of_a_vehicle_at_rest_are_those_of_ones_own_at_that_place(any_fie
 
 def test_lights_move_with_their_vehicle_while_a_shutter_is_open():
     """A camera in the world sees the same, to the byte, whether its own vehicle or another carries the lights."""
-    water, view = {"coefficients": TURBID}, {"mount": "world", "shutter": {"exposure_s": 0.2, "readout_s": 0.1}}
+    water, view = {"coefficients": TURBID}, {"mount": "world", "exposure": {"time_s": 0.2, "readout_s": 0.1}}
     course = {"poses": stops((0, 0, 0), (0.8, 0.1, 0.2), (1.0, 0, 0), turn_deg=(0, 10, 30))}
     how = {"outputs": "A", "spp": 4, "integrator": "path", "time_ns": SECOND // 2}
     scene = scene_with(lights=LAMPS, view=view, water=water).model_copy(
@@ -90,7 +90,7 @@ def test_a_body_looks_as_an_object_on_that_path_does():
     """B with its blur, C, D and S to a rounding, and numbers after those of the objects."""
     body = {"kind": "boulder", "diameter": 1.2, "seed": 3}
     path = stops((-0.4, 2, 0), (0.3, 2.2, 0.2), (0.5, 2.4, 0), turn_deg=(0, 20, 60))
-    view = {"shutter": {"exposure_s": 0.1}}
+    view = {"exposure": {"time_s": 0.1}}
     how = {"outputs": "BCDS", "spp_b": 4, "motion": at_rest(), "time_ns": 700_000_000}
     other = scene_with({"body": body, "trajectory": {"poses": path}}, view=view)
     got, expected = (

@@ -23,7 +23,7 @@ def still():
 
 def moving():
     """A shutter, and a lamp that is a disk."""
-    scene = make_scene([camera(shutter={"exposure_s": 0.4})], [LAMPS[0] | {"radius_m": 0.05}])
+    scene = make_scene([camera(exposure={"time_s": 0.4})], [LAMPS[0] | {"radius_m": 0.05}])
     return FrameRenderer(scene, "cpu", parts=ground_and_ball()), {"motion": at_rest}
 
 
@@ -34,7 +34,7 @@ def at_rest(offset_ns):
 
 def rolling():
     """Rows of different instants."""
-    scene = make_scene([camera(shutter={"exposure_s": 0.1, "readout_s": 0.3})])
+    scene = make_scene([camera(exposure={"time_s": 0.1, "readout_s": 0.3})])
     return FrameRenderer(scene, "cpu", parts=ground_and_ball()), {"motion": at_rest}
 
 

@@ -40,7 +40,10 @@ def renderer():
         {
             "water": "none",
             "terrain": {"kind": "procedural", "size_m": 4, "resolution": 9},
-            "vehicle": {"cameras": [{"id": "M0", "resolution": [16, 9], "shutter": {"readout_s": 0.02}}], "lights": []},
+            "vehicle": {
+                "cameras": [{"id": "M0", "resolution": [16, 9], "exposure": {"readout_s": 0.02}}],
+                "lights": [],
+            },
             "trajectory": {"poses": [{"position": [0, 0, 2]}]},
         }
     )

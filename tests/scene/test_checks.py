@@ -530,24 +530,30 @@ def test_info_tells_where_cameras_are_how_far_apart_a_pair_is_and_what_was_not_g
 
 
 def shutter_warnings(shutter, strobe=None):
-    camera = {"id": "M0", "resolution": [64, 36], "shutter": shutter}
+    camera = {"id": "M0", "resolution": [64, 36], "exposure": shutter or {}}
     vehicle = {"lights": [LAMP | ({"strobe": strobe} if strobe else {})], "cameras": [camera]}
     return warnings(terrain=FLAT, vehicle=vehicle, render={"frame_rate_hz": 20})
 
 
 def test_exposures_that_no_camera_makes_are_noticed():
-    assert shutter_warnings({"exposure_s": 0.05, "readout_s": 0.05}) == []
-    (text,) = shutter_warnings({"exposure_s": 0.06})
-    assert "vehicle.cameras.0 (M0): shutter.exposure_s = 0.06 is longer than the 0.05 s from frame to frame" in text
+    assert shutter_warnings({"time_s": 0.05, "readout_s": 0.05}) == []
+    (text,) = shutter_warnings({"time_s": 0.06})
+    assert "vehicle.cameras.0 (M0): exposure.time_s = 0.06 is longer than the 0.05 s from frame to frame" in text
     (text,) = shutter_warnings({"readout_s": 0.07})
-    assert "shutter.readout_s = 0.07" in text
+    assert "exposure.readout_s = 0.07" in text
+
+
+def test_a_gain_of_a_camera_far_from_any_picture_is_noticed():
+    assert shutter_warnings({"gain": 2.0}) == []
+    (text,) = shutter_warnings({"gain": 2e4})
+    assert "vehicle.cameras.0 (M0): exposure.gain: a gain of 20000 makes the picture black or white" in text
 
 
 def test_strobes_that_a_shutter_misses_are_noticed():
-    assert shutter_warnings({"exposure_s": 0.01}, {"on_s": 0.001, "delay_s": 0.004}) == []
+    assert shutter_warnings({"time_s": 0.01}, {"on_s": 0.001, "delay_s": 0.004}) == []
     assert shutter_warnings(None, {"on_s": 0.001}) == []
-    assert shutter_warnings({"exposure_s": 0.01, "readout_s": 0.02}, {"on_s": 0.02}) == []
-    (text,) = shutter_warnings({"exposure_s": 0.01}, {"on_s": 0.001, "delay_s": 0.006})
+    assert shutter_warnings({"time_s": 0.01, "readout_s": 0.02}, {"on_s": 0.02}) == []
+    (text,) = shutter_warnings({"time_s": 0.01}, {"on_s": 0.001, "delay_s": 0.006})
     assert "vehicle.lights.0: its strobe is on from 0.0055 to 0.0065 s about each frame" in text
     assert "camera M0 is exposed from -0.005 to 0.005 s: it never sees it" in text
     assert "never sees it" in shutter_warnings(None, {"on_s": 0.001, "delay_s": 0.002})[0]
@@ -555,7 +561,7 @@ def test_strobes_that_a_shutter_misses_are_noticed():
 
 def test_a_strobe_that_lights_some_rows_of_a_rolling_shutter_is_noticed():
     """Of 36 rows over 36 ms, each open for 2 ms, a flash of 1.2 ms in the middle meets those within 1.6 ms."""
-    (text,) = shutter_warnings({"exposure_s": 0.002, "readout_s": 0.036}, {"on_s": 0.0012})
+    (text,) = shutter_warnings({"time_s": 0.002, "readout_s": 0.036}, {"on_s": 0.0012})
     assert "its strobe lights only rows 16 to 19 of the 36 of camera M0" in text
 
 

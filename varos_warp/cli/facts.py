@@ -94,7 +94,7 @@ def _print_spectra(water: dict) -> None:
 
 
 def _print_cameras(facts: dict) -> None:
-    """Intrinsics, mounts and shutters."""
+    """Intrinsics, mounts and exposures."""
     print_table(
         ["camera", "resolution", "fx, fy [px]", "cx, cy (COLMAP)", "cx, cy (OpenCV)", "field of view [deg]"],
         [
@@ -111,16 +111,16 @@ def _print_cameras(facts: dict) -> None:
     )
     _print_mounts(facts)
     print_table(
-        ["shutter of", "exposure [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
+        ["exposure of", "time [ms]", "readout [ms]", "longest streak [px]", "skew [px]"],
         [
             [
                 s["id"],
-                f"{1e3 * s['exposure_s']:g}",
+                f"{1e3 * s['time_s']:g}",
                 f"{1e3 * s['readout_s']:g}",
                 f"{s['streak_px']:.3g}",
                 f"{s['skew_px']:.3g}",
             ]
-            for s in facts["shutters"]
+            for s in facts["exposures"]
         ],
     )
 

@@ -97,7 +97,7 @@ def info(
 
 def _facts(scene, quiet: bool) -> dict:
     """What `info` tells of a scene as its vehicle sees it."""
-    from varos_warp.dataset.run.expect import dataset_facts, shutter_facts
+    from varos_warp.dataset.run.expect import dataset_facts, exposure_facts
     from varos_warp.dataset.run.steps import simulated
     from varos_warp.scene.checks import check_scene
     from varos_warp.scene.file.source import located
@@ -113,7 +113,7 @@ def _facts(scene, quiet: bool) -> dict:
     return {
         **facts,
         "dataset": dataset_facts(scene, len(simulation.frames)),
-        "shutters": shutter_facts(scene, parts, simulation),
+        "exposures": exposure_facts(scene, parts, simulation),
         "warnings": found + simulation.messages,
     }
 

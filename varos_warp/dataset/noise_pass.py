@@ -175,7 +175,7 @@ def _refuse_noise(data: Dataset, profile: NoiseProfile) -> None:
 
 
 def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
-    """A time of exposure is that of the camera's shutter, in every frame alike."""
+    """A camera is exposed for its time, in every frame alike."""
     for camera in data.cameras:
         seconds = exposure_s(data.camera(camera))
         if model.dark_current_electrons_per_s and not seconds:
@@ -184,10 +184,10 @@ def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
                 file=data.root,
                 key="camera.dark_current_electrons_per_s",
                 value=model.dark_current_electrons_per_s,
-                remedy="Give the camera a shutter with exposure_s in the scene and `run` it anew, or "
+                remedy="Give the camera exposure.time_s in the scene and `run` it anew, or "
                 "leave the dark current out of the profile.",
             )
-        gains = np.array(list(data.gains(WATER, camera).values()))
+        gains = np.array([np.min(gain) for gain in data.gains(WATER, camera).values()])
         if model.electrons_per_dn is not None and seconds and np.ptp(gains) > 1e-9 * gains.max():
             alike = model.electrons_per_dn * image_noise.levels(model) * np.median(gains)
             raise InputError(
@@ -199,7 +199,7 @@ def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
                 value=model.electrons_per_dn,
                 remedy=f"Say electrons_per_radiance: {alike:.4g} instead in a profile of your own: as "
                 "many electrons at the middle gain, which is then an amplifier's. Or render with "
-                "render.exposure.A: constant.",
+                "the camera's exposure.gain: constant.",
             )
 
 

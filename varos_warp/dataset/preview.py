@@ -178,7 +178,7 @@ def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Cons
         screen.show(WATER, pixels)
         seconds = time.monotonic() - edited.since
         count = f"{image.spp or 0:g} sample{'' if image.spp == 1 else 's'} per pixel"
-        words = f"{count}, exposure gain {gain:.3g}, after {seconds:.1f} s"
+        words = f"{count}, exposure gain {exposure.in_words(gain)}, after {seconds:.1f} s"
         if not stage:
             console.tell(f"camera {view.camera.id}, {pixels.shape[1]} x {pixels.shape[0]}: {words}")
             if AMBIENT in screen.outputs:
@@ -190,12 +190,11 @@ def _refine(view: View, screen, most: int, edited: "_EditedScene", console: Cons
     console.tell(f"{stage}; complete")
 
 
-def developed(letter: str, radiance: np.ndarray, scene: Scene, camera: Camera) -> tuple[np.ndarray, float]:
+def developed(letter: str, radiance: np.ndarray, scene: Scene, camera: Camera) -> tuple[np.ndarray, exposure.FrameGain]:
     """Pixels uint8 [H, W, 3] of an image, exposed as a sequence of this frame alone would be, and the gain."""
     half, _ = to_half(radiance)
-    setting = getattr(scene.render.exposure, letter)
-    known = exposure.statistics(half, exposure.meter_of(setting))
-    gain = float(exposure.gains(setting, letter, np.zeros(1), [known])[0])
+    rule = exposure.rule_of(scene, camera.id, letter)
+    gain = exposure.as_gain(rule.gains(letter, np.zeros(1), [rule.statistics(half)])[0].tolist())
     return encode_color(half, gain, color_matrix(scene, camera)), gain
 
 
@@ -287,7 +286,7 @@ class _EditedScene:
         camera = _camera(cameras, self.viewpoint.camera)
         simulation = self._simulated(scene)
         time_ns, T_w_v = _pose(self.viewpoint, simulation, open_ns(cameras))
-        motion = simulation.motion(time_ns) if camera.shutter else None
+        motion = simulation.motion(time_ns) if not camera.exposure.is_instant else None
         return View(self._uploaded(scene), camera, T_w_v, simulation.trajectory.position, time_ns, motion)
 
     def _simulated(self, scene: Scene):

@@ -223,11 +223,11 @@ class _Recorder:
         for output in (output for output in data.outputs if OUTPUTS[output].is_color):
             gains = data.gains(output, camera)
             if all(number in gains for number in numbers):
-                self.stream.send_columns(
-                    f"exposure/cam{camera}/{output}",
-                    indexes,
-                    rr.Scalars.columns(scalars=[gains[number] for number in numbers]),
-                )
+                found = np.array([gains[number] for number in numbers])
+                names = [""] if found.ndim == 1 else ["/red", "/green", "/blue"]
+                for name, values in zip(names, np.atleast_2d(found.T), strict=True):
+                    entity = f"exposure/cam{camera}/{output}{name}"
+                    self.stream.send_columns(entity, indexes, rr.Scalars.columns(scalars=values))
 
     def sensors(self) -> None:
         """The curves that each sensor has here: three of a vector."""

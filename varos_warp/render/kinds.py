@@ -172,7 +172,7 @@ class ParticleKernels(NamedTuple):
 
 def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, field: bool) -> ParticleKernels:
     """Kernels of bodies in the water, which the ``field`` lights; ``moves``: the vehicle does so."""
-    moves = moves and view.shutter is not None
+    moves = moves and not view.exposure.is_instant
     spec = replace(
         spec,
         optics=optics_spec(view),
@@ -215,13 +215,13 @@ def kernels_needed(
         names.append("path")  # a plan compares them
     for view in scene.vehicle.cameras:
         for image in wanted:
-            seen, moves = image.seen_by(scene, view), image.blurs and view.shutter is not None
+            seen, moves = image.seen_by(scene, view), image.blurs and not view.exposure.is_instant
             if image.source is Source.WATER:
                 images += [water_kernels(scene, spec, seen, options, name, moves) for name in names]
             if image.source is Source.AMBIENT:
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
-            bodies = particle_kernels(scene, spec, view, view.shutter is not None, lit_by_field(scene))
+            bodies = particle_kernels(scene, spec, view, not view.exposure.is_instant, lit_by_field(scene))
             hits += [
                 gather_splats,
                 count_bodies,
@@ -231,7 +231,7 @@ def kernels_needed(
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:
             hits += (hit_kernels(spec, view, is_rolling(view)) or ())[: 1 + (Source.NEXT_FRAME in sources)]
         if any(image.rays for image in wanted) and spec.surfaces:
-            hits.append(purity_kernel(spec, view, view.shutter is not None, is_rolling(view)))
+            hits.append(purity_kernel(spec, view, not view.exposure.is_instant, is_rolling(view)))
     made = [image for image in images if image]
     kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
     if "field" in names:

@@ -61,7 +61,7 @@ def moments_of(
         lit: Whether the time in which no light is on does not count.
     """
     moments = Moments()
-    when = STILL if view.shutter is None else instants(view, world.scene.lights if lit else ())
+    when = STILL if view.exposure.is_instant else instants(view, world.scene.lights if lit else ())
     offset_ns = in_ns(when.offset_s) if motion is not None else np.zeros(len(when.offset_s), np.int64)
     poses = np.broadcast_to(T_w_v, (len(offset_ns), 4, 4)) if motion is None else motion(offset_ns)
     moments.cameras = camera_records(view, poses, world.origin, world.device, pinhole=pinhole)
@@ -81,7 +81,7 @@ def poses_of_rows(view: Camera, T_w_v: np.ndarray, motion: Motion | None) -> np.
 
 def times_seen(view: Camera, lights: Sequence, motion: Motion | None) -> np.ndarray:
     """Times from a frame's stamp that some image of it shows, int64 [N] [ns]: those of `moments_of` and of rows."""
-    if view.shutter is None or motion is None:
+    if view.exposure.is_instant or motion is None:
         return np.zeros(0, np.int64)
     in_water, in_air = (instants(view, which).offset_s for which in (lights, ()))  # of A and of B
     return np.unique(in_ns(np.concatenate([in_water, in_air, row_offsets_s(view)])))

@@ -75,7 +75,7 @@ class Shot(NamedTuple):
     @property
     def moves(self) -> bool:
         """Whether the camera moves while its shutter is open."""
-        return self.motion is not None and self.view.shutter is not None
+        return self.motion is not None and not self.view.exposure.is_instant
 
 
 class Seen(NamedTuple):
@@ -278,7 +278,7 @@ class RadianceRenderer:
         Unless ``lit``, the time in which no light is on counts too.
         """
         camera = world.camera(view, T_w_v, pinhole=pinhole)
-        moves = motion is not None and view.shutter is not None
+        moves = motion is not None and not view.exposure.is_instant
         if not moves and (pinhole or not lights_vary(self.scene.lights)):
             return Seen(camera, Moments(), False)
         return Seen(camera, moments_of(world, view, T_w_v, motion if moves else None, pinhole, lit), True)

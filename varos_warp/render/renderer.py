@@ -274,7 +274,7 @@ class FrameRenderer:
             if product.source not in make:
                 continue
             seen, moved = product.seen_by(self.scene, view), motion if product.blurs else None
-            if product.like in images and seen == view and (motion is None or view.shutter is None):
+            if product.like in images and seen == view and (motion is None or view.exposure.is_instant):
                 images[letter] = images[product.like]
             else:
                 shown = functools.partial(guides, seen, moved, flashes and letter == WATER)
@@ -405,7 +405,7 @@ class FrameRenderer:
         """Share float32 [H, W] of each pixel, as A is made, that shows what its centre shows."""
         view, world = here.view, here.world
         purity = wp.ones(view.resolution[::-1], dtype=float, device=self.device)
-        moves, moments = here.motion is not None and view.shutter is not None, Moments()
+        moves, moments = here.motion is not None and not view.exposure.is_instant, Moments()
         if kernel := purity_kernel(world.spec, view, moves, here.rolls):
             if moves:
                 moments = moments_of(world, view, here.T_w_v, here.motion, pinhole=False)

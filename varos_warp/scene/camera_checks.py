@@ -3,9 +3,11 @@
 import numpy as np
 
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.image_types import DEPTH
+from varos_warp.scene.description.exposure import white_balance_of
+from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.frames import intrinsics
 from varos_warp.scene.info import camera_info
+from varos_warp.scene.lights.balance import MOST_BALANCE, lamp_gains
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
 from varos_warp.scene.optics.shutter import row_offsets_s
@@ -24,9 +26,15 @@ def check_cameras(scene: Scene) -> list[str]:
     """Warnings, one sentence each, of cameras that look wrong, and of their shutters."""
     warnings = []
     for i, camera in enumerate(scene.vehicle.cameras):
-        facts = [*_check_size(camera), *_check_view(camera), *_check_centre(camera), *_check_aperture(camera)]
+        facts = [
+            *_check_size(camera),
+            *_check_view(camera),
+            *_check_centre(camera),
+            *_check_aperture(camera),
+            *_check_gain(camera),
+        ]
         warnings += [f"vehicle.cameras.{i} ({camera.id}): {words}" for words in facts]
-    return [*warnings, *_check_planar_depth(scene), *_check_shutters(scene)]
+    return [*warnings, *_check_planar_depth(scene), *_check_shutters(scene), *_check_white_balance(scene)]
 
 
 def _check_size(camera):
@@ -74,6 +82,13 @@ def _check_aperture(camera):
     return warnings
 
 
+def _check_gain(camera):
+    gain = camera.exposure.gain
+    if isinstance(gain, float) and not 1e-4 <= gain <= 1e4:
+        return [f"exposure.gain: a gain of {gain:g} makes the picture black or white"]
+    return []
+
+
 def _check_planar_depth(scene):
     """Cameras that see behind their lens, where planar depth is below 0."""
     if DEPTH not in scene.render.outputs or scene.render.depth_kind != "z":
@@ -95,20 +110,35 @@ def _check_shutters(scene):
     """Exposures that no camera makes, and strobes that a shutter misses."""
     warnings, period = [], 1.0 / scene.render.frame_rate_hz
     for i, camera in enumerate(scene.vehicle.cameras):
-        for name, seconds in camera.shutter or ():
+        for name, seconds in (("time_s", camera.exposure.time_s), ("readout_s", camera.exposure.readout_s)):
             if seconds > period * (1.0 + 1e-9):
                 warnings.append(
-                    f"vehicle.cameras.{i} ({camera.id}): shutter.{name} = {seconds:g} is longer than the "
+                    f"vehicle.cameras.{i} ({camera.id}): exposure.{name} = {seconds:g} is longer than the "
                     f"{period:.4g} s from frame to frame, which no camera can do"
                 )
         warnings += _check_strobes(scene.vehicle.lights, camera)
     return warnings
 
 
+def _check_white_balance(scene):
+    """Gains for lamps that are kept at their bounds; lamps that light nothing are refused."""
+    warnings = []
+    for i, camera in enumerate(scene.vehicle.cameras):
+        if white_balance_of(scene.render.exposure, camera.exposure, WATER) != "lamps":
+            continue
+        for channel, gain in zip(("red", "green", "blue"), lamp_gains(scene, camera), strict=True):
+            if gain in (MOST_BALANCE, 1.0 / MOST_BALANCE):
+                warnings.append(
+                    f"vehicle.cameras.{i} ({camera.id}): white balance for lamps at its focus_m, {camera.focus_m:g} m, "
+                    f"asks for more than {MOST_BALANCE:g} between {channel} and green, and is kept at that"
+                )
+    return warnings
+
+
 def _check_strobes(lights, camera):
     """Which rows are exposed while a strobe is on."""
     warnings, offset = [], row_offsets_s(camera)
-    half = 0.5 * camera.shutter.exposure_s if camera.shutter else 0.0
+    half = 0.5 * camera.exposure.time_s
     for i, light in enumerate(lights):
         if light.strobe is None:
             continue

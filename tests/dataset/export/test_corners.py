@@ -40,7 +40,7 @@ SCENE = {
                 "distortion": {"model": "kannala_brandt", "k": [-0.02, 0.003, 0, 0]},
                 "port": {"kind": "dome", "radius_m": 0.05, "centre": [0.002, 0, 0.003]},
             },
-            {"id": "R0", "resolution": [48, 27], "shutter": {"exposure_s": 0.004, "readout_s": 0.06}},
+            {"id": "R0", "resolution": [48, 27], "exposure": {"time_s": 0.004, "readout_s": 0.06}},
             {
                 "id": "F0",
                 "resolution": [64, 36],
@@ -106,7 +106,7 @@ def table(path):
 def seen_from(data, camera, frame, uv):
     """Rays through image points at the times of their rows, from the vehicle's motion; times [ns]."""
     about, time_ns = data.camera(camera), int(data.time_ns(camera)[frame])
-    readout = (about.get("shutter") or {"readout_s": 0.0})["readout_s"]
+    readout = (about.get("exposure") or {"readout_s": 0.0})["readout_s"]
     row = uv[:, 1].clip(0.5, about["height"] - 0.5)  # no row is exposed before the first or after the last
     when = time_ns + np.rint((row / about["height"] - 0.5) * readout * 1e9).astype(np.int64)
     T = data.trajectory().from_before(when).poses() @ np.array(about["T_v_c"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from varos_warp.dataset.run.expect import shutter_facts
+from varos_warp.dataset.run.expect import exposure_facts
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 
@@ -21,9 +21,9 @@ def scene():
                     | {
                         "id": "M0",
                         "rotation_euler_deg": [-90, 0, 0],
-                        "shutter": {"exposure_s": 0.01, "readout_s": 0.03},
+                        "exposure": {"time_s": 0.01, "readout_s": 0.03},
                     },
-                    camera | {"id": "O0", "mount": "world", "position": [0, -3, 1], "shutter": {"exposure_s": 0.02}},
+                    camera | {"id": "O0", "mount": "world", "position": [0, -3, 1], "exposure": {"time_s": 0.02}},
                     camera | {"id": "N0"},
                 ]
             },
@@ -39,9 +39,9 @@ def test_the_longest_streak_is_speed_times_exposure_over_distance(scene, monkeyp
 
     simulation, parts = simulate(scene), build_parts(scene)
     speed = np.abs(simulation.frames.velocity[:, 0]).max()
-    moving, standing = shutter_facts(scene, parts, simulation)
+    moving, standing = exposure_facts(scene, parts, simulation)
     focal = 3.4 / 4.4 * 640
     assert moving["streak_px"] == pytest.approx(focal * speed * 0.01 / 2.0, abs=0.02)
     assert moving["skew_px"] == pytest.approx(focal * speed * 0.03 / 2.0, abs=0.05)
-    assert (moving["id"], moving["exposure_s"], moving["readout_s"]) == ("M0", 0.01, 0.03)
-    assert standing == {"id": "O0", "exposure_s": 0.02, "readout_s": 0.0, "streak_px": 0.0, "skew_px": 0.0}
+    assert (moving["id"], moving["time_s"], moving["readout_s"]) == ("M0", 0.01, 0.03)
+    assert standing == {"id": "O0", "time_s": 0.02, "readout_s": 0.0, "streak_px": 0.0, "skew_px": 0.0}

@@ -49,7 +49,7 @@ BASE = {
                 "position": [0, 0.2, 0],
                 "rotation_euler_deg": [-15, 0, 0],
                 "resolution": [32, 18],
-                "shutter": {"exposure_s": 0.03, "readout_s": 0.02},
+                "exposure": {"time_s": 0.03, "readout_s": 0.02},
             }
         ],
         "dvl": {"position": [0, 0, -0.1]},
@@ -109,7 +109,7 @@ LIT = [
     "render.integrator=path",
     "render.layers=[direct, single]",
     "vehicle.lights.0.strobe=null",
-    "vehicle.cameras.0.shutter=null",
+    "vehicle.cameras.0.exposure={}",
     "particles=[]",
 ]
 """Of images whose kernels are soon compiled."""
@@ -262,7 +262,7 @@ def test_several_vehicles_have_a_dataset_each_in_every_version(tmp_path):
 
 def test_workers_make_the_bytes_of_one_process(swept, tmp_path):
     _, folder, _ = swept
-    options = ["render.outputs=[D,T]", "vehicle.cameras.0.shutter=null", "growth=[]"]
+    options = ["render.outputs=[D,T]", "vehicle.cameras.0.exposure={}", "growth=[]"]
     made = {}
     for name, workers in {"alone": None, "workers": 2}.items():
         job = prepare(

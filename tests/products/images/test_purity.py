@@ -121,7 +121,7 @@ def test_motion_blurs_an_edge_over_the_pixels_that_it_passes():
         T[:, 0, 3] = offset_ns * 1e-9 * 0.8 / 0.1
         return T
 
-    found, _ = rendered(half_plate(12.0), camera={"shutter": {"exposure_s": 0.1}}, motion=motion)
+    found, _ = rendered(half_plate(12.0), camera={"exposure": {"time_s": 0.1}}, motion=motion)
     distance = np.abs(np.arange(WIDTH) + 0.5 - 12.0)
     expected = np.minimum(0.5 + distance / 8.0, 1.0)
     np.testing.assert_allclose(found.mean(0), expected, atol=5 * 0.5 / np.sqrt(32 * HEIGHT))

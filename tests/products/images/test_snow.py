@@ -38,7 +38,7 @@ SCENE = {
                 "resolution": [48, 27],
                 "sensor_mm": [8, 4.5],
                 "focal_mm": 6,
-                "shutter": {"exposure_s": 0.02, "readout_s": 0.01},
+                "exposure": {"time_s": 0.02, "readout_s": 0.01},
             }
         ],
     },

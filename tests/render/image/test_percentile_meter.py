@@ -5,7 +5,7 @@ import pytest
 
 from varos_warp.render.image import exposure
 from varos_warp.render.image.exposure import Statistics, centre_weights, gains, statistics, weighted_percentile
-from varos_warp.scene.description.render import Exposure, PercentileMeter
+from varos_warp.scene.description.exposure import Exposure, PercentileMeter
 
 METER = PercentileMeter(meter="percentile")
 

@@ -56,7 +56,7 @@ def moments_of(light):
 VIEWS = {
     "in focus": {},
     "out of focus": {"f_stop": 1.0, "focus_m": 0.25},
-    "streaked": {"shutter": {"exposure_s": 0.05}},
+    "streaked": {"exposure": {"time_s": 0.05}},
 }
 
 
@@ -139,7 +139,7 @@ def test_place_and_radius_of_a_blurred_disc():
 
 def test_a_streak_is_as_long_as_the_way_of_the_image_while_the_shutter_is_open():
     """Its variance is more than the disc's by a twelfth of the square of its length, nearly: measured in the splat."""
-    snowing = Snowing(snow_scene({"shutter": {"exposure_s": 0.1}}, STILL), (PLACE, RADIUS))
+    snowing = Snowing(snow_scene({"exposure": {"time_s": 0.1}}, STILL), (PLACE, RADIUS))
     n = snowing(motion=moving([0.8, 0.0, 0.3]))
     splat = snowing.splats[0]
     ends = [image_of(PLACE, np.array([0.8, 0.0, 0.3]) * t) for t in (-0.05, 0.05)]
@@ -151,7 +151,7 @@ def test_a_streak_is_as_long_as_the_way_of_the_image_while_the_shutter_is_open()
 def test_a_rolling_shutter_sees_a_body_at_the_instant_of_its_row():
     """Rows are read over 0.1 s, in which the camera moves by 0.1 m."""
     snowing = Snowing(
-        snow_scene({"shutter": {"exposure_s": 0.001, "readout_s": 0.1}}, STILL), (PLACE + [0, 0, 0.15], RADIUS)
+        snow_scene({"exposure": {"time_s": 0.001, "readout_s": 0.1}}, STILL), (PLACE + [0, 0, 0.15], RADIUS)
     )
     place, v = PLACE + [0, 0, 0.15], np.array([1.0, 0.0, 0.2])
     times = row_offsets_s(snowing.renderer.scene.vehicle.cameras[0])

@@ -173,7 +173,7 @@ def test_threads_do_not_change_a_byte():
 @pytest.mark.gpu
 def test_a_gpu_sees_the_bodies_of_a_cpu():
     """Up to float32: images of bodies move by thousandths of a pixel, whose shares of light change as much."""
-    scene = snow_scene({"shutter": {"exposure_s": 0.02, "readout_s": 0.01}}, {"share": 0.008})
+    scene = snow_scene({"exposure": {"time_s": 0.02, "readout_s": 0.01}}, {"share": 0.008})
     cpu, gpu = (FrameRenderer(scene, device).render(np.eye(4), outputs="N").N for device in ("cpu", "cuda:0"))
     assert np.abs(gpu.light - cpu.light).sum(dtype=float) < 1e-3 * cpu.light.sum(dtype=float)
     expected = [(snow.light - snow.added) / snow.passed[..., None] for snow in (cpu, gpu)]

@@ -176,7 +176,7 @@ def _row_times(facts: dict) -> dict[str, float]:
 
     Stamps here are of the middle row, so the shift is that of the first row's middle, v = 0.
     """
-    readout_s = (facts.get("shutter") or {"readout_s": 0.0})["readout_s"]
+    readout_s = (facts.get("exposure") or {"readout_s": 0.0})["readout_s"]
     if not readout_s:
         return {"timeshift_cam_imu": 0.0}
     return {

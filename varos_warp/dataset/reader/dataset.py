@@ -11,16 +11,17 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout, from_runs, runs
 from varos_warp.dataset.reader import rows
-from varos_warp.dataset.reader.exposures import read_exposures
+from varos_warp.dataset.reader.exposures import read_gains
 from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.dataset.reader.readings import Readings
 from varos_warp.dataset.reader.schema import read_metadata
 from varos_warp.errors import InputError, counted, did_you_mean
 from varos_warp.products.images.flow import FlowImage
-from varos_warp.products.images.radiance import in_srgb
+from varos_warp.products.images.radiance import decode_color
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.images.snow import Snow
+from varos_warp.render.image.exposure import FrameGain
 from varos_warp.scene.description.image_types import DEPTH, FLOW, SNOW, WATER
 from varos_warp.scene.optics.camera import CameraModel, Rays, channel_number, described_camera, pixel_centres
 from varos_warp.sim.motion import Trajectory
@@ -188,9 +189,10 @@ class Dataset(Readings):
         """
         if output not in OUTPUTS:
             raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
-        found = OUTPUTS[output].decode(self.pixels(output, frame, camera), self.scale(output, frame, camera))
-        matrix = self.color_matrix(camera) if OUTPUTS[output].is_color else None
-        return found if matrix is None else in_srgb(found, np.linalg.inv(matrix))
+        pixels = self.pixels(output, frame, camera)
+        if OUTPUTS[output].is_color:
+            return decode_color(pixels, self.gain(output, frame, camera), self.color_matrix(camera))
+        return OUTPUTS[output].decode(pixels, self.scale(output, frame, camera))
 
     def pixels(self, output: str, frame: int, camera: str | None = None, truth: bool = False) -> np.ndarray:
         """What the finished image holds: uint8 [H, W, 3], of D and S uint16 [H, W], of F uint16 [H, W, 3].
@@ -288,24 +290,23 @@ class Dataset(Readings):
         depth = OUTPUTS[DEPTH].decode(pixels, self.scale(DEPTH, frame)).astype(float)
         return depth if self.meta["depth"]["kind"] == "z" else along_axis(depth, self.camera_model(camera))
 
-    def scale(self, output: str, frame: int, camera: str | None = None) -> float | tuple[float, float] | None:
+    def scale(self, output: str, frame: int, camera: str | None = None) -> FrameGain | tuple[float, float] | None:
         """What an image's pixels are decoded with: gain of A, B and P, range [m] of D, None for others."""
         if output == DEPTH:
             return tuple(self.meta["depth"]["range_m"])
         return self.gain(output, frame, camera) if OUTPUTS[output].is_color else None
 
-    def gain(self, output: str, frame: int, camera: str | None = None) -> float:
-        """Exposure gain of A, B or P."""
+    def gain(self, output: str, frame: int, camera: str | None = None) -> FrameGain:
+        """Exposure gain of A, B or P; with white balance those of red, green and blue."""
         camera = self._camera(camera)
         gains = self._once(("gains", output, camera), lambda: self.gains(output, camera))
         if frame not in gains:
             raise InputError(f"has no gain of frame {frame}", file=self.layout.exposures(camera, output), remedy=_ANEW)
         return gains[frame]
 
-    def gains(self, output: str, camera: str | None = None) -> dict[int, float]:
-        """Exposure gain of every frame of A, B or P."""
-        exposures = read_exposures(self.layout.exposures(self._camera(camera), output))
-        return {frame: gain for frame, (gain, _) in exposures.items()}
+    def gains(self, output: str, camera: str | None = None) -> dict[int, FrameGain]:
+        """Exposure gain of every frame of A, B or P; with white balance those of red, green and blue."""
+        return read_gains(self.layout.exposures(self._camera(camera), output))
 
     # ------------------------------------------------------------------------------------------- poses and sensors
 

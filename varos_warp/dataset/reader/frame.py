@@ -11,6 +11,7 @@ from varos_warp.dataset.reader.points import along_ray, colour_offsets
 from varos_warp.errors import InputError
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.images.transmittance import LEAST
+from varos_warp.render.image.exposure import FrameGain
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, NORMALS, SEGMENTS, TWIN, WATER
 
 
@@ -121,8 +122,8 @@ class Frame:
         """Linear radiance [W/sr/m^2] of P, float32 [H, W, 3], before exposure."""
         return self.data.linear(TWIN, self.number, self.camera)
 
-    def gain(self, output: str = WATER) -> float:
-        """What the radiance of A, B or P was multiplied with before the sRGB curve."""
+    def gain(self, output: str = WATER) -> FrameGain:
+        """What the radiance of A, B or P was multiplied with before the sRGB curve; with white balance by channel."""
         return self.data.gain(output, self.number, self.camera)
 
     @cached_property

@@ -14,17 +14,23 @@ from varos_warp.sim.clock import frame_time_ns
 
 def is_rolling(about: dict) -> bool:
     """Whether the rows of a camera's images have poses of their own; ``about`` is its entry in dataset.json."""
-    return "row_poses" in (about.get("shutter") or {})
+    return "row_poses" in (about.get("exposure") or {})
 
 
 def exposure_s(about: dict) -> float:
     """How long each pixel is exposed [s]; 0: an instant."""
-    return (about.get("shutter") or {"exposure_s": 0.0})["exposure_s"]
+    return (about.get("exposure") or {"time_s": 0.0})["time_s"]
+
+
+def lasts(about: dict) -> bool:
+    """Whether images of a camera are of more than one instant: it has an exposure time, or rolls."""
+    exposure = about.get("exposure") or {}
+    return bool(exposure.get("time_s") or exposure.get("readout_s"))
 
 
 def offsets_ns(about: dict) -> np.ndarray:
     """Time from a frame's time stamp to the middle of the exposure of each row, int64 [H] [ns]."""
-    return in_ns(offsets_of_rows_s(about["height"], (about.get("shutter") or {"readout_s": 0.0})["readout_s"]))
+    return in_ns(offsets_of_rows_s(about["height"], (about.get("exposure") or {"readout_s": 0.0})["readout_s"]))
 
 
 def sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray:

@@ -17,6 +17,7 @@ from varos_warp.files import is_file
 from varos_warp.limits import check_limit
 from varos_warp.products.sensors.registry import SENSORS
 from varos_warp.scene.block import CameraId, SequenceId, VehicleId
+from varos_warp.scene.description.exposure import Gain, WhiteBalance
 from varos_warp.scene.description.image_types import ImageLetter
 from varos_warp.scene.description.lens import Distortion
 from varos_warp.scene.description.lights import Strobe
@@ -55,9 +56,28 @@ def read_metadata(root: Path) -> dict[str, Any]:
             file=path,
             remedy="Make it anew, or read it with the version of varos_warp that made it.",
         )
+    _renew(content)
     if flaw := first_flaw(content):
         raise InputError(f"the entry {flaw}", file=path, remedy="Make the dataset anew.")
     return content
+
+
+def _renew(content: dict[str, Any]) -> None:
+    """Give cameras of older datasets, and of the scene in them, their ``exposure``."""
+    scene = content["scene"] if isinstance(content.get("scene"), dict) else {}
+    several = scene["vehicles"] if isinstance(scene.get("vehicles"), list) else []
+    for carrier in [content, scene.get("vehicle"), *several]:
+        if isinstance(carrier, dict) and isinstance(carrier.get("cameras"), list):
+            carrier["cameras"] = [renewed(camera) for camera in carrier["cameras"]]
+
+
+def renewed(about: Any) -> Any:
+    """What a dataset says of a camera, where older ones have the times of its ``exposure`` under ``shutter``."""
+    old = about.get("shutter") if isinstance(about, dict) else None
+    if not isinstance(old, dict) or "exposure" in about:
+        return about
+    times = {"time_s" if key == "exposure_s" else key: value for key, value in old.items()}
+    return {"exposure" if key == "shutter" else key: times if key == "shutter" else about[key] for key in about}
 
 
 def no_dataset(root: Path) -> InputError:
@@ -150,7 +170,9 @@ def _metadata() -> type[BaseModel]:
             "distortion": str | Distortion,
             "vignetting": Vignetting,
             "color_matrix": tuple[Vec3, Vec3, Vec3],
-            "shutter": _block({"row_poses": str}, exposure_s=Duration, readout_s=Duration),
+            "exposure": _block(
+                {"row_poses": str, "gain": Gain, "white_balance": WhiteBalance}, time_s=Duration, readout_s=Duration
+            ),
         },
         id=CameraId,
         width=Side,

@@ -4,7 +4,7 @@ A long recording is drawn by the ends of what it does in each of a thousand inte
 """
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -113,10 +113,11 @@ def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
 def _exposure(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
     """Gain of every exposed output of every camera, over the frames that all of them have."""
     gains = {
-        f"{camera} {output}" if len(data.cameras) > 1 else output: data.gains(output, camera)
+        name: by_frame
         for camera in data.cameras
         for output in data.outputs
         if OUTPUTS[output].is_color and data.layout.exposures(camera, output).is_file()
+        for name, by_frame in _curves(f"{camera} {output}" if len(data.cameras) > 1 else output, data, output, camera)
     }
     frames = [f for f in data.frames if all(f in gain for gain in gains.values())]
     if not gains or not frames:
@@ -124,6 +125,16 @@ def _exposure(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
     columns = np.array([[gain[f] for gain in gains.values()] for f in frames])
     time = data.views()[0][np.searchsorted(data.frames, frames)] * 1e-9
     return [curve("Exposure gain", "", time, columns, gains, times, log=True)]
+
+
+def _curves(name: str, data: Dataset, output: str, camera: str) -> Iterator[tuple[str, dict[int, float]]]:
+    """Gains by frame, by their curve's name: one curve, or with white balance one of each channel."""
+    gains = data.gains(output, camera)
+    if not any(isinstance(gain, tuple) for gain in gains.values()):
+        yield name, gains
+        return
+    for i, channel in enumerate(("red", "green", "blue")):
+        yield f"{name} {channel}", {frame: gain[i] for frame, gain in gains.items()}
 
 
 def logs(data: Dataset) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ import yaml
 
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.rows import lasts
 from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
 from varos_warp.errors import InputError, counted
@@ -171,9 +172,9 @@ def _optics(about: dict) -> str:
         + (f", behind a {port['kind']} port, n = {numbers(about['n_water'])}" if port else "")
         + (f", vignetting {about['vignetting']['kind']}" if about.get("vignetting") else "")
         + (
-            f", exposed for {1e3 * shutter['exposure_s']:g} ms"
-            + (f", rolling in {1e3 * shutter['readout_s']:g} ms" if shutter["readout_s"] else "")
-            if (shutter := about.get("shutter"))
+            f", exposed for {1e3 * about['exposure']['time_s']:g} ms"
+            + (f", rolling in {1e3 * readout_s:g} ms" if (readout_s := about["exposure"]["readout_s"]) else "")
+            if lasts(about)
             else ""
         )
     )

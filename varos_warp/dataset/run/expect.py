@@ -57,16 +57,16 @@ MOST_FRAMES = 50
 """Most frames at which streaks are looked for."""
 
 
-def shutter_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[dict]:
-    """Shutters of cameras: ``id``, ``exposure_s``, ``readout_s``, ``streak_px``, ``skew_px`` of each, as plain types.
+def exposure_facts(scene: Scene, parts: list, simulation: "Simulation") -> list[dict]:
+    """Exposures that last: ``id``, ``time_s``, ``readout_s``, ``streak_px``, ``skew_px`` of each, as plain types.
 
     The last two are how far what the middle of the image sees moves in it at most, of some frames, while a row is
     exposed, and while the rows are read out.
     """
     found = []
     for camera in scene.vehicle.cameras:
-        if camera.shutter:
-            about = camera.shutter.model_dump(mode="json")
+        if not camera.exposure.is_instant:
+            about = {"time_s": camera.exposure.time_s, "readout_s": camera.exposure.readout_s}
             streak, skew = _longest_moves_px(scene, parts, simulation, camera, list(about.values()))
             found.append({"id": camera.id, **about, "streak_px": streak, "skew_px": skew})
     return found

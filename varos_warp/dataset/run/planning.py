@@ -15,6 +15,7 @@ from varos_warp.dataset.write.texts import sources
 from varos_warp.device.devices import kind_of
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.planner.decisions import STEPS, Plan, open_questions
+from varos_warp.scene.description.looks import GAINS, without
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.load import scene_to_dict
 from varos_warp.scene.geometry.files.named import mesh_textures
@@ -89,7 +90,7 @@ def told_of(plan: Plan, outputs) -> list[str]:
 
 def depends_on(scene, renderer, frames) -> dict[str, Any]:
     """Everything that a plan follows from, as JSON."""
-    described = scene_to_dict(scene)
+    described = without(scene_to_dict(scene), GAINS)
     for key in BESIDE:
         described["render"].pop(key, None)
     textures = {str(path.name): sha256(path) for path in mesh_textures(scene)}

@@ -372,6 +372,7 @@ class Run:
             plan=plan and plan.to_dict(),
             denoisers=self.denoisers,
             moving=describe_moving(self.scene, self.parts),
+            lamp_gains=writers.lamp_gains_of(self.scene),
         )
         relief = {part.name: part.relief for part in self.parts or () if part.relief}
         if relief or (self.previous or {}).get("relief"):

@@ -12,7 +12,7 @@ from varos_warp.dataset.layout import TIME
 from varos_warp.dataset.noise_pass import is_repeatable, noise_of, noisy_pixels
 from varos_warp.dataset.progress import in_threads
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.reader.exposures import MEAN, exposure_setting, read_exposures
+from varos_warp.dataset.reader.exposures import MEAN, exposure_columns, exposure_rule, read_exposures
 from varos_warp.dataset.reader.points import along_axis, pixel_rays
 from varos_warp.dataset.reader.rows import sight
 from varos_warp.dataset.validate import flows, objects, surfaces
@@ -30,7 +30,6 @@ from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.render.image import exposure
 from varos_warp.render.image.dither import Dither
 from varos_warp.scene.description.image_types import DEPTH, FLOW, NORMALS, SEGMENTS, WATER
-from varos_warp.scene.description.render import PercentileMeter
 from varos_warp.scene.frames import inverse
 
 BORDER_OF_C = 40
@@ -234,8 +233,7 @@ class Exposures:
         self.data, self.result, self.camera, self.output = data, result, camera, output
         self.path = data.layout.exposures(camera, output)
         self.has_noise = output == WATER and data.has_noise(WATER)
-        self.setting: exposure.Setting = "adaptive"
-        self.meter: PercentileMeter | None = None
+        self.rule = exposure.Rule("adaptive")
         self.dither = Dither(data.meta["seed"]) if data.is_dithered else None
         self.expected: dict[str, int] = {}
         """Frame by the digest of what its PNG must be."""
@@ -245,10 +243,9 @@ class Exposures:
         self.flaw, self.table = None, {}
         """Gain and statistics by frame, or why the table cannot be used."""
         try:
-            self.setting = exposure_setting(data.meta, output, data.layout.metadata)
-            self.meter = exposure.meter_of(self.setting)
-            rows = read_exposures(self.path, self.meter)
-            if bad := [f for f in data.frames if f not in rows or not 0.0 < rows[f][0] < np.inf]:
+            self.rule = exposure_rule(data.meta, data.camera(camera), output, data.layout.metadata)
+            rows = read_exposures(self.path, self.rule)
+            if bad := [f for f in data.frames if f not in rows or not _is_positive(rows[f][0])]:
                 raise InputError(f"the exposure table lacks a positive gain for frame {bad[0]}", file=self.path)
             self.table = rows
         except InputError as error:
@@ -265,7 +262,7 @@ class Exposures:
         if frame not in self.table:
             return
         gain, known = self.table[frame]
-        if not _same(found := exposure.statistics(linear, self.meter), known):
+        if not _same(found := self.rule.statistics(linear), known):
             self.wrong_statistics[frame] = found
         if self.has_noise:
             if is_repeatable(data) and not np.array_equal(noisy_pixels(data, *noise_of(data), frame, camera), pixels):
@@ -276,7 +273,7 @@ class Exposures:
         if not np.array_equal(made, pixels):
             self.wrong_png[frame] = _digest(pixels)
 
-    def _developed(self, linear: np.ndarray, gain: float, frame: int) -> np.ndarray:
+    def _developed(self, linear: np.ndarray, gain: exposure.FrameGain, frame: int) -> np.ndarray:
         """What the PNG of linear radiance must be."""
         matrix = self.data.color_matrix(self.camera)
         if self.dither is None:
@@ -306,8 +303,11 @@ class Exposures:
         if other is not None:
             return f"{png} and {exr}: are not those of the exposure table{holds}"
         known = self.table[frame][1]
-        if self.meter and _same(replace(statistics, metered=known.metered, mean=known.mean), known):
-            column = MEAN if statistics.metered == known.metered else self.meter.column
+        if self.rule.balance is not None and _same(replace(statistics, channels=known.channels), known):
+            where = self.result.cell(self.path, list(self.table).index(frame), "highlight_red")
+            return f"{where}: statistics of the channels of frame {frame} are not those of its EXR"
+        if self.rule.meter and _same(replace(statistics, metered=known.metered, mean=known.mean), known):
+            column = MEAN if statistics.metered == known.metered else self.rule.meter.column
             where = self.result.cell(self.path, list(self.table).index(frame), column)
             return f"{where}: is not what its meter reads in the EXR of frame {frame}"
         where = self.result.cell(self.path, list(self.table).index(frame), "log_average")
@@ -316,31 +316,46 @@ class Exposures:
     def _wrong_gains(self) -> list[str]:
         """Gains follow from the statistics of all frames, as the scene asks for, or of P from those of A."""
         made, problem = self._expected_gains()
-        wrong = [f for f, gain in zip(self.table, made, strict=True) if not np.isclose(self.table[f][0], gain, 1e-9, 0)]
+        wrong = [
+            f for f, gain in zip(self.table, made, strict=True) if not np.isclose(self.table[f][0], gain, 1e-9, 0).all()
+        ]
         if not wrong:
             return []
         more = f" and of {len(wrong) - 1} more" if wrong[1:] else ""
-        where = self.result.cell(self.path, list(self.table).index(wrong[0]), "gain")
+        where = self.result.cell(self.path, list(self.table).index(wrong[0]), exposure_columns(self.rule)[1])
         return [f"{where}: the gain of frame {wrong[0]}{more} {problem}"]
 
     def _expected_gains(self) -> tuple[np.ndarray, str]:
         """What the gains of the table should be, and what is wrong with others."""
-        setting = self.setting
+        rule = self.rule
         if OUTPUTS[self.output].like:
             weight = self.data.camera_model(self.camera).axis_weight
-            of_a = twin_gains(self.data.layout, setting, self.camera, list(self.table), weight)
+            of_a = twin_gains(self.data.layout, rule, self.camera, list(self.table), weight)
             if of_a is not None:
                 return of_a, "is not that of A times what the port lets through"
         time_s = files.read_csv(self.path)[TIME] * 1e-9
-        made = exposure.gains(setting, self.output, time_s, [known for _, known in self.table.values()])
-        told = "log_average and highlight" if self.meter is None else f"{self.meter.column} and {MEAN}"
-        shown = setting if self.meter is None else setting.model_dump()
+        made = rule.gains(self.output, time_s, [known for _, known in self.table.values()])
+        told = "log_average and highlight" if rule.meter is None else f"{rule.meter.column} and {MEAN}"
+        told += "" if rule.balance is None else f", with those of channels, and by the white balance {rule.balance}"
+        shown = rule.gain if rule.meter is None else rule.meter.model_dump()
         return made, f"does not follow from the table's {told} by the exposure {shown!r}"
+
+
+def _of_channels(known: exposure.Statistics) -> list[float]:
+    channels = known.channels
+    return [] if channels is None else [*channels.highlight, *channels.mean, *(channels.metered or ())]
+
+
+def _is_positive(gain: exposure.FrameGain) -> bool:
+    return bool(np.all(np.greater(gain, 0.0) & np.isfinite(gain)))
 
 
 def _same(one: exposure.Statistics, other: exposure.Statistics) -> bool:
     """Equal to the rounding of a mean of logarithms."""
-    numbers = [[known.log_average, known.highlight, known.metered or 0.0, known.mean or 0.0] for known in (one, other)]
+    numbers = [
+        [known.log_average, known.highlight, known.metered or 0.0, known.mean or 0.0, *_of_channels(known)]
+        for known in (one, other)
+    ]
     return np.allclose(*numbers, 1e-9, 0, equal_nan=True)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import POSE_FORMS, TIME
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.dataset.reader.schema import renewed
 from varos_warp.dataset.validate.completeness import Pending, exposure_tables
 from varos_warp.dataset.validate.outcome import Validation
 from varos_warp.dataset.write import texts as writers
@@ -43,6 +44,7 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         plan=samples["plan"],
         device=meta["device"],
         denoisers={letter: samples[key] for letter, key in DENOISE_KEYS.items()},
+        lamp_gains=_lamp_gains(known) if known is scene else None,
     )
     for key in ("versions", "sources", "conventions"):  # not of the scene alone
         del made[key]
@@ -73,9 +75,17 @@ def check_metadata(data: Dataset, result: Validation) -> None:
         path = data.layout.camera_file(camera, ".yaml")
         found = [
             f"{result.name(path)}: {key} is {here!r}, in dataset.json {there!r}"
-            for key, here, there in files.differences(_read_yaml(path), data.camera(camera), same, every=False)
+            for key, here, there in files.differences(renewed(_read_yaml(path)), data.camera(camera), same, every=False)
         ]
         result.add_all(found, "entries")
+
+
+def _lamp_gains(scene: Scene) -> dict[str, list[float]] | None:
+    """Gains of cameras that are balanced for lamps; None where a lamp's own file is not at hand."""
+    try:
+        return writers.lamp_gains_of(scene)
+    except InputError:
+        return None
 
 
 def _without_table(scene: Scene) -> Scene:

@@ -128,7 +128,7 @@ def swept(data: Dataset, frame: int, camera: str, shape: tuple[int, ...]) -> np.
     covered = np.zeros(shape, bool)
     if not solid(data) or not exposure_s(about):
         return covered
-    open_s = exposure_s(about) + about["shutter"]["readout_s"]
+    open_s = exposure_s(about) + about["exposure"]["readout_s"]
     time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + in_ns(open_s * INSTANTS)
     T_w_c = _camera_at(data, camera, time_ns)
     if T_w_c is None:

@@ -9,10 +9,11 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import Layout
-from varos_warp.products.images.radiance import encode_color, in_srgb, srgb_oetf
+from varos_warp.products.images.radiance import by_value, encode_color, exposed, srgb_oetf
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image.camera_noise import noisy_color
 from varos_warp.render.image.dither import Dither
+from varos_warp.render.image.exposure import FrameGain
 from varos_warp.scene.description.noise_profile import CameraNoise
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.spectra.matrix import color_matrix
@@ -22,7 +23,7 @@ _EVERY_HALF = np.nan_to_num(np.arange(1 << 16, dtype=np.uint16).view(np.float16)
 """Every half float, indexed by its bits; 0 for what is not a number, which no image has."""
 
 
-def develop(half: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> np.ndarray:
+def develop(half: np.ndarray, gain: FrameGain, matrix: np.ndarray | None = None) -> np.ndarray:
     """Pixels of A, B or P, uint8 [H, W, 3], of half floats: the curve of every half float, looked up.
 
     That is what `encode_color` makes of them, in a sixth of its time at 1280 x 720. A colour matrix leaves none to look
@@ -30,12 +31,12 @@ def develop(half: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> 
     """
     if matrix is not None:
         return encode_color(half, gain, matrix)
-    return np.take(encode_color(_EVERY_HALF, gain), half.view(np.uint16))
+    return by_value(encode_color(_EVERY_HALF[:, None], gain), half.view(np.uint16))
 
 
 def dithered(
     half: np.ndarray,
-    gain: float,
+    gain: FrameGain,
     dither: Dither,
     camera: str,
     letter: str,
@@ -44,12 +45,10 @@ def dithered(
 ) -> np.ndarray:
     """Dithered pixels of `develop`; the curve is in float64, so that every machine rounds the same to 8 bits."""
     if matrix is not None:
-        curve = 255.0 * srgb_oetf((in_srgb(half, matrix) * np.float32(gain)).astype(np.float64))
+        curve = 255.0 * srgb_oetf(exposed(half, gain, matrix).astype(np.float64))
         return dither.rounded(curve.astype(np.float32), camera, letter, frame)
-    with np.errstate(over="ignore"):
-        exposed = _EVERY_HALF.astype(np.float32) * np.float32(gain)
-    curve = (255.0 * srgb_oetf(exposed.astype(np.float64))).astype(np.float32)
-    return dither.rounded(np.take(curve, half.view(np.uint16)), camera, letter, frame)
+    curve = (255.0 * srgb_oetf(exposed(_EVERY_HALF[:, None], gain).astype(np.float64))).astype(np.float32)
+    return dither.rounded(by_value(curve, half.view(np.uint16)), camera, letter, frame)
 
 
 @dataclass(frozen=True)
@@ -69,20 +68,22 @@ class Developer:
         key = OUTPUTS[letter].noise_key
         return getattr(self.scene.render, key) if key else None
 
-    def write(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: float) -> None:
+    def write(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: FrameGain) -> None:
         """Write them of half floats [H, W, 3]."""
         *clean, finished = self.files(camera, letter, frame)
         for path in clean or [finished]:
             files.write_png(path, self._without_noise(camera, letter, frame, half, gain))
         if (sensor := self.sensor(letter)) is not None:
             view = next(each for each in self.scene.vehicle.cameras if each.id == camera)
-            open_s = view.shutter.exposure_s if view.shutter else 0.0
             rng, linear = frame_generator(self.scene.seed, frame, camera), half.astype(np.float32)
             files.write_png(
-                finished, noisy_color(sensor, linear, gain, camera_model(view), open_s, rng, self._matrices[camera])
+                finished,
+                noisy_color(
+                    sensor, linear, gain, camera_model(view), view.exposure.time_s, rng, self._matrices[camera]
+                ),
             )
 
-    def _without_noise(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: float) -> np.ndarray:
+    def _without_noise(self, camera: str, letter: str, frame: int, half: np.ndarray, gain: FrameGain) -> np.ndarray:
         dither, matrix = Dither.of(self.scene), self._matrices[camera]
         if dither is None:
             return develop(half, gain, matrix)

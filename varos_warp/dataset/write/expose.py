@@ -10,7 +10,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import TIME, Layout
-from varos_warp.dataset.reader.exposures import exposure_columns, read_exposures
+from varos_warp.dataset.reader.exposures import exposure_columns, exposure_row, read_exposures, read_gains
 from varos_warp.dataset.write.develop import Developer
 from varos_warp.errors import InputError
 from varos_warp.products.images.registry import OUTPUTS
@@ -49,18 +49,18 @@ def expose(
     """
     from varos_warp.device.devices import usable_cores
 
-    setting = getattr(scene.render.exposure, OUTPUTS[letter].settings)
-    table, meter, developer = layout.exposures(camera, letter), exposure.meter_of(setting), Developer(layout, scene)
-    old: dict[int, tuple[float, exposure.Statistics]] = {}
+    rule = exposure.rule_of(scene, camera, letter)
+    table, developer = layout.exposures(camera, letter), Developer(layout, scene)
+    old: dict[int, tuple[exposure.FrameGain, exposure.Statistics]] = {}
     with contextlib.suppress(InputError):  # where there is nothing to trust, all is made anew
-        old = read_exposures(table, meter)
-    known = exposure.known_gain(setting, letter) is not None
+        old = read_exposures(table, rule)
+    known = rule.known(letter) is not None
 
     def statistics(frame: int) -> exposure.Statistics:
         found = made.get((camera, letter, frame)) or (old[frame][1] if frame in old else None)
-        return found or exposure.statistics(_read_half(layout.exr(camera, letter, frame)), meter)
+        return found or rule.statistics(_read_half(layout.exr(camera, letter, frame)))
 
-    def write(frame: int, gain: float) -> None:
+    def write(frame: int, gain: exposure.FrameGain) -> None:
         fresh = known and (camera, letter, frame) in made
         exposed = fresh or (frame in old and old[frame][0] == gain)
         if not (exposed and all(map(has, developer.files(camera, letter, frame)))):
@@ -68,36 +68,34 @@ def expose(
 
     with ThreadPoolExecutor(usable_cores(), "expose") as pool:
         found = list(pool.map(statistics, frames))
-        gains = twin_gains(layout, setting, camera, frames, axis_weight) if OUTPUTS[letter].like else None
+        gains = twin_gains(layout, rule, camera, frames, axis_weight) if OUTPUTS[letter].like else None
         if gains is None:
-            gains = exposure.gains(setting, letter, time_ns * 1e-9, found)
-        list(pool.map(write, frames, gains.tolist()))
-    read = [[s.metered for s in found], [s.mean for s in found]] if meter else []
+            gains = rule.gains(letter, time_ns * 1e-9, found)
+        of_frames = [exposure.as_gain(gain) for gain in gains.tolist()]
+        list(pool.map(write, frames, of_frames))
+    rows = [exposure_row(gain, known) for gain, known in zip(of_frames, found, strict=True)]
     files.write_csv(
         table,
-        [TIME, *exposure_columns(meter)],
+        [TIME, *exposure_columns(rule)],
         time_ns,
         frames,
-        gains,
-        [s.log_average for s in found],
-        [s.highlight for s in found],
-        *read,
+        *zip(*rows, strict=True),
     )
 
 
 def twin_gains(
-    layout: Layout, setting: exposure.Setting, camera: str, frames: list[int], axis_weight: float
+    layout: Layout, rule: exposure.Rule, camera: str, frames: list[int], axis_weight: float
 ) -> np.ndarray | None:
     """Gains [N] of P: those of A times what its port lets through, so that both show the middle alike.
 
-    None where A has none for some frame: then P is exposed by itself. ``setting`` is the scene's ``render.exposure`` of
-    A, the other arguments are those of `expose`.
+    With white balance they are [N, 3]. None where A has none for some frame: then P is exposed by itself. ``rule`` is
+    that of A (`exposure.rule_of`), the other arguments are those of `expose`.
     """
-    if isinstance(setting, float | int):
-        return np.full(len(frames), axis_weight * setting)
     try:
-        known = read_exposures(layout.exposures(camera, WATER))
-        return axis_weight * np.array([known[frame][0] for frame in frames])
+        if (gain := rule.known(WATER)) is not None:
+            return axis_weight * np.array([gain] * len(frames))
+        known = read_gains(layout.exposures(camera, WATER))
+        return axis_weight * np.array([known[frame] for frame in frames])
     except (InputError, KeyError):
         return None
 

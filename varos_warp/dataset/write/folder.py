@@ -18,6 +18,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.write import checksums
 from varos_warp.dataset.write import texts as writers
 from varos_warp.errors import InputError
+from varos_warp.scene.description.looks import GAINS, without
 from varos_warp.scene.file.load import scene_to_dict
 
 _NAME = re.compile(r"\.run\.(\w+)\.(\d+)-\d+\.(\d+)of(\d+)\.lock")
@@ -26,7 +27,7 @@ PLAN_LOCK = ".plan.lock"
 _TEMP = re.compile(r"\.(\w+)-(\d+)-\d+\.tmp$")
 """Ends of the names of files that are not complete: host and process."""
 _counter = itertools.count()
-FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure")
+FREE = ("render.outputs", "render.linear_exr", "render.depth_exr", "render.exposure", *GAINS)
 """Keys that may change between runs into one folder: what they ask for is added, or made from what is there."""
 
 
@@ -225,7 +226,7 @@ def check_same(scene, meta: dict, file: Path) -> None:
     """
     here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
     there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
-    if different := [d for d in files.differences(there, here) if not d[0].startswith(FREE)]:
+    if different := list(files.differences(without(there, FREE), without(here, FREE))):
         key, old, new = different[0]
         rest = [d[0] for d in different[1:4]] + ["..."] * (len(different) > 4)
         also = f" (also different: {', '.join(rest)})" if rest else ""

@@ -100,10 +100,10 @@ class Store:
         with clock("encode"):
             half, clamped = to_half(denoised)
             files.write_exr(paths["_exr"], {"RGB": half})
-            setting = getattr(self.render.exposure, product.settings)
-            if (gain := exposure.known_gain(setting, letter)) is not None:
+            rule = exposure.rule_of(self.scene, camera, letter)
+            if (gain := rule.known(letter)) is not None:
                 Developer(self.layout, self.scene).write(camera, letter, frame, half, gain)
-            return Stored(clamped, exposure.statistics(half, exposure.meter_of(setting)))
+            return Stored(clamped, rule.statistics(half))
 
     def _denoise(self, image, letter: str, clock: Clock) -> np.ndarray:
         method = self.denoisers[OUTPUTS[letter].settings]

@@ -20,8 +20,10 @@ from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS, mounted
+from varos_warp.render.image.exposure import rule_of
 from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
+from varos_warp.scene.description.exposure import CameraExposure, white_balance_of
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
 from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
@@ -75,7 +77,7 @@ def describe_camera(layout: Layout, camera, matrix: np.ndarray | None = None) ->
         "focus_m": camera.focus_m,
         **describe_optics(camera),
         **({} if matrix is None else {"color_matrix": matrix.tolist()}),
-        **describe_shutter(layout, camera),
+        **describe_exposure(layout, camera),
         **({"rays": layout.rays(camera.id).relative_to(layout.root).as_posix()} if has_lens(camera) else {}),
         "K_center_half": intrinsics(camera).tolist(),
         "K_opencv": opencv_intrinsics(camera).tolist(),
@@ -97,18 +99,35 @@ def describe_optics(camera) -> dict:
     return about if camera.vignetting is None else about | {"vignetting": camera.vignetting.model_dump(mode="json")}
 
 
-def describe_shutter(layout: Layout, camera) -> dict:
-    """Exposure of a camera's rows, and where their poses are; nothing of a camera without a shutter."""
-    if camera.shutter is None:
+def describe_exposure(layout: Layout, camera) -> dict:
+    """Exposure of a camera, when its rows are exposed, and where their poses are; nothing where its scene says none."""
+    if camera.exposure == CameraExposure():
         return {}
-    about = {
-        **camera.shutter.model_dump(mode="json"),
-        "line_delay_s": camera.shutter.readout_s / camera.resolution[1],
-        "time_stamp": "middle of the exposure of the middle row",
-    }
+    times = {"time_s": camera.exposure.time_s, "readout_s": camera.exposure.readout_s}
+    about = times | camera.exposure.model_dump(mode="json")
+    if camera.exposure.is_instant:
+        return {"exposure": about}
+    about["line_delay_s"] = camera.exposure.readout_s / camera.resolution[1]
+    about["time_stamp"] = "middle of the exposure of the middle row"
     if has_row_poses(camera):
         about["row_poses"] = layout.row_poses(camera.id).relative_to(layout.root).as_posix()
-    return {"shutter": about}
+    return {"exposure": about}
+
+
+def lamp_gains_of(scene) -> dict[str, list[float]]:
+    """Gains of the channels of those cameras that are balanced for lamps, by their ids.
+
+    Raises:
+        InputError: If no lamp lights what is in focus, or a lamp's file cannot be read.
+    """
+    rules = {camera.id: rule_of(scene, camera.id, WATER) for camera in scene.vehicle.cameras}
+    return {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
+
+
+def is_balanced(scene) -> bool:
+    """Whether A of some camera has white balance."""
+    exposures = (camera.exposure for camera in scene.vehicle.cameras)
+    return any(white_balance_of(scene.render.exposure, exposure, WATER) != "none" for exposure in exposures)
 
 
 def has_row_poses(camera) -> bool:
@@ -233,6 +252,9 @@ CHANNELS = "linear, channels of each camera, balanced for the first lamp"
 """What EXR hold in water by wavelength."""
 BODIES = "; with bodies in the water (water.particles), which no denoiser touched"
 CLEAN = "; A_clean: without the noise of noise.profile.camera, which A has"
+_BALANCE = """
+  With white balance A has three of them, gain_red, gain_green and gain_blue, each of its channel."""
+BALANCED = "; with white balance by gain_red, gain_green and gain_blue, each of its channel"
 DITHERED = "; dithered with triangular noise before it is rounded to 8 bits (A with the noise of a sensor is not)"
 
 
@@ -247,6 +269,7 @@ def describe(
     device: dict | None,
     denoisers: dict[str, str | None],
     moving: Sequence[dict] = (),
+    lamp_gains: dict[str, list[float]] | None = None,
 ) -> dict:
     """Everything that dataset.json says.
 
@@ -260,15 +283,18 @@ def describe(
         device: Where it was rendered first; None: nowhere yet.
         denoisers: What denoised A and B, which need not be what the scene asks for; None: nothing was rendered yet.
         moving: Entries of objects that move (moving.py).
+        lamp_gains: Of cameras that are balanced for lamps (`lamp_gains_of`).
     """
     vehicle, render = scene.vehicle, scene.render
     bent = any(map(has_lens, vehicle.cameras))
     absent = set() if bent else {"rays"}
     absent |= {key for key in ("moving", "companions") if not getattr(scene, key)}
-    absent |= set() if any(camera.shutter for camera in vehicle.cameras) else {"shutter"}
+    absent |= {"exposure"} if all(camera.exposure.is_instant for camera in vehicle.cameras) else set()
     conventions = {key: words for key, words in _conventions(vehicle, outputs).items() if key not in absent}
     if scene.render.noise is not None and WATER in outputs:
         conventions[WATER] += CLEAN
+    if is_balanced(scene):
+        conventions |= {letter: conventions[letter] + BALANCED for letter in {WATER, TWIN} & conventions.keys()}
     if scene.particles and scene.render.shows_bodies:
         conventions |= {letter: conventions[letter] + BODIES for letter in {WATER, TWIN} & conventions.keys()}
     if scene.render.dither is not None:
@@ -291,6 +317,7 @@ def describe(
             "exr": CHANNELS if scene.is_spectral else "linear, Rec. 709 primaries",
             "radiance_unit": "W/sr/m^2 per channel",
             "exposure": render.exposure.model_dump(mode="json"),
+            **({"lamp_gains": lamp_gains} if lamp_gains else {}),
         },
         "depth": {
             "kind": render.depth_kind,
@@ -378,9 +405,10 @@ def write_readme(layout: Layout, scene, outputs: Sequence[str] = ()) -> None:
         "RAY": _RAYS[scene.render.depth_kind],
         "SURFACE": f"{scene.surface_depth_m:g}",
         "IMAGES": "".join("\n" + OUTPUTS[letter].readme for letter in outputs if OUTPUTS[letter].readme),
-        "SHUTTER": _text("shutter_readme.txt").rstrip("\n")
-        if any(c.shutter for c in scene.vehicle.cameras)
-        else _INSTANTS,
+        "SHUTTER": _INSTANTS
+        if all(c.exposure.is_instant for c in scene.vehicle.cameras)
+        else _text("shutter_readme.txt").rstrip("\n"),
+        "BALANCE": _BALANCE if is_balanced(scene) else "",
         "VEHICLE": scene.vehicle.id,
         "SEQUENCE": scene.sequence,
         "CAMERA": scene.vehicle.cameras[0].id,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from varos_warp.errors import warn
 from varos_warp.products.images.nan import refuse_nan
@@ -101,18 +102,39 @@ def in_srgb(channels: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return np.stack([row[0] * r + row[1] * g + row[2] * b for row in np.asarray(matrix, np.float32)], axis=-1)
 
 
-def encode_color(radiance: np.ndarray, gain: float, matrix: np.ndarray | None = None) -> np.ndarray:
+def exposed(radiance: np.ndarray, gain: ArrayLike, matrix: np.ndarray | None = None) -> np.ndarray:
+    """Linear values float32 [..., 3], 1 is white, of radiance by a gain, or one for each channel, and a colour matrix.
+
+    White balance is of the camera's own channels, so it comes before their matrix.
+    """
+    with np.errstate(over="ignore"):
+        gain, linear = np.asarray(gain, np.float32), np.asarray(radiance, np.float32)
+        if matrix is None:
+            return linear * gain
+        return in_srgb(linear * gain, matrix) if gain.ndim else in_srgb(linear, matrix) * gain
+
+
+def encode_color(radiance: np.ndarray, gain: ArrayLike, matrix: np.ndarray | None = None) -> np.ndarray:
     """uint8 [H, W, 3] of linear radiance [H, W, 3] after exposure with ``gain``, and by a colour matrix if any."""
     refuse_nan(radiance)
-    if matrix is not None:
-        radiance = in_srgb(radiance, matrix)
-    with np.errstate(over="ignore"):
-        return np.rint(255.0 * srgb_oetf(np.asarray(radiance, np.float32) * np.float32(gain))).astype(np.uint8)
+    return np.rint(255.0 * srgb_oetf(exposed(radiance, gain, matrix))).astype(np.uint8)
 
 
-def decode_color(pixels: np.ndarray, gain: float) -> np.ndarray:
+def decode_color(pixels: np.ndarray, gain: ArrayLike, matrix: np.ndarray | None = None) -> np.ndarray:
     """Linear radiance float32 [H, W, 3] of an 8 bit image; exact to its rounding, 255 stands for anything above."""
-    return np.take((srgb_to_linear(np.arange(256) / 255.0) / gain).astype(np.float32), pixels, mode="clip")
+    if matrix is not None and np.ndim(gain):
+        return (in_srgb(decode_color(pixels, 1.0), np.linalg.inv(matrix)) / np.asarray(gain)).astype(np.float32)
+    if matrix is not None:
+        return in_srgb(decode_color(pixels, gain), np.linalg.inv(matrix))
+    linear = srgb_to_linear(np.arange(256) / 255.0)[:, None] / np.asarray(gain)
+    return by_value(linear.astype(np.float32), pixels)
+
+
+def by_value(table: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """What a table [values, 1 or 3] has at numbers [H, W, 3], for all channels or for each."""
+    if table.shape[1] == 1:
+        return np.take(table[:, 0], numbers, mode="clip")
+    return np.stack([np.take(table[:, c], numbers[..., c], mode="clip") for c in range(3)], axis=-1)
 
 
 class Radiance(ImageProduct):
@@ -210,7 +232,7 @@ class Twin(Radiance):
     def seen_by(self, scene: Scene, camera: Camera) -> Camera:
         """Camera without port, distortion and vignetting; strobes light its image as they do A."""
         strobes = any(light.strobe for light in scene.lights)
-        return twin(camera).model_copy(update={"shutter": camera.shutter}) if strobes else twin(camera)
+        return twin(camera).model_copy(update={"exposure": camera.exposure}) if strobes else twin(camera)
 
 
 WATER_IMAGE, AMBIENT_IMAGE, TWIN_IMAGE = Water(), Ambient(), Twin()

@@ -78,7 +78,7 @@ def along_camera(scene: Scene, view: Camera) -> bool:
 def as_pinhole(view: Camera) -> tuple[Camera, dict]:
     """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
     view = resized(view, *PIXELS)
-    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "shutter"})
+    return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "exposure"})
 
 
 class Kernels(NamedTuple):

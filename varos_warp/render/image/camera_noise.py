@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from varos_warp.products.images.radiance import encode_color
+from varos_warp.render.image.exposure import FrameGain
 from varos_warp.scene.description.noise_profile import CameraNoise
 from varos_warp.scene.optics.camera import CameraModel, Vignetting, pixel_centres
 from varos_warp.sim.sensors import image_noise
@@ -13,7 +14,7 @@ from varos_warp.sim.sensors import image_noise
 def noisy_color(
     model: CameraNoise,
     radiance: np.ndarray,
-    gain: float,
+    gain: FrameGain,
     view: CameraModel,
     exposure_s: float,
     rng: np.random.Generator,
@@ -24,7 +25,8 @@ def noisy_color(
     Args:
         model: The sensor. Its vignetting is left out where the camera has one, which is in the radiance.
         radiance: Linear [H, W, 3].
-        gain: Exposure gain of the frame.
+        gain: Exposure gain of the frame. White balance comes after the noise: the sensor is exposed by the smallest of
+            its gains, so that no channel saturates below white, and what it reads is multiplied by the rest.
         view: The camera.
         exposure_s: How long dark current gathers [s].
         rng: Of the frame (`image_noise.frame_generator`).
@@ -34,5 +36,7 @@ def noisy_color(
     if model.vignetting is not None and view.vignetting is None:
         seen = replace(view, vignetting=Vignetting(**model.vignetting.model_dump()))
         share = seen.vignette(pixel_centres(*radiance.shape[1::-1]))
-    numbers = image_noise.expose(model, radiance, gain, rng, share, exposure_s)
-    return encode_color(image_noise.to_linear(model, numbers), 1.0, matrix)
+    of_sensor = float(np.min(gain))
+    numbers = image_noise.expose(model, radiance, of_sensor, rng, share, exposure_s)
+    balance = np.divide(gain, of_sensor) if isinstance(gain, tuple) else 1.0
+    return encode_color(image_noise.to_linear(model, numbers), balance, matrix)

@@ -74,7 +74,7 @@ def open_shutter(seen: View, current: np.ndarray, after_s: float = 0.0, way: np.
         way: And how far the water moves meanwhile [3] [m].
     """
     view, world, scene = seen.view, seen.world, seen.world.scene
-    motion = seen.motion if view.shutter is not None else None
+    motion = seen.motion if not view.exposure.is_instant else None
     varies = motion is not None or lights_vary(scene.lights)
     when = STILL if motion is None else instants(view, scene.lights)
     some = when.offset_s[np.unique(np.linspace(0, len(when.offset_s) - 1, IN_TURN).astype(int))]

@@ -15,6 +15,7 @@ from varos_warp.files import absolute
 from varos_warp.scene.block import Block, Coordinate, SequenceId, VehicleId, written_otherwise
 from varos_warp.scene.calibration.read import file_part
 from varos_warp.scene.description.classes import spelling_problem
+from varos_warp.scene.description.exposure import varies, white_balance_of
 from varos_warp.scene.description.fleet import FleetVehicle
 from varos_warp.scene.description.growth import Growth, problem_of
 from varos_warp.scene.description.image_types import SNOW, TWIN, WATER
@@ -258,24 +259,43 @@ class Scene(Block):
         return self
 
     @model_validator(mode="after")
-    def _sensor_fits_shutters(self):
-        """Check what `noise_pass` asks of a dataset: every frame's exposure time is that of the camera's shutter."""
-        noise, exposure = self.render.noise, self.render.exposure.A
+    def _sensor_fits_exposures(self):
+        """Check what `noise_pass` asks of a dataset: every frame is exposed for the camera's time."""
+        noise = self.render.noise
         if noise is None or WATER not in self.render.outputs:
             return self
-        varies = exposure != "constant" and not isinstance(exposure, float)
         for camera in (camera for vehicle in self._places.values() for camera in vehicle.cameras):
-            open_s = camera.shutter.exposure_s if camera.shutter else 0.0
+            open_s = camera.exposure.time_s
             if noise.dark_current_electrons_per_s and not open_s:
                 raise ValueError(
-                    f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no shutter with "
-                    "exposure_s, in which it gathers; give it one, or leave the dark current out"
+                    f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no "
+                    "exposure.time_s, in which it gathers; give it one, or leave the dark current out"
                 )
-            if noise.electrons_per_dn is not None and open_s and varies:
+            if noise.electrons_per_dn is not None and open_s and varies(self.render.exposure, camera.exposure):
                 raise ValueError(
                     "render.noise.electrons_per_dn: takes the gain of a frame for its time of exposure, "
                     f"but camera {camera.id} is exposed for {open_s:g} s in every frame; give "
-                    "electrons_per_radiance in a block of render.noise, or render.exposure.A: constant"
+                    "electrons_per_radiance in a block of render.noise, or the camera exposure.gain: constant"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _lamps_can_balance(self):
+        """White balance for lamps needs some that are always as far away, and channels."""
+        for place, vehicle in self._places.items():
+            for i, camera in enumerate(vehicle.cameras):
+                if white_balance_of(self.render.exposure, camera.exposure, WATER) != "lamps":
+                    continue
+                if self.is_spectral:
+                    problem = "is for water of three channels; in water by wavelength images are balanced for the lamp"
+                elif camera.mount == "world":
+                    problem = "is for cameras on the vehicle, as its lamps are: this one stands in the world"
+                elif not vehicle.lights:
+                    problem = "is for the light of the vehicle's lamps, and it has none"
+                else:
+                    continue
+                raise ValueError(
+                    f"{place}.cameras.{i}.exposure.white_balance: lamps {problem}; give grey_world or none"
                 )
         return self
 

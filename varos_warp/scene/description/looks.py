@@ -8,7 +8,12 @@ tests/dataset/sweep renders every one of them both ways.
 from collections.abc import Iterable
 from typing import Any
 
+GAINS = tuple(
+    f"{place}.cameras.*.exposure.{key}" for place in ("vehicle", "vehicles.*") for key in ("gain", "white_balance")
+)
+"""Keys of the gains of single cameras; ``*`` is any item."""
 LOOKS_OF_WATER = (
+    *GAINS,
     "name",
     "water",
     "particles",
@@ -23,10 +28,11 @@ LOOKS_OF_WATER = (
     "render.integrator",
     "render.denoise",
     "render.exposure.A",
+    "render.exposure.white_balance",
     "render.noise",
     "render.linear_exr",
 )
-"""Keys from which only light in water follows, and the name, from which nothing does; ``*`` is any item."""
+"""Keys from which only light in water follows, and the name, from which nothing does."""
 LOOKS = (*LOOKS_OF_WATER, "render.spp_b", "render.denoise_b", "render.exposure.B", "render.dither")
 """The keys of `LOOKS_OF_WATER`, and those from which only light without water follows."""
 
@@ -40,12 +46,16 @@ def without(described: dict[str, Any], keys: Iterable[str]) -> dict[str, Any]:
 
 
 def _without(block: Any, path: list[str]) -> Any:
-    """A copy of a block, or list of blocks, without the key at a path; itself if there is none."""
+    """A copy of a block, or list of blocks, without the key at a path; itself if there is none.
+
+    A block within another goes with the last of its keys.
+    """
     first, *rest = path
     if first == "*" and isinstance(block, list):
         return [_without(item, rest) for item in block]
     if not isinstance(block, dict) or first not in block:
         return block
-    return {
-        key: _without(value, rest) if key == first else value for key, value in block.items() if rest or key != first
-    }
+    left = _without(block[first], rest) if rest else {}
+    if left == {}:
+        return {key: value for key, value in block.items() if key != first}
+    return block | {first: left}

@@ -31,8 +31,8 @@ class CameraNoise(Block):
     read_noise_electrons: NonNegative = 0.0
     """Standard deviation of the read noise, per pixel [e-]"""
     dark_current_electrons_per_s: NonNegative | None = Field(default=None, examples=[20])
-    """Electrons that gather without light while a pixel is exposed [e-/s]; for cameras whose ``shutter`` has an
-    ``exposure_s``"""
+    """Electrons that gather without light while a pixel is exposed [e-/s]; for cameras with
+    ``exposure.time_s``"""
     row_noise_electrons: NonNegative = 0.0
     """Standard deviation of an offset that a row of all channels shares [e-]"""
     bits: Annotated[int, Field(ge=4, le=16)] = 12

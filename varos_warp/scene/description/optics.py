@@ -1,4 +1,4 @@
-"""What stands between a camera and what it sees: distortion, port and shutter, and the index of the water."""
+"""What stands between a camera and what it sees: distortion and port, and the index of the water."""
 
 from typing import Annotated, Any, Literal
 
@@ -19,22 +19,6 @@ SHORTEST_S = 1e-9
 """Shortest time above 0 [s]: times are counted in nanoseconds."""
 Duration = Annotated[float, Field(ge=0.0, le=60.0), outside(0.0, SHORTEST_S, "is 0 or at least 1e-9 s, a nanosecond")]
 """A duration: 0, or a nanosecond or more [s]."""
-
-
-class Shutter(Block):
-    """Shutter of a camera: while it is open, the vehicle's motion blurs A and B; C, D, S, F and T show the middle."""
-
-    exposure_s: Duration = 0.0
-    """How long each pixel is exposed [s]; 0 is an instant."""
-    readout_s: Duration = 0.0
-    """Time that a rolling shutter takes to read all rows, first row first: their number times the time from one row to
-    the next [s]; 0 is a global shutter. Time stamps are of the middle of the exposure of the middle row."""
-
-    @model_validator(mode="after")
-    def _is_open(self):
-        if self.exposure_s == 0.0 == self.readout_s:
-            raise ValueError("a shutter has an exposure_s or a readout_s above 0; leave it out for sharp images")
-        return self
 
 
 class FlatPort(Block):
@@ -131,7 +115,8 @@ def twin(camera: Any) -> Any:
 
     In the middle of the image it shows things as large, so of a double sphere the focal length is another.
     """
-    scale, changed = camera_model(camera).lens.central_scale, dict.fromkeys((*LENS, "shutter"))
+    scale, changed = camera_model(camera).lens.central_scale, dict[str, Any](dict.fromkeys(LENS))
+    changed["exposure"] = camera.exposure.model_copy(update={"time_s": 0.0, "readout_s": 0.0})
     if scale != 1.0 and camera.intrinsics is not None:
         f = {key: scale * getattr(camera.intrinsics, key) for key in ("fx", "fy")}
         changed["intrinsics"] = camera.intrinsics.model_copy(update=f)
@@ -141,7 +126,7 @@ def twin(camera: Any) -> Any:
 
 
 def has_twin(camera: Any) -> bool:
-    """Whether its `twin` is another camera: it has a port, distortion, vignetting or a shutter."""
+    """Whether its `twin` is another camera: it has a port, distortion, vignetting or an exposure that lasts."""
     return bool(twin(camera) != camera)
 
 
@@ -173,7 +158,8 @@ def unwritten_of_camera(camera: Any) -> list[str]:
 
     What is absent, the calibration, whose numbers are written instead, and what says nothing beside intrinsics.
     """
-    keys = [key for key in (*LENS, "shutter", "intrinsics", "response", "color_matrix") if getattr(camera, key) is None]
+    keys = [key for key in (*LENS, "intrinsics", "response", "color_matrix") if getattr(camera, key) is None]
+    keys += ["exposure"] if camera.exposure == type(camera.exposure)() else []
     beside = [] if camera.intrinsics is None else ["sensor_mm"] if camera.f_stop > 0.0 else ["sensor_mm", "focal_mm"]
     return [*keys, *beside, "calibration"]
 

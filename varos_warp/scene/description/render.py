@@ -5,7 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from varos_warp.scene.block import AS_WRITTEN, Block, NonNegative, Positive, unwritten_if_absent, written_otherwise
+from varos_warp.scene.block import AS_WRITTEN, Block, NonNegative, Positive, written_otherwise
+from varos_warp.scene.description.exposure import Exposure
 from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES, NORMALS, TWIN, WATER, ImageLetter
 from varos_warp.scene.description.noise_profile import CameraNoise
 
@@ -15,39 +16,6 @@ MOST_BANDS = 30
 """Bands beyond make no image better: cameras' curves are known in steps of 5 to 10 nm."""
 LEAST_SPP, MOST_SPP = 0.25, 1 << 24
 """Least and most samples per pixel: of 2 x 2 pixels one; their numbers have 32 bits, and more would take days."""
-
-
-class PercentileMeter(Block):
-    """Exposure by highlights, of which the brightest may clip; with ``mean``, dark and milky water stay dark."""
-
-    meter: Literal["percentile"]
-    """Tells how the light is measured."""
-    percentile: Annotated[float, Field(gt=0.0, le=100.0)] = 98.5
-    """Share of the image in percent that is no brighter than ``level``. Each pixel counts by its brightest channel, and
-    in the middle of the image more than at its edges."""
-    level: Annotated[float, Field(gt=0.0, le=1.0)] = 0.95
-    """Linear value to which that percentile is exposed; 1 is white."""
-    mean: Annotated[float, Field(gt=0.0, le=1.0)] | None = Field(default=None, examples=[0.1])
-    """Most that the mean of the luminance becomes, by the same weights: where there are no highlights but milky water,
-    that keeps it dark. Absent: no bound."""
-
-    _written = unwritten_if_absent("mean")
-
-    @property
-    def column(self) -> str:
-        """Name of what is measured, in tables of exposures."""
-        return f"percentile_{self.percentile!r}"
-
-
-class Exposure(Block):
-    """Exposure correction before 8-bit output (paper 3.2.1)."""
-
-    A: Literal["adaptive", "constant"] | Positive | PercentileMeter = "adaptive"
-    """``adaptive``: each frame by its own brightness, smoothed over time (paper 3.2.1); ``constant``: one gain for the
-    sequence; the gain itself; or ``{meter: percentile}``: by the highlights, smoothed likewise."""
-    B: Literal["adaptive", "constant"] | Positive | PercentileMeter = "constant"
-    """Exposure of B, in the same forms as that of A; with ``constant``, a reflectance of 0.5 becomes the same grey in
-    every frame."""
 
 
 def field_by_old_name(name):

@@ -23,11 +23,11 @@ from varos_warp.scene.block import (
     written_otherwise,
 )
 from varos_warp.scene.description.body import RigidBody, Turbulence
+from varos_warp.scene.description.exposure import CameraExposure, Shutter, with_shutter
 from varos_warp.scene.description.lens import Distortion, MeasuredIntrinsics, Resolution, with_calibration
 from varos_warp.scene.description.lights import Light
 from varos_warp.scene.description.optics import (
     Port,
-    Shutter,
     Vignetting,
     WaterIndex,
     check_optics,
@@ -120,12 +120,18 @@ class Camera(Block):
     """Three rows that make linear sRGB of the camera's own channels, for 8 bits of A, B and P; linear images stay as
     the channels have them. ``auto``: the least squares over the colour chart in the light of the first lamp, which
     leave white as it is (docs/spectra.md). Absent: none."""
-    shutter: Shutter | None = None
-    """Exposure time and readout, for motion blur and rolling shutters. Absent: each image is of one instant."""
+    exposure: CameraExposure = CameraExposure()
+    """Exposure time and readout, for motion blur and rolling shutters, and gain. Absent: each image is of one instant,
+    with the gain of ``render.exposure``."""
+    shutter: Annotated[
+        Shutter | None, Field(exclude=True, deprecated="is read as exposure.time_s and exposure.readout_s")
+    ] = None
+    """What older files call ``exposure``: its ``exposure_s`` is ``time_s``."""
 
     _calibrated = model_validator(mode="before")(with_calibration)
     _looks_somewhere = model_validator(mode="after")(check_look_at)
     _fits_together = model_validator(mode="after")(check_optics)
+    _exposed = model_validator(mode="after")(with_shutter)
     _written = written_otherwise(unwritten_of_camera)
 
 

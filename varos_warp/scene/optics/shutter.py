@@ -33,7 +33,7 @@ STILL = Instants(np.zeros(1), 0.0, 0.0, 0.0)
 
 def row_offsets_s(camera: Any) -> np.ndarray:
     """Times [H] from a frame's time stamp to the middle of the exposure of each row [s]."""
-    return offsets_of_rows_s(camera.resolution[1], camera.shutter.readout_s if camera.shutter else 0.0)
+    return offsets_of_rows_s(camera.resolution[1], camera.exposure.readout_s)
 
 
 def offsets_of_rows_s(rows: int, readout_s: float) -> np.ndarray:
@@ -48,7 +48,7 @@ def in_ns(seconds: np.ndarray) -> np.ndarray:
 
 def is_rolling(camera: Any) -> bool:
     """Whether the rows of a camera's images are of different instants."""
-    return bool(camera.shutter and camera.shutter.readout_s)
+    return camera.exposure.readout_s > 0.0
 
 
 def instants(camera: Any, lights: Any = ()) -> Instants:
@@ -58,9 +58,9 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
     A global shutter leaves out what is dark before the first strobe and after the last, and so does each row of a
     rolling one, by ``lit``.
     """
-    if camera.shutter is None:
+    if camera.exposure.is_instant:
         return STILL
-    exposure, readout, rows = camera.shutter.exposure_s, camera.shutter.readout_s, camera.resolution[1]
+    exposure, readout, rows = camera.exposure.time_s, camera.exposure.readout_s, camera.resolution[1]
     if readout == 0.0:
         begin, end = _lit(-0.5 * exposure, 0.5 * exposure, lights)
         length = (end - begin) / MOST_INSTANTS
@@ -90,7 +90,7 @@ def instants(camera: Any, lights: Any = ()) -> Instants:
 
 def lit_of_rows(camera: Any, lights: Any) -> np.ndarray | None:
     """Share of the exposure of each row [H] of which samples are taken; None: of all of it."""
-    when = STILL if camera.shutter is None else instants(camera, lights)
+    when = STILL if camera.exposure.is_instant else instants(camera, lights)
     if when.lit == (0, 0):
         return None
     begin = np.arange(camera.resolution[1]) * when.per_row
@@ -121,5 +121,5 @@ def on_share(strobe: Any, when: Instants) -> np.ndarray | float:
 
 def open_ns(cameras: Any) -> int:
     """Longest time from a frame's stamp until a shutter of these cameras closes [ns]."""
-    shutters = [camera.shutter for camera in cameras if camera.shutter]
-    return int(np.ceil(max((0.5e9 * (shutter.exposure_s + shutter.readout_s) for shutter in shutters), default=0.0)))
+    exposures = [camera.exposure for camera in cameras]
+    return int(np.ceil(max((0.5e9 * (each.time_s + each.readout_s) for each in exposures), default=0.0)))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from varos_warp.dataset import files
 from varos_warp.dataset.export.shared.job import Job
-from varos_warp.dataset.reader.rows import is_rolling
+from varos_warp.dataset.reader.rows import is_rolling, lasts
 from varos_warp.errors import counted
 
 FOLDER = "shutter"
@@ -13,7 +13,7 @@ FOLDER = "shutter"
 
 def write(job: Job) -> None:
     """Write ``shutter/README.txt`` and link the poses of rows beside it; nothing where no camera has a shutter."""
-    if not any(job.data.camera(camera).get("shutter") for camera in job.cameras):
+    if not any(map(lasts, map(job.data.camera, job.cameras))):
         return
     job.text(f"{FOLDER}/README.txt", [
         "Time stamps of this export are of the middle of the exposure of the middle row, and so are its camera poses.",
@@ -31,15 +31,15 @@ def write(job: Job) -> None:
 def _camera(job: Job, camera: str) -> Iterator[str]:
     """What there is to know of one."""
     about = job.data.camera(camera)
-    shutter, rows = about.get("shutter"), about["height"]
-    if shutter is None:
+    exposure, rows = about.get("exposure"), about["height"]
+    if not lasts(about):
         yield f"{camera}: each image is of one instant."
         return
-    exposure_s, readout_s = shutter["exposure_s"], shutter["readout_s"]
+    time_s, readout_s = exposure["time_s"], exposure["readout_s"]
     if not readout_s:
-        yield f"{camera}: global shutter, exposure_s {exposure_s!r}."
+        yield f"{camera}: global shutter, exposure time_s {time_s!r}."
         return
-    yield f"{camera}: rolling shutter, first row first: exposure_s {exposure_s!r}, readout_s {readout_s!r},"
+    yield f"{camera}: rolling shutter, first row first: exposure time_s {time_s!r}, readout_s {readout_s!r},"
     yield f"  line_delay_s {readout_s / rows!r}. The middle of the exposure of row r, from 0, is at its time stamp"
     yield f"  + ((r + 0.5) / {rows} - 0.5) * {readout_s!r} s."
     if is_rolling(about):
