@@ -36,8 +36,8 @@ class Growth(Block):
     """Kind of growth: barnacle, tube_worm, hydroid, anemone, coralline, mussel, starfish, shell, pebble, kelp,
     seagrass, turf."""
     per_m2: Annotated[NonNegative, Field(le=1e5)] | None = Field(default=None, examples=[230])
-    """Mean number of copies on a square metre of the surface where they may be; fewer are left where bodies would
-    overlap. Absent: the kind's own (docs/growth.md)."""
+    """Mean number of copies on a square metre of the surface where they may be, over all seeds; those that find no
+    room are not counted. Absent: the kind's own (docs/growth.md)."""
     cluster: Annotated[NonNegative, Field(le=20.0)] | None = Field(default=None, examples=[11])
     """Degree of clustering: 0 is even chance everywhere, 11 is dense clumps and bare places between them.
     Absent: the kind's own."""
