@@ -255,7 +255,9 @@ class DeviceScene:
         shapes = _whole_first([*still, *copied]) if self.joins_copies else [*_whole_first(still), *copied]
         once = [shape for shape in shapes if self.joins_copies or isinstance(shape, Part)]
         in_mesh = [shape if isinstance(shape, Part) else shape.joined() for shape in once]
+        with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
         with ThreadPoolExecutor() as pool:  # they take about as long as each other
+            values = pool.submit(corner_values, with_faces)
             jobs = [
                 pool.submit(self._upload_mesh, in_mesh),
                 pool.submit(self._upload_materials, single, copied),
@@ -267,8 +269,7 @@ class DeviceScene:
         self.data.face_part = self._array(np.concatenate([np.zeros(0, np.int32), *face_part]), wp.int32)
         if self.spec.instances:
             self._upload_instances([] if self.joins_copies else copied, sum(map(len, face_part)))
-        with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
-        self.data.corner_values = self._array(corner_values(with_faces), wp.vec3)
+        self.data.corner_values = self._array(values.result(), wp.vec3)
         self._spectra = self._known_by_wavelength([*shapes, *self.moving], with_faces)
         face_tint, tints = tints_of(with_faces)
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
@@ -411,7 +412,7 @@ class DeviceScene:
         """Normals [F, 3, 3] of each part as one array; of copies that join the mesh, turned with each of them."""
         turned = []
         for part, own in zip(parts, normals, strict=True):
-            flat = own.reshape(-1, 3).astype(np.float32)
+            flat = own.reshape(-1, 3).astype(np.float32, copy=False)
             if isinstance(part, Part) or not self.joins_copies:
                 turned.append(flat)
             else:

@@ -191,6 +191,8 @@ def _part_values(part):
     if part.skin is None:
         return values
     corners = part.skin.corners
+    if corners.shape == values.shape and not part.skin.pages:
+        return corners
     values[..., : corners.shape[-1]] = corners
     if part.skin.pages:
         a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)

@@ -14,7 +14,7 @@ from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.growth.chance import uniform
 from varos_warp.scene.geometry.growth.coat import Placed, coated
 from varos_warp.scene.geometry.growth.hosts import REACH_M, Carrier
-from varos_warp.scene.geometry.growth.kinds import Kind, prototypes
+from varos_warp.scene.geometry.growth.kinds import SMOOTH, Kind, prototypes
 from varos_warp.scene.geometry.growth.levels import LEVELS, level_of
 from varos_warp.scene.geometry.growth.placing import COLUMNS, LEAST_PIXELS, Rooted, Wanted, joined, rooted
 from varos_warp.scene.geometry.growth.spacing import apart
@@ -120,7 +120,8 @@ def _groups(wanted: Wanted, placed: Placed) -> list[Grown]:
                     Diffuse(),
                     poses[chosen],
                     first + np.arange(len(chosen)),
-                    smooth_angle=np.pi,
+                    smooth_angle=SMOOTH,
+                    normals=solid.normals,
                     smooth_shading=True,
                     skin=Skin(solid.corners),
                     hosts=tuple(names),

@@ -1,7 +1,7 @@
 """The kinds of growth: how they look, how many there are, and where they may be (defaults of docs/growth.md)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,9 +15,12 @@ from varos_warp.scene.geometry.growth.plants import kelp, seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
 from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish, turf
 from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid
+from varos_warp.scene.geometry.normals import corner_normals
 
-SOLID = ("vertices", "faces", "colours")
+SOLID = ("vertices", "faces", "colours", "normals")
 """What a `Solid` is made of."""
+SMOOTH = np.pi
+"""Angle between faces up to which prototypes are smooth [rad]: all of their edges are."""
 GREYS: tuple[Rgb, ...] = ((0.7, 0.69, 0.66), (0.9, 0.86, 0.8), (1.15, 1.12, 1.06))
 
 
@@ -270,7 +273,7 @@ def prototypes(kind: str) -> tuple[tuple[Solid, ...], ...]:
     The tints of a shape come one after the other, those without silt first.
     """
     chosen, made = KINDS[kind], []
-    depends_on = {"kind": kind, "code": code_hash(__name__, ("varos_warp.scene.geometry.growth",))}
+    depends_on = {"kind": kind, "code": code_hash(__name__, ("varos_warp.scene.geometry",))}
     kept = cached("prototypes", depends_on, lambda: _shapes(kind))
     for k in range(chosen.shapes):
         shape = [Solid(*(kept[f"{column}_{k}_{level}"] for column in SOLID)) for level in range(len(LEVELS) + 1)]
@@ -284,13 +287,16 @@ def _shapes(kind):
     """The levels of every shape, as arrays, and whether it is without a body of its own."""
     chosen, number = KINDS[kind], list(KINDS).index(kind)
     forms = [chosen.make(np.random.default_rng([number, k])) for k in range(chosen.shapes)]
+    made = [[_finished(solid, chosen.tall) for solid in levels(form)] for form in forms]
     return {f"is_whole_{k}": np.array(form.body is None) for k, form in enumerate(forms)} | {
-        f"{column}_{k}_{level}": getattr(_of_unit_size(solid, chosen.tall), column)
-        for k, form in enumerate(forms)
-        for level, solid in enumerate(levels(form))
+        f"{column}_{k}_{level}": getattr(solid, column)
+        for k, shape in enumerate(made)
+        for level, solid in enumerate(shape)
         for column in SOLID
     }
 
 
-def _of_unit_size(solid, tall):
-    return solid.scaled(1.0 / (solid.vertices[:, 2].max() if tall else np.ptp(solid.vertices, axis=0).max()))
+def _finished(solid, tall):
+    """A prototype of unit size with its normals, which copies of all tints share."""
+    unit = solid.scaled(1.0 / (solid.vertices[:, 2].max() if tall else np.ptp(solid.vertices, axis=0).max()))
+    return replace(unit, normals=corner_normals(unit.vertices, unit.faces, SMOOTH))

@@ -1,6 +1,6 @@
 """What prototypes are made of: surfaces of revolution, tubes and ribbons, with a colour at every vertex."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -18,14 +18,16 @@ class Solid:
     """int32 [F, 3], counter-clockwise seen from outside."""
     colours: np.ndarray
     """float64 [V, 3]: linear reflectances."""
+    normals: np.ndarray | None = None
+    """float64 [F, 3, 3]: of the corners, smoothed over all edges; None: they are not known."""
 
     def tinted(self, tint: Rgb | np.ndarray) -> Self:
         """The same in other colours, each channel multiplied."""
-        return type(self)(self.vertices, self.faces, np.clip(self.colours * np.asarray(tint), 0.0, 0.9))
+        return replace(self, colours=np.clip(self.colours * np.asarray(tint), 0.0, 0.9))
 
     def scaled(self, scale: float) -> Self:
         """The same so many times as large."""
-        return type(self)(scale * self.vertices, self.faces, self.colours)
+        return replace(self, vertices=scale * self.vertices)
 
     @property
     def corners(self) -> np.ndarray:
