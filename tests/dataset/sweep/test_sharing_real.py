@@ -90,6 +90,9 @@ OF_LIGHT = {
     "render.integrator": "path",
     "render.denoise": "nlm",
     "render.exposure.A": 2.0,
+    "render.exposure.white_balance": "lamps",
+    "vehicle.cameras.0.exposure.gain": 3.0,
+    "vehicle.cameras.0.exposure.white_balance": "grey_world",
     "render.noise": "machine_vision",
     "render.linear_exr": True,
 }
