@@ -10,9 +10,12 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+import standins
 import yaml
 
 import varos_warp
+from varos_warp.dataset.run.produce import produce
+from varos_warp.scene.file.load import load_scene
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
@@ -189,41 +192,117 @@ def test_threads_that_colour_pictures_are_not_the_first_to_import_matplotlib():
     assert "matplotlib" in loaded_after("import varos_warp.dataset.write.pictures")
 
 
-STUDIO = ("validate", "report", "export", "readiness", "sweep", "view", "preview", "screens")
-"""Rooms and files of dataset/ that look at datasets and scenes, and without which they are made."""
+SECOND_WING = (
+    "render.planner",
+    *(
+        f"dataset.{name}"
+        for name in (
+            "validate",
+            "report",
+            "export",
+            "readiness",
+            "sweep",
+            "view",
+            "preview",
+            "screens",
+        )
+    ),
+)
+"""Rooms and files that look at datasets and scenes, or choose what a scene leaves open. Without, datasets are made."""
 WITHOUT = f"""
 import sys
 
 class LeftOut:
     def find_spec(self, name, path=None, target=None):
-        if name.startswith({tuple(f"varos_warp.dataset.{room}" for room in STUDIO)}):
-            raise ModuleNotFoundError(name)
+        if name.startswith({tuple(f"varos_warp.{room}" for room in SECOND_WING)}):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, LeftOut())
 """
 
 
-def test_datasets_are_made_and_read_without_the_rooms_that_look_at_them(tmp_path):
-    scene = tmp_path / "scene.yaml"
+def without(*arguments, more=""):
+    """The command line in a process that lacks the second wing; the scene has samples and an integrator."""
+    code = f"""{WITHOUT}
+from varos_warp.cli import main
+sys.argv = ["varos-warp", *{[str(argument) for argument in arguments]}]
+try:
+    main()
+except SystemExit as end:
+    if end.code:
+        raise
+{more}
+"""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A scene, and a dataset of it that was made and read without the second wing."""
+    folder = tmp_path_factory.mktemp("without")
+    scene, out = folder / "scene.yaml", folder / "out"
     scene.write_text("""
 trajectory: {poses: [{position: [0, 0, 0]}]}
 terrain: {kind: procedural, resolution: 17}
-water: none
+water: {coefficients: {sigma_s: [0.002, 0.02, 0.04], sigma_a: [0.12, 0.04, 0]}}
 vehicle:
   cameras: [{id: M0, resolution: [32, 18]}]
   lights: [{kind: spot, position: [0.2, 0, 0], direction: [0, 1, 0]}]
 render: {spp: 1, integrator: path, outputs: [A, B, C, D, S]}
 """)
-    out = tmp_path / "out"
-    code = f"""{WITHOUT}
-from varos_warp.cli import main
-sys.argv = ["varos-warp", "run", {str(scene)!r}, "-o", {str(out)!r}, "--quiet"]
-try:
-    main()
-except SystemExit as end:
-    assert not end.code, end.code
-import varos_warp
-assert varos_warp.Dataset({str(out)!r})[0].D.shape == (18, 32)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
-    assert (out / "contact_sheet.png").exists()
+    read = f"import varos_warp\nassert varos_warp.Dataset({str(out)!r})[0].D.shape == (18, 32)"
+    done = without("run", scene, "-o", out, "--quiet", "--device", "cpu", more=read)
+    assert done.returncode == 0, done.stderr
+    return scene, out
+
+
+def test_datasets_are_made_and_read_without_the_second_wing(made):
+    assert (made[1] / "contact_sheet.png").exists()
+
+
+def test_what_is_made_without_the_second_wing_is_what_is_made_with_it(made, tmp_path):
+    scene, out = made
+    produce(load_scene(scene), tmp_path / "out", device="cpu", quiet=True)
+    assert standins.tree(out) == standins.tree(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [
+        ({"spp": None, "integrator": "auto"}, "render.tolerance = 0.02"),
+        ({"integrator": "auto"}, "render.integrator = 'auto'"),
+    ],
+)
+def test_what_a_scene_leaves_to_a_planner_that_is_left_out_is_refused(made, tmp_path, given, key):
+    changed = [word for name, value in given.items() for word in ("--set", f"render.{name}={value or 'null'}")]
+    refused = without("run", made[0], "-o", tmp_path / "out", "--device", "cpu", *changed)
+    assert refused.returncode == 2
+    assert f"{key}: needs the planner (varos_warp.render.planner), which this installation" in refused.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("verb", "room"),
+    [
+        ("plan", "render.planner"),
+        ("validate", "dataset.validate"),
+        ("report", "dataset.report"),
+        ("view", "dataset.view"),
+        ("demo", "dataset.report"),
+        ("preview", "dataset.preview"),
+    ],
+)
+def test_a_verb_of_a_room_that_is_left_out_says_so(made, tmp_path, verb, room):
+    scene, out = made
+    of = {"plan": [scene], "preview": [scene], "demo": ["-o", tmp_path / "out"]}.get(verb, [out])
+    refused = without(verb, *of)
+    assert (refused.returncode, refused.stderr) == (
+        2,
+        f"varos-warp: this installation leaves out varos_warp.{room}, which this needs\n",
+    )
+
+
+def test_a_scene_is_told_of_without_the_second_wing(made):
+    told = without("info", made[0])
+    assert told.returncode == 0, told.stderr
+    assert "dataset: 1 frame" in told.stdout

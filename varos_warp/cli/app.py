@@ -73,6 +73,11 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
         except InputError as error:
             print(f"varos-warp: {_with_option(error, named).message}", file=sys.stderr)
             raise typer.Exit(2) from None
+        except ModuleNotFoundError as error:
+            if not (error.name or "").startswith("varos_warp."):
+                raise
+            print(f"varos-warp: this installation leaves out {error.name}, which this needs", file=sys.stderr)
+            raise typer.Exit(2) from None
         except RunFailed as error:
             print(f"varos-warp: {error}", file=sys.stderr)
             raise typer.Exit(1) from None

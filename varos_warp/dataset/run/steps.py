@@ -31,9 +31,9 @@ from varos_warp.errors import InputError, RunFailed, counted
 from varos_warp.products.images.registry import DENOISE_KEYS, OUTPUTS, colors
 from varos_warp.products.images.segments import SEGMENT_LEVELS
 from varos_warp.products.sensors.registry import needs_solids
+from varos_warp.render.decisions import Plan
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.moments import Motion
-from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.optics.camera import camera_model

@@ -20,7 +20,7 @@ from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS, mounted
-from varos_warp.render.planner.decisions import Plan, models_in_words
+from varos_warp.render.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
 from varos_warp.scene.description.noise_profile import NoiseProfile

@@ -15,6 +15,18 @@ import numpy as np
 from varos_warp.device.devices import kind_of
 from varos_warp.device.launcher import at_once
 from varos_warp.errors import InputError
+from varos_warp.render.decisions import (
+    FIELD_ERROR,
+    Decision,
+    Plan,
+    extent,
+    given_integrator,
+    in_words,
+    models_in_words,
+    plan_as_given,
+    silently,
+    spp_between,
+)
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method, denoisers_of
@@ -23,7 +35,6 @@ from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
 from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.block import plain_number
@@ -36,8 +47,6 @@ from varos_warp.scene.optics.pinhole import port_worth
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
 images of `pilot.PIXELS`, whose errors vary most; of larger ones they vary less, with the root of the pixels."""
-FIELD_ERROR = 0.002
-"""Relative RMSE of the field without noise: measured, docs/transport.md."""
 SAMPLE_COST = {"field": 1.7, "path": 1.0}
 """Relative time of a sample, about as measured in unlike scenes; constant, so that machines that share the work choose
 alike."""
@@ -119,9 +128,9 @@ class Planner:
         if sees_water(render.outputs):
             self.choose_integrator()
             spp = self.choose_samples()
-        else:  # nothing else pays for water
-            self.decide(WATER, "none", "it is not among the outputs")
-            spp = render.spp or self.samples.fewest
+        else:
+            given = plan_as_given(self.scene)
+            spp, self.decisions = given.spp, given.decisions
         self.weigh_ports()
         return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame, self.decisions)
 
@@ -210,14 +219,8 @@ class Planner:
 
     def choose_integrator(self) -> None:
         """The one that takes least time for the same error; paths alone where the field is not right enough."""
-        asked, found, why = self.render.integrator, self.resolved, "given"
-        if found != "field":
-            if asked != found and self.render.max_scatterings is not None:
-                why = "the field holds all orders of scattering, and a bound is given"
-            elif asked != found:
-                why = self.no_field
-            return self.decide("integrator", found, why, np.zeros(3))
-        if asked == "auto":
+        asked, found = self.render.integrator, self.resolved
+        if found == "field" and asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
             if failure := self.failure:
@@ -233,9 +236,10 @@ class Planner:
                         f"paths alone take {gain:.2g} of the time for the same noise"
                     )
                 why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
-        elif failure := self.failure:
+            return self.decide("integrator", found, why, np.full(3, FIELD_ERROR))
+        if found == "field" and (failure := self.failure):
             resolve_integrator(asked, None, lambda: failure)  # refuses it
-        return self.decide("integrator", found, why, np.full(3, FIELD_ERROR))
+        return self.decisions.append(given_integrator(self.scene))
 
     def take_paths(self, why: str) -> None:
         """Do without the field."""
@@ -335,8 +339,8 @@ class Planner:
         )
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
-        mean = np.mean([by_frame.spp_between(given[name], frame) for name in cameras for frame in range(count)])
-        least, most = by_frame.extent(given)
+        mean = np.mean([spp_between(given[name], frame) for name in cameras for frame in range(count)])
+        least, most = extent(given)
         self.decide(
             "spp by frame",
             f"{least} to {most}",
