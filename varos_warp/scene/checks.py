@@ -12,6 +12,7 @@ from varos_warp.scene.band_checks import check_bands
 from varos_warp.scene.camera_checks import GRID, check_cameras
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import DEPTH
+from varos_warp.scene.description.recorded import FOR_WAYPOINTS
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
@@ -23,16 +24,6 @@ from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
-OF_WAYPOINTS = (
-    "speed",
-    "max_angular_speed_deg",
-    "max_acceleration",
-    "overlap",
-    "handover_radius_m",
-    "handover_timeout_s",
-    "dwell_s",
-)
-"""Keys of a trajectory that only tell how waypoints are followed."""
 NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
 MOST_STOPS = 50
@@ -115,7 +106,7 @@ def _check_trajectory(trajectory):
     if not trajectory.is_exact:
         return
     fields = type(trajectory).model_fields
-    idle = [key for key in OF_WAYPOINTS if getattr(trajectory, key) != fields[key].default]
+    idle = [key for key in FOR_WAYPOINTS if getattr(trajectory, key) != fields[key].default]
     if idle:
         form = "poses" if trajectory.poses is not None else "file"
         yield f"trajectory.{idle[0]}: without effect beside {form}, which says when the vehicle is where" + (

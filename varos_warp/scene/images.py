@@ -126,12 +126,6 @@ def _opened(file, formats) -> Image.Image:
             Image.MAX_IMAGE_PIXELS = largest
 
 
-def decode_image(image: Image.Image) -> np.ndarray:
-    """Linear reflectances, float32 [H, W, 3], of an sRGB image."""
-    check_limit("TEXTURE_PIXELS", image.width * image.height)
-    return linear(_texels(image))
-
-
 def linear(texels: np.ndarray) -> np.ndarray:
     """Linear reflectances, float32, of sRGB values of 8 bits."""
     return _SRGB_TO_LINEAR[texels]

@@ -86,8 +86,6 @@ class SceneData:
     """Matrices from R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
     medium: Medium
     lights: wp.array(dtype=Light)
-    ray_count: wp.array(dtype=wp.int64)
-    """Counter of rays, shape [1]; empty except in benchmarks."""
 
 
 @wp.struct
@@ -125,13 +123,6 @@ def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
     for i in range(3):
         reach = wp.max(reach, wp.max(wp.abs(wp.mesh_get_point(mesh, 3 * face + i) - p)))
     return 1.0e-6 + 4.0e-6 * reach
-
-
-@wp.func
-def count_ray(scene: SceneData):
-    """Count a ray if a benchmark asks for it."""
-    if scene.ray_count.shape[0] > 0:
-        wp.atomic_add(scene.ray_count, 0, wp.int64(1))
 
 
 @wp.func
@@ -302,10 +293,7 @@ def make_in_instances(spec: SceneSpec):
             else:
                 found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
                 if found.result:
-                    hit.t = found.t
-                    hit.face = found.face
-                    hit.bary = wp.vec2(found.u, found.v)
-                    hit.n = found.normal
+                    hit = set_hit(hit, found)
                     hit.instance = k
         return hit
 
@@ -384,7 +372,6 @@ def make_rays(spec: SceneSpec) -> Rays:
         hit.t = FAR
         hit.face = -1
         hit.instance = -1
-        count_ray(scene)
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):
                 solid = first_solid(scene.masks, scene.mesh, scene.whole, 0, -1, o, d, FAR)
@@ -394,10 +381,7 @@ def make_rays(spec: SceneSpec) -> Rays:
             else:
                 query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
                 if query.result:
-                    hit.t = query.t
-                    hit.face = query.face
-                    hit.bary = wp.vec2(query.u, query.v)
-                    hit.n = query.normal
+                    hit = set_hit(hit, query)
         if wp.static(spec.instances):
             hit = nearest_instance(scene, o, d, hit)
         if hit.face >= 0:
@@ -411,7 +395,6 @@ def make_rays(spec: SceneSpec) -> Rays:
         distance = wp.length(offset)
         if distance == 0.0:
             return True
-        count_ray(scene)
         d = offset / distance
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):

@@ -18,6 +18,7 @@ from varos_warp.scene.geometry.files.wavefront import (
     text_of,
     without_comment,
 )
+from varos_warp.scene.headers import is_number
 
 FLAGS = {"-blendu", "-blendv", "-cc", "-clamp", "-imfchan", "-type", "-texres", "-bm", "-boost"}
 """Options of maps with one value."""
@@ -206,7 +207,7 @@ def _set(current, keyword, rest, path, file):
         current.opaque = 1.0 - float(rest.split()[-1])
     elif keyword in IGNORED:
         current.ignored.append(IGNORED[keyword])
-    elif keyword in FACTORS and any(float(word) != 0.0 for word in rest.split() if _is_number(word)):
+    elif keyword in FACTORS and any(float(word) != 0.0 for word in rest.split() if is_number(word)):
         current.ignored.append(FACTORS[keyword])
     elif keyword.startswith("map_") and keyword not in IDLE:
         current.ignored.append(keyword)
@@ -280,7 +281,7 @@ def _options(rest):
             found[name], at = words[at].strip(), at + 1
         elif name in VECTORS or name == "-mm":
             values = []
-            while at < len(words) - 1 and len(values) < 3 - (name == "-mm") and _is_number(words[at].strip()):
+            while at < len(words) - 1 and len(values) < 3 - (name == "-mm") and is_number(words[at].strip()):
                 values.append(float(words[at]))
                 at += 1
             found[name] = values
@@ -290,14 +291,6 @@ def _options(rest):
     if at >= len(words):
         raise ValueError(rest)
     return found, "".join(words[at:]).strip().strip('"')
-
-
-def _is_number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _note(materials, path, file):
