@@ -117,6 +117,19 @@ def test_every_room_is_in_the_order():
     assert rooms == {parent: {name.split(".")[0] for name in order} for parent, order in ORDER.items()}
 
 
+def contract() -> str:
+    """ORDER as a table of Markdown."""
+    rows = [
+        f"| `{parent.replace('.', '/') or 'varos_warp'}/` | {' · '.join(order)} |" for parent, order in ORDER.items()
+    ]
+    return "\n".join(["| in | may import itself and what stands before it |", "|---|---|", *rows])
+
+
+def test_the_architecture_page_shows_the_order():
+    """Where it does not, the left side is what belongs there."""
+    assert contract() in (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
 def test_no_modules_import_each_other_in_a_circle():
     """Packages count as what their ``__init__`` imports; TYPE_CHECKING imports count too."""
     graph = {name: set(others) for name, others in imports().items()}
