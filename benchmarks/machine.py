@@ -93,7 +93,7 @@ class Stopwatch:
 
     @property
     def cpu_seconds(self) -> float:
-        """Of all threads together; other work beside does not lengthen them much."""
+        """CPU seconds of all threads together; other work beside does not lengthen them much."""
         return time.process_time() - self._cpu
 
 

@@ -133,7 +133,7 @@ POINT = 1.55
 
 
 def in_block(x, y, size, corner, rng):
-    """Whether two points of the image of each body, a floc of such a size [pixels], lie in a block: bool [2, N]."""
+    """Return whether two points of the image of each body, a floc of a size [pixels], lie in a block: bool [2, N]."""
     at, radius, share = flocs()
     shape = rng.integers(len(share), size=len(x))
     seen = Rotation.random(len(x), rng).as_matrix()[:, :2]

@@ -71,7 +71,7 @@ class Watched(FrameRenderer):
         self.every, self.count, self.samples, self.watch = every, 0, [], Stopwatch()
 
     def render(self, *args, **options):
-        """As `FrameRenderer.render`."""
+        """Render as `FrameRenderer.render` does, and note the memory."""
         image = super().render(*args, **options)
         with self.launcher.turn:
             self.note()

@@ -108,7 +108,7 @@ def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -
 
 
 def cone_across_the_view() -> Measured:
-    """The same in an image, hard and soft."""
+    """Measure the cone in an image, hard and soft."""
     values = [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0]
     return values, {
         f"{name}, blend {blend:g}": [

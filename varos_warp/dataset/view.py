@@ -104,7 +104,7 @@ def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
 
 
 def _is_open() -> bool:
-    """Whether a viewer listens, on this machine or through a tunnel."""
+    """Return whether a viewer listens, on this machine or through a tunnel."""
     with contextlib.suppress(OSError):
         socket.create_connection(("127.0.0.1", VIEWER_PORT), timeout=0.5).close()
         return True

@@ -46,7 +46,7 @@ def open_questions(scene: Scene) -> tuple[str, ...]:
 
 
 def planner_is_here() -> bool:
-    """Whether this installation has the planner."""
+    """Return whether this installation has the planner."""
     try:
         import varos_warp.render.planner  # noqa: F401
     except ModuleNotFoundError:
@@ -168,7 +168,7 @@ class Plan:
         return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
 
     def says_how(self, letters: Iterable[str]) -> bool:
-        """Whether it says how images are rendered; of A it does not if it was made for others."""
+        """Return whether it says how images are rendered; of A it does not if it was made for others."""
         return not sees_water(letters) or all(decision.what != WATER for decision in self.decisions)
 
     def to_dict(self) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def odd_gyroscope(noise: ImuNoise) -> str | None:
 
 
 def _is_in_radians(value: Any) -> bool:
-    """Whether all angles that are not zero are common in radians; no angle is."""
+    """Return whether all angles that are not zero are common in radians; no angle is."""
     angles = np.abs(np.atleast_1d(value))
     angles = angles[angles > 0.0]
     return bool(angles.size and (np.abs(angles[:, None] - COMMON).min(axis=1) < ROUNDING).all())

@@ -115,7 +115,7 @@ def _check_trajectory(trajectory):
 
 
 def looks_like_transmission(coefficients) -> bool:
-    """Whether three coefficients [1/m] look like transmissions over a metre, exp(-c), given by mistake.
+    """Return whether three coefficients [1/m] look like transmissions over a metre, exp(-c), given by mistake.
 
     Water's transmission lies near 1 and rises from red to blue; its coefficients fall from red to blue, but in the
     murkiest types, where they exceed 1. So: all between 0.3 and 1, and rising. (Seen in the field: Jerlov I as
@@ -381,7 +381,7 @@ def _towards(scene, boxes, T_w_c, reach, fixed):
 
 
 def _sees(parts, boxes, camera, T_w_c, reach):
-    """Whether a camera at poses [N, 4, 4] sees a surface: along some of its rays, or the middle of something."""
+    """Return whether a camera at poses [N, 4, 4] sees a surface: along some of its rays, or the middle of something."""
     model, (width, height) = camera_model(camera), camera.resolution
     x, y = ((np.arange(GRID) + 0.5) * side / GRID for side in (width, height))
     rays = model.rays(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))

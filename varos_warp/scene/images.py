@@ -35,7 +35,7 @@ class Picture:
 
     @property
     def is_constant(self) -> bool:
-        """Whether a picture of more than one texel is one colour throughout."""
+        """True if a picture of more than one texel is one colour throughout."""
         return self.texels.size > 3 and not np.any(self.texels != self.texels[:1, :1])
 
 

@@ -137,7 +137,7 @@ def _readings(data: Dataset, sensor: SensorProduct, topic: str, messages: "Messa
 
 
 def _is_vehicle(key: str) -> bool:
-    """Whether what moves is a vehicle, and so has axes of a vehicle."""
+    """Return whether what moves is a vehicle, and so has axes of a vehicle."""
     return key.startswith("vehicles.")
 
 

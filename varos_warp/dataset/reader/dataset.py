@@ -424,12 +424,12 @@ class Dataset(Readings):
 
     @property
     def has_scene_noise(self) -> bool:
-        """Whether A has the noise that its scene asks for, and not that of `varos-warp noise`."""
+        """True if A has the noise that its scene asks for, and not that of `varos-warp noise`."""
         return bool((self.meta["scene"].get("render") or {}).get("noise"))
 
     @property
     def is_dithered(self) -> bool:
-        """Whether A, B and P were dithered before they were rounded to 8 bits."""
+        """True if A, B and P were dithered before they were rounded to 8 bits."""
         return bool((self.meta["scene"].get("render") or {}).get("dither"))
 
     def torch(self, outputs: Sequence[str] = "ACD", camera: str | None = None, **options: Any) -> "TorchDataset":

@@ -143,7 +143,7 @@ def give(pair: tuple[float | None, float | None] | None, scale: float = 1.0) -> 
 def _odometry_cells(
     kind: str, of: Sequence[Readiness], told: dict[str, tuple[float | None, float | None]]
 ) -> list[str]:
-    """Of one dataset with the spread over runs of RANSAC, of several with the standard error over them."""
+    """Return the cells of one dataset with the spread over runs of RANSAC, of several with their standard error."""
     if len(of) == 1:
         run = of[0].odometry.get(kind)
         return ["–"] * 3 if run is None else [odometry_row(kind, run)[i] for i in (2, 4, 5)]

@@ -112,7 +112,7 @@ def describe_shutter(layout: Layout, camera) -> dict:
 
 
 def has_row_poses(camera) -> bool:
-    """Whether its rows are seen from poses of their own: a rolling shutter on the vehicle."""
+    """Return whether its rows are seen from poses of their own: a rolling shutter on the vehicle."""
     return is_rolling(camera) and camera.mount == "vehicle"
 
 

@@ -109,7 +109,7 @@ class Hit:
 
 @wp.func(inline=False)  # one copy for all callers: a GPU waits for long code
 def any_hit(mesh: wp.uint64, o: wp.vec3, d: wp.vec3, t_max: float):
-    """Whether a ray hits a mesh, in its axes, before ``t_max``."""
+    """Return whether a ray hits a mesh, in its axes, before ``t_max``."""
     return wp.mesh_query_ray_anyhit(mesh, o, d, t_max)
 
 
@@ -136,7 +136,7 @@ def get_instance(scene: SceneData, k: int):
 
 @wp.func
 def moves(scene: SceneData, hit: Hit):
-    """Whether what a ray hit is one of the objects that move; ``scene.moving[hit.instance]`` then."""
+    """Return whether what a ray hit is one of the objects that move; ``scene.moving[hit.instance]`` then."""
     return hit.instance >= 0 and hit.instance < scene.moving.shape[0]
 
 
@@ -177,7 +177,7 @@ def page_of(face_page: wp.array(dtype=wp.int32), face: int):
 
 @wp.func
 def in_hole(masks: Masks, face: int, part: int, bary: wp.vec2):
-    """Whether a mask cuts a hole at a place of a face (glTF 2.0, 3.9.4: what is below the cutoff is not there)."""
+    """Return whether a mask cuts a hole at a place of a face (glTF 2.0, 3.9.4: below the cutoff is nothing)."""
     if masks.materials[part].has_holes == 0:
         return False
     page = page_of(masks.face_page, face)
@@ -299,7 +299,7 @@ def make_in_instances(spec: SceneSpec):
 
     @wp.func
     def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
-        """Whether the ray hits an instance before ``t_max``."""
+        """Return whether the ray hits an instance before ``t_max``."""
         query = wp.bvh_query_ray(scene.instance_bvh, o, d)
         k = int(0)
         while wp.bvh_query_next(query, k, t_max):
@@ -390,7 +390,7 @@ def make_rays(spec: SceneSpec) -> Rays:
 
     @wp.func
     def visible(scene: SceneData, p: wp.vec3, q: wp.vec3):
-        """Whether nothing blocks the segment between two points."""
+        """Return whether nothing blocks the segment between two points."""
         offset = q - p
         distance = wp.length(offset)
         if distance == 0.0:

@@ -61,7 +61,7 @@ class Need(NamedTuple):
 
     spp: float
     told: bool
-    """Whether they tell it."""
+    """True if the images tell it."""
 
 
 def need(made: list[Made], target: float, samples: Samples) -> Need:

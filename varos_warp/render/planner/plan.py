@@ -120,7 +120,7 @@ class Planner:
         self.decisions: list[Decision] = []
         self.spp_by_frame: dict | None = None
         self.failed = False
-        """Whether the field that the scene might have was found not to be solved for."""
+        """True if the field that the scene might have was found not to be solved for."""
 
     def plan(self) -> Plan:
         """Plan with all decisions."""
@@ -165,7 +165,7 @@ class Planner:
 
     @property
     def lit(self) -> bool:
-        """Whether any of these poses sees light."""
+        """True if any of these poses sees light."""
         return max(view.images[0].radiance.max() for view in self.views) > 0.0
 
     @cached_property
@@ -376,7 +376,7 @@ class Planner:
             self.progress(*step)
 
     def reaches(self, law: ErrorLaw, target: float) -> bool:
-        """Whether the samples that were tried tell how many keep the target: they are enough, or nearly."""
+        """Return whether the samples that were tried tell how many keep the target: they are enough, or nearly."""
         if len(law.spp) < LEVELS:
             return law.measured[-1].max() <= target
         return law.samples(target) <= REACH * law.spp[-1] or law.spp[-1] >= MOST_TRIED
@@ -401,7 +401,7 @@ class Planner:
             added += more
 
     def is_told(self, images: list[Made], made: list[Made]) -> bool:
-        """Whether the square of the error of images is known, by all that were made."""
+        """Return whether the square of the error of images is known, by all that were made."""
         square, unsure = errors.mean_square(images, made)
         worst = np.argmax(square / np.maximum(brightness(errors.mean_of(made[0].radiance)), 1e-30) ** 2)
         return bool(unsure[worst] <= errors.PRECISE * square[worst])

@@ -210,7 +210,7 @@ def _key_path(loc: tuple, data: Any, missing: bool) -> tuple:
 
 
 def _is_tag(part, rest, data):
-    """Whether a part of pydantic's path is the kind of the block, though the block has such a key, too.
+    """Return whether a part of pydantic's path is the kind of the block, though the block has such a key, too.
 
     A block without ``kind`` may be of the kind ``file``: then the next part is a key beside this one.
     """

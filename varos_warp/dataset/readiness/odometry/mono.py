@@ -18,9 +18,9 @@ from varos_warp.dataset.readiness.opencv import opencv
 START_ANGLE = np.radians(2.0)
 """Median parallax with which the first two views begin, and that of a new point."""
 START_LIMIT = 0.5
-"""Of the first two views, over the limit of others: all that follows rests on them."""
+"""Limit of the first two views over that of others: all that follows rests on them."""
 WIDER = 1.25
-"""By how much the parallax of a point must grow to triangulate it again."""
+"""Factor by which the parallax of a point must grow before it is triangulated again."""
 
 
 class MonoOdometry:

@@ -67,7 +67,7 @@ class Map:
     channel: str = ""
     """Channel of a mask (-imfchan); empty if it names none."""
     inverted: bool = False
-    """Whether a mask is a map_Tr, which has transparency instead of opacity."""
+    """True if a mask is a map_Tr, which has transparency instead of opacity."""
 
     @property
     def placing(self) -> tuple:
@@ -76,7 +76,7 @@ class Map:
 
     @property
     def has_tiles(self) -> bool:
-        """Whether there is a picture for each unit square of the coordinates."""
+        """True if there is a picture for each unit square of the coordinates."""
         return UDIM.search(self.path.name) is not None
 
     def of_tile(self, tile: int | None) -> Path:
@@ -98,7 +98,7 @@ class MtlMaterial:
 
     @property
     def says_colour(self) -> bool:
-        """Whether it has a colour at all."""
+        """True if it has a colour at all."""
         return self.kd is not None or self.picture is not None
 
     @property
@@ -128,7 +128,7 @@ class MtlMaterial:
 
     @property
     def has_tiles(self) -> bool:
-        """Whether a map of it has a picture for each unit square of the coordinates."""
+        """True if a map of it has a picture for each unit square of the coordinates."""
         return any(each is not None and each.has_tiles for each in (self.colour, self.mask))
 
 

@@ -15,7 +15,7 @@ ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 PLATE_M = 0.012
 """Thickness of the side plates."""
 TETHER_RADIUS_M, TETHER_STEP_M = 0.0075, 0.02
-"""Of the tether, and between the rings that it is made of at most."""
+"""Radius of the tether, and the largest distance between the rings that it is made of."""
 
 
 def rov(block: Rov, key: str, detail: Detail) -> list[Piece]:
