@@ -88,7 +88,7 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """On the clock on the wall."""
+        """Seconds on the clock on the wall."""
         return time.perf_counter() - self._wall
 
     @property

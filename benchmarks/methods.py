@@ -130,7 +130,7 @@ class Workshop:
     bench: BenchScene
     device: str
     compile_seconds: float = 0.0
-    """On the clock on the wall."""
+    """Seconds on the clock on the wall."""
     cost: float = 0.0
     """Cost of all preparation, as a `Budget` counts it."""
 

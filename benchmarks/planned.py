@@ -85,7 +85,7 @@ CASES = {
 SEEDS, RUNS = 9000, 3
 ESTIMATE_SPP = {"field": 512, "path": 2048}
 ESTIMATES, ESTIMATE_SECONDS = 4, 8.0
-"""At least so many images, and more in so much time until their noise is a fifth of the tolerance."""
+"""Fewest images, and seconds in which more are made until their noise is a fifth of the tolerance."""
 
 
 def noise(images: list[np.ndarray]) -> float:

@@ -71,7 +71,7 @@ def _check_tables(scene: Scene) -> list[str]:
 
 
 def odd_gyroscope(noise: ImuNoise) -> str | None:
-    """That the density of the gyroscopes' noise looks like degrees, in words that begin with its key, if it does."""
+    """Warn, in words that begin with its key, if the density of the gyroscopes' noise looks like degrees."""
     density = noise.gyroscope_noise_density
     if density <= NOISIEST_GYROSCOPE:
         return None

@@ -35,7 +35,7 @@ class BandPass(NamedTuple):
     wavelength_nm: np.ndarray
     """Wavelengths of the bands [3]."""
     to_bands: np.ndarray
-    """From reflectances R G B to those in the bands, float64 [3 bands, 3]."""
+    """Matrix from reflectances R G B to those in the bands, float64 [3 bands, 3]."""
     weights: np.ndarray
     """Weights of the bands' radiances [W/sr/m^2/nm] in the camera's channels, float64 [3 channels, 3 bands] [nm]."""
     of_ambient: np.ndarray

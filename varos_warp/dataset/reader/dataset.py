@@ -151,7 +151,7 @@ class Dataset(Readings):
         return np.array(self.camera(camera)["K_" + convention], float)
 
     def color_matrix(self, camera: str | None = None) -> np.ndarray | None:
-        """From a camera's own channels to linear sRGB, float64 [3, 3]; None: its 8 bits are of its channels."""
+        """Matrix from a camera's own channels to linear sRGB, float64 [3, 3]; None: its 8 bits are of its channels."""
         matrix = self.camera(camera).get("color_matrix")
         return None if matrix is None else np.array(matrix)
 

@@ -183,7 +183,7 @@ def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints
 def _between(
     here: dict[str, Keypoints], there: dict[str, Keypoints], data: Dataset, index: int, camera: str
 ) -> dict[str, float | None]:
-    """From the frame at a place to the one after it."""
+    """Measure from the frame at a place to the one after it."""
     moved, row = moves(data, index, camera), {}
     for kind in KINDS:
         repeated, chance = repeatability(here[kind], there[kind], moved)

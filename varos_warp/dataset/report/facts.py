@@ -56,7 +56,7 @@ def numbers(values: Iterable[float], unit: str = "") -> str:
 
 
 def shown(data: Dataset, strip: Filmstrip) -> str:
-    """Which frames the page shows."""
+    """Tell which frames the page shows."""
     total = len(whole_frames(data, data.cameras[0]))
     of = f"{len(strip.frames)} of {counted(total, 'frame')}, evenly spread"
     return "every frame" if len(strip.frames) == total else of

@@ -32,7 +32,7 @@ class Grain:
     """A part of a floc whose cross section is that of a sphere of radius 1."""
 
     at: wp.vec3
-    """From the floc's middle."""
+    """Place of the grain, from the floc's middle."""
     radius: float
     share: float
     """Share of the floc's cross section."""

@@ -58,7 +58,7 @@ class Exposure:
     """A camera, while the rows of an image are exposed."""
 
     moments: Moments
-    """At least one camera."""
+    """Moments of one camera at least."""
     begin_s: float
     """Beginning of the first instant, from the frame's time [s]."""
     length_s: float

@@ -53,12 +53,12 @@ class Directions:
     """Image points of directions; the angle to the axis goes with the distance from the table's middle. Empty for
     cameras without lens and port."""
     half_angle: float
-    """At the middles of the sides [rad]."""
+    """Angle to the axis at the middles of the sides [rad]."""
 
 
 @wp.func
 def in_plane(o: wp.vec3, d: wp.vec3, p: wp.vec3, n: wp.vec3):
-    """From ``p``, where a ray meets the plane through p with normal ``n``."""
+    """Find where a ray meets the plane through ``p`` with normal ``n``, from p."""
     return o + wp.dot(p - o, n) / wp.dot(d, n) * d - p
 
 

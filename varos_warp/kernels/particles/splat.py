@@ -28,7 +28,7 @@ class Splat:
     y: float
     """Its middle [pixels]."""
     along: wp.vec2
-    """From the middle to the end of its streak [pixels]."""
+    """Way from the middle to the end of its streak [pixels]."""
     radius: float
     """Radius of the disc, at which it has half its height [pixels]."""
     edge: float

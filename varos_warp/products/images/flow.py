@@ -30,7 +30,7 @@ class FlowImage:
 
     @property
     def valid(self) -> np.ndarray:
-        """True where the flow is known, bool [H, W]: also of what is hidden or outside of the image in the next frame."""
+        """True where the flow is known, bool [H, W]: also of what is hidden or outside the image in the next frame."""
         return np.isfinite(self.flow[..., 0])
 
 

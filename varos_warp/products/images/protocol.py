@@ -36,7 +36,7 @@ class FirstHits(NamedTuple):
     """What the rays through the pixels' centres hit first, on the host."""
 
     planes: Mapping[str, np.ndarray]
-    """Those of ``planes`` that were asked for: ``normal`` float32 [H, W, 3] in the world, towards the camera;
+    """The ``planes`` that were asked for: ``normal`` float32 [H, W, 3] in the world, towards the camera;
     ``depth`` and ``distance`` float32 [H, W] [m], along the camera's axis from the lens and along the ray from where it
     enters the water; ``instance`` int32 [H, W], from 1. Where nothing is hit: 0, inf, inf, 0. ``purity`` float32
     [H, W]: of rays spread over the pixel as samples of A, the share that hits the instance of its centre."""

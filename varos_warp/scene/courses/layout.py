@@ -283,7 +283,7 @@ class _Finder:
         return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame, notes)
 
     def _doubts(self, position: list[str], frame: str | None) -> list[str]:
-        """That a coordinate is taken for a depth because the others are north and east, in this order."""
+        """Say that a coordinate is taken for a depth because the others are north and east, in this order."""
         if self.course.frame is not None or frame != "ned" or meaning.ways_of(position)[2] == "down":
             return []
         return [

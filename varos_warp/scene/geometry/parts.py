@@ -125,7 +125,7 @@ class MeshFacts:
     textures: dict[str, float]
     """Its textures, and the share of the triangles with each whose coordinates reach outside of 0..1."""
     constant: tuple[str, ...] = ()
-    """Those of its textures that are one colour throughout."""
+    """Its textures that are one colour throughout."""
 
 
 @dataclass(frozen=True)

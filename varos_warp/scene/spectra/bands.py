@@ -234,7 +234,7 @@ def _chosen(asked: _Asked) -> Bands:
 
 
 def _grown(problem: _Problem, chosen: list[int], count: int) -> list[int]:
-    """So many wavelengths: each the one that leaves the least error beside those before it."""
+    """Choose so many wavelengths: each is the one that leaves the least error beside those before it."""
     while len(chosen) < count:
         left = [i for i in CANDIDATES if i not in chosen]
         chosen = sorted([*chosen, min(left, key=lambda i: problem.residual(sorted([*chosen, i])))])

@@ -38,7 +38,7 @@ def source_of_moves(data: Dataset) -> str | None:
 
 
 def moves(data: Dataset, index: int, camera: str) -> Moves:
-    """From the frame at a place of the dataset to the one after it; `source_of_moves` says of what.
+    """Moves from the frame at a place of the dataset to the one after it; `source_of_moves` says of what.
 
     Raises:
         InputError: If a file cannot be read.

@@ -104,7 +104,7 @@ class MonoOdometry:
         self.history[index] = seen
 
     def _two_views(self, seen: np.ndarray) -> np.ndarray | None:
-        """From the first view to this one [4, 4], a step of length 1."""
+        """Find the motion from the first view to this one [4, 4], a step of length 1."""
         cv2, order = opencv(), self.rng.permutation(len(seen))
         a, b = self.first[order], seen[order]
         E, mask = cv2.findEssentialMat(

@@ -29,7 +29,7 @@ class Odometry:
     ate_m: list[float | None]
     """Absolute trajectory error for each seed [m]; None if not even a first pair of views was found."""
     ate_share: list[float | None]
-    """Over the length of the path."""
+    """Absolute trajectory error over the length of the path, for each seed."""
     drift: list[float | None]
     lost: list[int]
     """Frames without a pose."""

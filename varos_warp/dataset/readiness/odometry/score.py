@@ -78,5 +78,5 @@ def failed(T_c_w: np.ndarray, lost: np.ndarray, T_w_c: np.ndarray) -> np.ndarray
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Between vectors [N, 3] [rad]."""
+    """Return the angles between vectors [N, 3] [rad]."""
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(1))
