@@ -68,6 +68,14 @@ def counted(count: float, name: str) -> str:
     return f"{count} {name}{'s' * (count != 1)}"
 
 
+def duration(seconds: float) -> str:
+    """A time in two digits, in the unit that suits it."""
+    for limit, size, name in ((90, 1, "seconds"), (5400, 60, "minutes"), (1.8e5, 3600, "hours")):
+        if seconds < limit:
+            return f"{float(f'{seconds / size:.2g}'):g} {name}"
+    return f"{float(f'{seconds / 86400:.2g}'):g} days"
+
+
 def optional(name: str, what: str, extra: str, instead: str = "", **where: Any) -> ModuleType:
     """Import a package that comes with an extra; ``instead`` says what else would do, ``where`` is as of `InputError`.
 

@@ -29,8 +29,6 @@ PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """Options of `FrameRenderer.render` that a plan says, and its first fields."""
 FIELD_ERROR = 0.002
 """Relative RMSE of the field without noise: measured, docs/transport.md."""
-STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
-"""Steps of planning, for progress reports; the fourth occurs where the first test images had far too few samples."""
 
 
 def open_questions(scene: Scene) -> tuple[str, ...]:
@@ -69,10 +67,6 @@ def require_planner(scene: Scene) -> None:
             value=value,
             remedy="Set render.spp, the samples per pixel, and render.integrator, path or field.",
         )
-
-
-def silently(step: str, share: float) -> None:
-    """Tells nobody how far planning is."""
 
 
 @dataclass(frozen=True)
@@ -238,14 +232,6 @@ def models_in_words(
     return {
         letter: OUTPUTS[letter].method.format(water=water, ambient=ambient) for letter in OUTPUTS if letter in outputs
     }
-
-
-def in_words(seconds: float) -> str:
-    """A time for people."""
-    for size, name in ((3600.0, "hours"), (60.0, "minutes")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.2g} {name}"
-    return f"{seconds:.2g} seconds"
 
 
 def extent(given: dict[str, list[list[float]]]) -> tuple[float, float]:

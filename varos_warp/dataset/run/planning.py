@@ -13,7 +13,7 @@ from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
 from varos_warp.device.devices import kind_of
-from varos_warp.render.decisions import STEPS, Plan, open_questions, plan_as_given, planner_is_here, require_planner
+from varos_warp.render.decisions import Plan, open_questions, plan_as_given, planner_is_here, require_planner
 from varos_warp.render.image.denoise import available_method
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.load import scene_to_dict
@@ -47,7 +47,7 @@ def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **option
     if not planner_is_here():
         require_planner(scene)
         return plan_as_given(scene)
-    from varos_warp.render.planner.plan import plan_render
+    from varos_warp.render.planner.plan import STEPS, plan_render
 
     ahead = scene.render.outputs if open_questions(scene) and not options.get("measure_cost") else ()
     with renderer.compiling(ahead), NamedSteps("planning", STEPS, quiet) as steps:

@@ -14,17 +14,15 @@ import numpy as np
 
 from varos_warp.device.devices import kind_of
 from varos_warp.device.launcher import at_once
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, duration
 from varos_warp.render.decisions import (
     FIELD_ERROR,
     Decision,
     Plan,
     extent,
     given_integrator,
-    in_words,
     models_in_words,
     plan_as_given,
-    silently,
     spp_between,
 )
 from varos_warp.render.field.open_water import unavailable
@@ -43,6 +41,9 @@ from varos_warp.scene.description.image_types import WATER
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.frames import checked_poses
 from varos_warp.scene.optics.pinhole import port_worth
+
+STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
+"""Steps of planning, for progress reports; the fourth occurs where the first test images had far too few samples."""
 
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
@@ -73,6 +74,10 @@ IMAGES = 4
 the next, and a tolerance is to hold for nearly all."""
 
 
+def silently(step: str, share: float) -> None:
+    """Tells nobody how far planning is."""
+
+
 def plan_render(
     scene: Scene,
     renderer,
@@ -93,7 +98,7 @@ def plan_render(
         motion: Of the vehicle around a time, for cameras with a shutter (`Simulation.motion`); absent: nothing is
             blurred.
         measure_cost: Also measure how long it will take on this device.
-        progress: Told which step is at work (`decisions.STEPS`), and what share of it is done.
+        progress: Told which step is at work (`STEPS`), and what share of it is done.
 
     Raises:
         InputError: If the tolerance is not above 0, a pose is none, or the field is asked for by name and there is
@@ -313,7 +318,7 @@ class Planner:
         """Say first that the tolerance is not kept."""
         error, asked = (f"{100 * share:.2g} %" for share in (error, self.render.tolerance))
         why = (
-            f"{error} expected, {asked} asked; {asked} would take {in_words(self.seconds(needed))} a frame "
+            f"{error} expected, {asked} asked; {asked} would take {duration(self.seconds(needed))} a frame "
             f"(render.max_seconds_per_frame: {self.most_seconds:g})"
         )
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
