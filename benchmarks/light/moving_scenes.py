@@ -118,7 +118,7 @@ class Case:
 
     @property
     def shutter(self) -> Shutter:
-        """Shutter of the camera."""
+        """Of the camera."""
         return self.scene.vehicle.cameras[0].shutter
 
     def motion(self, offset_ns: np.ndarray) -> np.ndarray:

@@ -74,7 +74,7 @@ class Shot(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """True if the camera moves while its shutter is open."""
+        """Whether the camera moves while its shutter is open."""
         return self.motion is not None and self.view.shutter is not None
 
 

@@ -13,7 +13,7 @@ from varos_warp.sim.clock import frame_time_ns
 
 
 def is_rolling(about: dict) -> bool:
-    """Return whether the rows of a camera's images have poses of their own; ``about`` is its entry in dataset.json."""
+    """Whether the rows of a camera's images have poses of their own; ``about`` is its entry in dataset.json."""
     return "row_poses" in (about.get("shutter") or {})
 
 

@@ -47,7 +47,7 @@ def in_ns(seconds: np.ndarray) -> np.ndarray:
 
 
 def is_rolling(camera: Any) -> bool:
-    """Return whether the rows of a camera's images are of different instants."""
+    """Whether the rows of a camera's images are of different instants."""
     return bool(camera.shutter and camera.shutter.readout_s)
 
 
