@@ -15,6 +15,7 @@ import standins
 import yaml
 
 import varos_warp
+from varos_warp.cli.app import SECOND_WING
 from varos_warp.dataset.run.produce import produce
 from varos_warp.scene.file.load import load_scene
 
@@ -206,29 +207,12 @@ def test_threads_that_colour_pictures_are_not_the_first_to_import_matplotlib():
     assert "matplotlib" in loaded_after("import varos_warp.dataset.write.pictures")
 
 
-SECOND_WING = (
-    "render.planner",
-    *(
-        f"dataset.{name}"
-        for name in (
-            "validate",
-            "report",
-            "export",
-            "readiness",
-            "sweep",
-            "view",
-            "preview",
-            "screens",
-        )
-    ),
-)
-"""Rooms and files that look at datasets and scenes, or choose what a scene leaves open. Without, datasets are made."""
 WITHOUT = f"""
 import sys
 
 class LeftOut:
     def find_spec(self, name, path=None, target=None):
-        if name.startswith({tuple(f"varos_warp.{room}" for room in SECOND_WING)}):
+        if name.startswith({SECOND_WING}):
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, LeftOut())
