@@ -19,7 +19,7 @@ from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError
 
 SECONDS, QUICK_SECONDS = 150.0, 25.0
-"""Of a scene, where nobody says otherwise."""
+"""Seconds for a scene, unless the caller says otherwise."""
 
 
 def run(names=(), method_names=(), device="auto", quick=False, seconds=None, out=Path("bench"), quiet=False) -> dict:

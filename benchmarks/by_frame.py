@@ -14,9 +14,9 @@ import numpy as np
 
 from benchmarks.chart import plt, save_figure, subtitle
 from benchmarks.machine import Stopwatch, command, machine, save
+from varos_warp.device.launcher import timed
+from varos_warp.render.decisions import Plan
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner.cost import timed
-from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.errors import error
 from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import plan_render

@@ -35,7 +35,7 @@ def seconds_of(row: dict, device: str) -> float:
 
 
 def pareto(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Those of (time, error) that no other point beats in both, by ascending time."""
+    """Return the points (time, error) that no other point beats in both, by ascending time."""
     front: list[tuple[float, float]] = []
     for time, error in sorted(points):
         if not front or error < front[-1][1]:

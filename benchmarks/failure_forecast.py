@@ -44,7 +44,7 @@ SCENES = {
 """Templates, and what is changed in each: smaller pictures, without snow, with steps of some ten pixels."""
 HELD_OUT = ("stereo_survey", "harbour_wall")
 PENALTY = 1.0
-"""Of the sum of squares of the coefficients, of regressors with a standard deviation of 1."""
+"""Weight of the sum of squares of the coefficients, for regressors with a standard deviation of 1."""
 DRAWS, SEEDS = 2000, 3
 
 
@@ -197,7 +197,7 @@ def result() -> dict:
 
 
 def main(words: list[str]) -> None:
-    """As the module's text tells."""
+    """Fit or score the forecast, as the module's text tells."""
     if words[:1] == ["fit"]:
         FORECAST.write_text(json.dumps(result(), indent=1) + "\n", encoding="utf-8")
         print(FORECAST.read_text(encoding="utf-8"))

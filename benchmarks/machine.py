@@ -88,12 +88,12 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """On the clock on the wall."""
+        """Seconds on the clock on the wall."""
         return time.perf_counter() - self._wall
 
     @property
     def cpu_seconds(self) -> float:
-        """Of all threads together; other work beside does not lengthen them much."""
+        """CPU seconds of all threads together; other work beside does not lengthen them much."""
         return time.process_time() - self._cpu
 
 

@@ -116,7 +116,7 @@ class Timed:
     seconds: float
     cpu_seconds: float
     setup_seconds: float = 0.0
-    """Of another program that sets up its scene for every image."""
+    """Seconds that another program takes to set up its scene, for every image."""
 
 
 Render = Callable[[int], Timed]
@@ -130,9 +130,9 @@ class Workshop:
     bench: BenchScene
     device: str
     compile_seconds: float = 0.0
-    """On the clock on the wall."""
+    """Seconds on the clock on the wall."""
     cost: float = 0.0
-    """Of all preparation, as a `Budget` counts it."""
+    """Cost of all preparation, as a `Budget` counts it."""
 
     @cached_property
     def _renderer(self) -> FrameRenderer:

@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.machine import Stopwatch, command, machine, save
 from benchmarks.scenes import HERE, BenchScene
+from varos_warp.device.launcher import timed
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import errors
-from varos_warp.render.planner.cost import timed
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
 from varos_warp.scene.file.load import demo_scene_path
@@ -85,7 +85,7 @@ CASES = {
 SEEDS, RUNS = 9000, 3
 ESTIMATE_SPP = {"field": 512, "path": 2048}
 ESTIMATES, ESTIMATE_SECONDS = 4, 8.0
-"""At least so many images, and more in so much time until their noise is a fifth of the tolerance."""
+"""Fewest images, and seconds in which more are made until their noise is a fifth of the tolerance."""
 
 
 def noise(images: list[np.ndarray]) -> float:

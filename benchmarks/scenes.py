@@ -43,7 +43,7 @@ class BenchScene:
     path: Path | None = None
     """Absent: one of the unlike scenes (benchmarks/light/scenes.py)."""
     changes: tuple[str, ...] = ()
-    """To the scene file, as ``key.path=value``."""
+    """Changes to the scene file, as ``key.path=value``."""
     frame: int = 0
 
     @cached_property

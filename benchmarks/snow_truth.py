@@ -133,7 +133,7 @@ POINT = 1.55
 
 
 def in_block(x, y, size, corner, rng):
-    """Whether two points of the image of each body, a floc of such a size [pixels], lie in a block: bool [2, N]."""
+    """Return whether two points of the image of each body, a floc of a size [pixels], lie in a block: bool [2, N]."""
     at, radius, share = flocs()
     shape = rng.integers(len(share), size=len(x))
     seen = Rotation.random(len(x), rng).as_matrix()[:, :2]
@@ -191,7 +191,7 @@ def campbell(law, corner, rng):
 
 
 def campbell_of(of_scene):
-    """Those of all blocks [row, column, 3] of a scene of open water with one lamp."""
+    """Return moments by Campbell's theorem of all blocks [row, column, 3] of a scene of open water with one lamp."""
     law, rng = particle_laws(of_scene)[0], np.random.default_rng(1)
     made = [[campbell(law, (8 * col, 8 * row), rng) for col in range(8)] for row in range(5)]
     return np.moveaxis(np.array(made), 2, 0)

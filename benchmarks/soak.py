@@ -24,7 +24,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 
 SAMPLES = 100
-"""At most so many samples of a run."""
+"""Most samples of a run."""
 SETTLED = 0.2
 """Share of a run after which nothing should grow any more."""
 COUNTED = ("rss_mb", "handles", "threads")
@@ -71,7 +71,7 @@ class Watched(FrameRenderer):
         self.every, self.count, self.samples, self.watch = every, 0, [], Stopwatch()
 
     def render(self, *args, **options):
-        """As `FrameRenderer.render`."""
+        """Render as `FrameRenderer.render` does, and note the memory."""
         image = super().render(*args, **options)
         with self.launcher.turn:
             self.note()

@@ -61,7 +61,7 @@ class Variant:
             self.how |= {"spp_b": options.spp_b}
 
     def seconds(self, T_w_v: np.ndarray, letters: str, frame: int) -> float:
-        """Of one frame, on the clock on the wall."""
+        """Measure the wall time of one frame [s]."""
         watch = Stopwatch()
         self.renderer.render(T_w_v, outputs=letters, frame=frame, **self.how)
         return watch.seconds

@@ -1,4 +1,4 @@
-"""Where the time of a run goes: its stages, the first image, memory, and the time that `plan` foretells, on a CPU.
+"""Measure where the time of a run goes: stages, first image, memory, and the time that `plan` foretells, on a CPU.
 
     python -m benchmarks.stages [NAMES...] [--frames 2] [-o benchmarks/results/stages_cpu.json]
 
@@ -99,7 +99,7 @@ def foretold(scene, frames: int) -> float:
 
 
 def measure(name: str, frames: int, *options: str) -> dict:
-    """The same in a process of its own."""
+    """Measure in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.stages", name, "--frames", str(frames), "--here", *options]
     printed = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
     return json.loads(printed.splitlines()[-1])

@@ -33,7 +33,7 @@ from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.templates import template_text
 
 SENSORS = ("dvl", "magnetometer")
-"""Those that a template may lack."""
+"""Sensors that a template may lack."""
 
 
 class Course:

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.sensors.registry import ASKED_FOR, mounted
+from varos_warp.render.decisions import Decision, Plan
 from varos_warp.render.image.flow import flow_of
 from varos_warp.render.options import RenderOptions
-from varos_warp.render.planner.decisions import Decision, Plan
 from varos_warp.scene.description.optics import twin
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import camera_pose, inverse, pose_matrix

@@ -23,7 +23,7 @@ from varos_warp.cli.tables import print_plan
 from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError, RunFailed
-from varos_warp.render.planner.decisions import Decision, Plan
+from varos_warp.render.decisions import Decision, Plan
 
 
 @pytest.fixture(autouse=True)

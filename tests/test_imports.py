@@ -1,6 +1,7 @@
 """The house: imports point one way, no circles, and importing the package stays light."""
 
 import ast
+import json
 import re
 import subprocess
 import sys
@@ -10,9 +11,13 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
+import standins
 import yaml
 
 import varos_warp
+from varos_warp.cli.app import SECOND_WING
+from varos_warp.dataset.run.produce import produce
+from varos_warp.scene.file.load import load_scene
 
 ROOT = Path(varos_warp.__file__).parent
 ORDER = {
@@ -114,6 +119,19 @@ def test_every_room_is_in_the_order():
     assert rooms == {parent: {name.split(".")[0] for name in order} for parent, order in ORDER.items()}
 
 
+def contract() -> str:
+    """ORDER as a table of Markdown."""
+    rows = [
+        f"| `{parent.replace('.', '/') or 'varos_warp'}/` | {' · '.join(order)} |" for parent, order in ORDER.items()
+    ]
+    return "\n".join(["| in | may import itself and what stands before it |", "|---|---|", *rows])
+
+
+def test_the_architecture_page_shows_the_order():
+    """Where it does not, the left side is what belongs there."""
+    assert contract() in (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
 def test_no_modules_import_each_other_in_a_circle():
     """Packages count as what their ``__init__`` imports; TYPE_CHECKING imports count too."""
     graph = {name: set(others) for name, others in imports().items()}
@@ -189,41 +207,84 @@ def test_threads_that_colour_pictures_are_not_the_first_to_import_matplotlib():
     assert "matplotlib" in loaded_after("import varos_warp.dataset.write.pictures")
 
 
-STUDIO = ("validate", "report", "export", "readiness", "sweep", "view", "preview", "screens")
-"""Rooms and files of dataset/ that look at datasets and scenes, and without which they are made."""
 WITHOUT = f"""
 import sys
 
 class LeftOut:
     def find_spec(self, name, path=None, target=None):
-        if name.startswith({tuple(f"varos_warp.dataset.{room}" for room in STUDIO)}):
-            raise ModuleNotFoundError(name)
+        if name.startswith({SECOND_WING}):
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 
 sys.meta_path.insert(0, LeftOut())
 """
 
 
-def test_datasets_are_made_and_read_without_the_rooms_that_look_at_them(tmp_path):
-    scene = tmp_path / "scene.yaml"
+def without(commands, more=""):
+    """What the command line says without the second wing, (status, stdout, stderr), to each of some commands."""
+    words = [[str(word) for word in command] for command in commands]
+    code = f"""{WITHOUT}
+import json
+from typer.testing import CliRunner
+from varos_warp.cli import app
+results = [CliRunner().invoke(app, words) for words in {words}]
+{more}
+print(json.dumps([(result.exit_code, result.stdout, result.stderr) for result in results]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A scene, and a dataset of it that was made and read without the second wing."""
+    folder = tmp_path_factory.mktemp("without")
+    scene, out = folder / "scene.yaml", folder / "out"
     scene.write_text("""
 trajectory: {poses: [{position: [0, 0, 0]}]}
 terrain: {kind: procedural, resolution: 17}
-water: none
+water: {coefficients: {sigma_s: [0.002, 0.02, 0.04], sigma_a: [0.12, 0.04, 0]}}
 vehicle:
   cameras: [{id: M0, resolution: [32, 18]}]
   lights: [{kind: spot, position: [0.2, 0, 0], direction: [0, 1, 0]}]
 render: {spp: 1, integrator: path, outputs: [A, B, C, D, S]}
 """)
-    out = tmp_path / "out"
-    code = f"""{WITHOUT}
-from varos_warp.cli import main
-sys.argv = ["varos-warp", "run", {str(scene)!r}, "-o", {str(out)!r}, "--quiet"]
-try:
-    main()
-except SystemExit as end:
-    assert not end.code, end.code
-import varos_warp
-assert varos_warp.Dataset({str(out)!r})[0].D.shape == (18, 32)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
-    assert (out / "contact_sheet.png").exists()
+    read = f"import varos_warp\nassert varos_warp.Dataset({str(out)!r})[0].D.shape == (18, 32)"
+    (told,) = without([("run", scene, "-o", out, "--device", "cpu")], read)
+    assert told[0] == 0, told
+    return scene, out
+
+
+def test_datasets_are_made_and_read_without_the_second_wing(made):
+    assert (made[1] / "contact_sheet.png").exists()
+
+
+def test_what_is_made_without_the_second_wing_is_what_is_made_with_it(made, tmp_path):
+    scene, out = made
+    produce(load_scene(scene), tmp_path / "out", device="cpu", quiet=True)
+    assert standins.tree(out) == standins.tree(tmp_path / "out")
+
+
+def test_what_needs_a_room_that_is_left_out_says_so(made, tmp_path):
+    """A verb of that room; and a scene that leaves a choice to the planner. What `info` tells needs none of them."""
+    scene, out = made
+    run = ("run", scene, "-o", tmp_path / "out", "--device", "cpu")
+    asked = {
+        "render.tolerance = 0.02": (*run, "--set", "render.spp=null"),
+        "render.integrator = 'auto'": (*run, "--integrator", "auto"),
+        "render.planner": ("plan", scene),
+        "dataset.validate": ("validate", out),
+        "dataset.report": ("report", out),
+        "dataset.view": ("view", out),
+        "dataset.export": ("export", out, "--to", "tum", "-o", tmp_path / "out"),
+        "dataset.sweep": ("sweep", scene, "-o", tmp_path / "out", "--over", "seed=1,2"),
+        "dataset.preview": ("preview", scene),
+    }
+    *told, (status, text, _) = without([*asked.values(), ("info", scene)])
+    assert (status, "dataset: 1 frame" in text) == (0, True)
+    for what, (status, text, error) in zip(asked, told, strict=True):
+        start = f"{what}: needs the planner (varos_warp.render.planner), which this installation leaves out. Set "
+        words = f"varos-warp: this installation leaves out varos_warp.{what}, which this needs\n"
+        assert (status, text) == (2, "")
+        assert error == words or start in error
+    assert list(tmp_path.iterdir()) == []

@@ -210,7 +210,7 @@ def _by_use(folder: Path, pattern: re.Pattern) -> list[tuple[float, int, Path]]:
 
 
 def _delete(path: Path) -> bool:
-    """Whether a file could be deleted; some systems keep what another process reads."""
+    """Return whether a file could be deleted; some systems keep what another process reads."""
     with contextlib.suppress(OSError):
         path.unlink()
         return True

@@ -8,7 +8,9 @@ import re
 import sys
 import warnings
 from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 PACKAGE = str(Path(__file__).parent)
@@ -64,6 +66,27 @@ def same_name(word: str, known: Iterable[str]) -> str | None:
 def counted(count: float, name: str) -> str:
     """A number with what it counts: 1 frame, 2 frames."""
     return f"{count} {name}{'s' * (count != 1)}"
+
+
+def duration(seconds: float) -> str:
+    """A time in two digits, in the unit that suits it."""
+    for limit, size, name in ((90, 1, "seconds"), (5400, 60, "minutes"), (1.8e5, 3600, "hours")):
+        if seconds < limit:
+            return f"{float(f'{seconds / size:.2g}'):g} {name}"
+    return f"{float(f'{seconds / 86400:.2g}'):g} days"
+
+
+def optional(name: str, what: str, extra: str, instead: str = "", **where: Any) -> ModuleType:
+    """Import a package that comes with an extra; ``instead`` says what else would do, ``where`` is as of `InputError`.
+
+    Raises:
+        InputError: If it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        remedy = f'Install it with `pip install "varos_warp[{extra}]"`{instead}.'
+        raise InputError(f"{what} is not installed", remedy=remedy, **where) from error
 
 
 class RunFailed(RuntimeError):

@@ -13,7 +13,7 @@ MOST_NAMES = 10_000
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path leads to a regular file; one with NUL in it, too long or in a loop of links leads nowhere."""
+    """Return whether a path leads to a regular file; one with NUL, too long or in a loop of links leads nowhere."""
     try:
         return path.is_file()
     except (OSError, ValueError, RuntimeError):

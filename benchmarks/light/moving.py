@@ -22,7 +22,7 @@ from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.optics.shutter import row_offsets_s
 
 SEED = 1_000_003
-"""Of the first image of the truth; unlike any that is measured."""
+"""Seed of the first image of the truth; unlike any that is measured."""
 
 
 def lit(case: Case) -> np.ndarray:
@@ -72,7 +72,7 @@ class Truth:
 
 
 def truth_of(case: Case, options) -> Estimate:
-    """As many images as of an integrator."""
+    """Render as many images of the truth as of an integrator."""
     truth = Truth(case, options)
     return Estimate(np.array([truth.image(SEED + k) for k in range(options.seeds)]))
 

@@ -40,7 +40,7 @@ class Course:
         return poses
 
     def stops(self) -> list[dict]:
-        """As a scene file has it; for what stands upright."""
+        """Return the stops as a scene file has them, for what stands upright."""
         yaw = np.degrees(np.arctan2(self.T[1, 0], self.T[0, 0]))
         return [
             {
@@ -65,7 +65,7 @@ class Place(NamedTuple):
     right: float
     above: float
     speaks: bool = False
-    """Whether a vehicle whose lamp faces the camera is there whatever else moves."""
+    """True if a vehicle whose lamp faces the camera is there whatever else moves."""
 
 
 SCENES = {
@@ -113,7 +113,7 @@ class Case:
     still: list[Part]
     own: Course
     others: dict[str, Course]
-    """By key, as `Scene.companions` has them."""
+    """Other courses by key, as `Scene.companions` has them."""
     thing: Course | None
 
     @property
@@ -122,7 +122,7 @@ class Case:
         return self.scene.vehicle.cameras[0].exposure
 
     def motion(self, offset_ns: np.ndarray) -> np.ndarray:
-        """Of the vehicle that sees, as a renderer takes it."""
+        """Motion of the vehicle that sees, as a renderer takes it."""
         return self.own.at(1e-9 * np.asarray(offset_ns))
 
     def parts(self) -> list[Part]:

@@ -33,7 +33,7 @@ from varos_warp.scene.geometry.parts import Part
 
 RESOLUTION = (96, 56)
 TALL_MM, FOCAL_MM = 3.5, 4.0
-"""Of a sensor 6 mm wide at the default resolution: pixels are square at all."""
+"""Height of a sensor 6 mm wide with square pixels at the default resolution, and the focal length."""
 
 
 class Built(NamedTuple):

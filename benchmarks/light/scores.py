@@ -63,7 +63,7 @@ def block_errors(images: np.ndarray, reference: Estimate) -> np.ndarray:
 
 
 def worst_channel(errors: np.ndarray) -> np.ndarray:
-    """Of signed numbers [..., 3] the one farthest from 0."""
+    """Return the one of signed numbers [..., 3] that is farthest from 0."""
     index = np.argmax(np.abs(errors), axis=-1)[..., None]
     return np.take_along_axis(errors, index, axis=-1)[..., 0]
 
@@ -104,7 +104,7 @@ def block_row(images: np.ndarray, reference: Estimate) -> dict:
 
 
 def calibration(images: np.ndarray, stderr: np.ndarray) -> dict:
-    """Whether pixels stray as ``stderr`` says, over pixels, channels and seeds.
+    """Return whether pixels stray as ``stderr`` says, over pixels, channels and seeds.
 
     Returns:
         ``z_variance``, of (pixel - mean over seeds) / stderr; ``z_trimmed``, of its central 98 % relative to a normal

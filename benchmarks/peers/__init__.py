@@ -28,11 +28,11 @@ class PeerImage:
     radiance: np.ndarray
     """Linear radiance [W/sr/m^2], float32 [H, W, 3]."""
     seconds: float
-    """Of the rendering alone."""
+    """Seconds of the rendering alone."""
     cpu_seconds: float
-    """The same, summed over all threads."""
+    """CPU seconds of the rendering, summed over all threads."""
     setup_seconds: float
-    """Of loading, exporting, compiling and building trees before it."""
+    """Seconds of loading, exporting, compiling and building trees before it."""
     version: str
     note: str = ""
     """What else there is to say, such as a slower variant."""

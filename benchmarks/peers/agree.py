@@ -42,7 +42,7 @@ REPLICATES = 8
 PILOT_SPP, MOST_SPP = 64, 1 << 14
 """Enough samples to tell their time from what every rendering costs."""
 ONE_EVENT_SHARE, OUR_SHARE = 0.15, 0.3
-"""Of the time: bounded paths are short and have little noise, and our integrators less than the peers."""
+"""Shares of the time: bounded paths are short with little noise, and our integrators have less than the peers."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Row:
         ]
 
     def as_dict(self) -> dict:
-        """In plain JSON types."""
+        """Return plain types for JSON."""
         made = {
             name: {
                 "mean": found.mean.tolist(),

@@ -17,7 +17,7 @@ from varos_warp.errors import InputError
 ALL_BOUNCES = 64
 """What stands for no bound: Cycles has no roulette to end paths in water that absorbs nothing."""
 MOST_BOUNCES = 1024
-"""That Cycles can be asked for."""
+"""Most bounces that Cycles can be asked for."""
 LEAST_PIXELS = 4
 NODE_PHASES = {HENYEY_GREENSTEIN: "HENYEY_GREENSTEIN", FOURNIER_FORAND: "FOURNIER_FORAND", RAYLEIGH: "RAYLEIGH"}
 SENSOR_MM = 36.0

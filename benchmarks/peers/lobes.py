@@ -24,7 +24,7 @@ from varos_warp.scene.water.phase.rayleigh import Rayleigh
 RAYLEIGH_MOMENT = 0.1
 """Second Legendre moment of 3 (1 + cos^2) / (16 pi); that of a constant is 0."""
 LEAST_EXCESS, MOST_BACKSCATTER = 1e-3, 0.499
-"""Where Cycles clamps n - 1 and B without a word."""
+"""Bounds to which Cycles clamps n - 1 and B without a word."""
 
 
 def lobes_of(phase: PhaseFunction) -> tuple[Lobe, ...]:

@@ -19,7 +19,7 @@ class Lobe:
     """Share of the scattering; the weights of a sum add up to 1."""
     kind: str
     g: float = 0.0
-    """Of ``henyey_greenstein``."""
+    """Asymmetry of ``henyey_greenstein``."""
     n: float = 0.0
     """Index of ``fournier_forand``, relative to the water."""
     backscatter: float = 0.0
@@ -40,7 +40,7 @@ class PlainMesh:
     """Float64 [F, 3, 3] of the corners; None: flat."""
 
     def corners(self) -> "PlainMesh":
-        """The same with three vertices of its own for each face, for formats with one normal per vertex."""
+        """Return the mesh with three vertices for each face, for formats with one normal per vertex."""
         faces = np.arange(self.faces.size, dtype=np.int32).reshape(-1, 3)
         return PlainMesh(self.name, self.vertices[self.faces].reshape(-1, 3), faces, self.reflectance, self.normals)
 

@@ -37,7 +37,7 @@ def _timed(call):
 
 
 def render_mitsuba(plain, folder, *, spp, seed, threads, denoise, variant):
-    """By ``volpathmis``; a first sample per pixel compiles the kernels and counts as setup."""
+    """Render by ``volpathmis``; a first sample per pixel compiles the kernels and counts as setup."""
     start = time.perf_counter()
     import drjit
     import mitsuba
@@ -85,7 +85,7 @@ def usable_variant() -> str:
 
 
 def render_cycles(plain, folder, *, spp, seed, threads, denoise, variant):
-    """By Cycles on the CPU; a first sample per pixel builds its trees and counts as setup."""
+    """Render by Cycles on the CPU; a first sample per pixel builds its trees and counts as setup."""
     start = time.perf_counter()
     import bpy
 

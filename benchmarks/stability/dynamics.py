@@ -44,7 +44,7 @@ def fly(body: Sphere, state: State, ticks: int, h: float = H, current: Current |
 
 
 def integration_step() -> Measured:
-    """From rest to terminal speed against tanh, by ticks from 0.1 ms to seconds."""
+    """Measure speeds from rest to terminal speed against tanh, by ticks from 0.1 ms to seconds."""
     body = sphere(description.Vehicle(linear_drag=0.0, linear_rotational_drag=0.0, quadratic_rotational_drag=0.0))
     force, seconds = 120.0, 12.0
     tau = body.virtual_mass / np.sqrt(force * body.quadratic_drag)

@@ -89,7 +89,7 @@ def vectored(angle: float) -> list[Thruster]:
 
 
 def misallocated(angle: float) -> float:
-    """By how much what the thrusters give together is off what is asked of what they control, as a share."""
+    """Return how far the thrusters together are off what is asked of them, as a share."""
     blocks = vectored(angle)
     made = thrusters(blocks, 0.15, righted=True)
     controlled, worst = [i for i in range(6) if i not in (PITCH, ROLL)], 0.0

@@ -48,7 +48,7 @@ def filter_error(frequency: float, damping: float) -> float:
 
 
 def series_error(frequency: float, damping: float, order: int) -> float:
-    """Of Euler's step (order 1) or RK4's (4) instead of the exact one; nan where it grows."""
+    """Return the error of Euler's step (order 1) or RK4's (4) instead of the exact one; nan where it grows."""
     A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]]) * H
     step = term = np.eye(2)
     for k in range(1, order + 1):
@@ -71,7 +71,7 @@ def actuator_frequency() -> Measured:
 
 
 def actuator_damping() -> Measured:
-    """The same by damping, through the critical one."""
+    """Measure the error by damping, through the critical one."""
     values = [1e-6, 1e-3, 0.1, 0.9, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.1, 10.0, 1e3, 1e6]
 
     def accepted(zeta):

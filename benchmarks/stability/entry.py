@@ -28,7 +28,7 @@ class Sweep:
     measure: str
     """What the error is, against which truth, and how that was got."""
     limit: str
-    """Where the method ends, in words and numbers."""
+    """Limit of the method, in words and numbers."""
     fails: str
     """What fails beyond."""
     program: str
@@ -37,13 +37,13 @@ class Sweep:
     """Node of pytest that guards the boundary, from the root of the repository."""
     values: list[float]
     errors: dict[str, list[float]]
-    """As in `Measured`."""
+    """Errors as in `Measured`."""
     holds: tuple[float | None, float | None] = (None, None)
     """Values from .. to which it holds; None where the sweep found no end. Drawn as vertical lines."""
     bound: float | None = None
     """Error that is promised within these; drawn as a horizontal line."""
     scale: str = "log"
-    """Of the axis of values: log, linear or symlog (for values on either side of zero)."""
+    """Scale of the axis of values: log, linear or symlog (for values on either side of zero)."""
 
     def __post_init__(self):
         wrong = [name for name, series in self.errors.items() if len(series) != len(self.values)]

@@ -56,7 +56,7 @@ def depth_error(scene, meshes, at, truth_at=(0.0, 0.0), scale=1.0) -> float:
 
 
 def worst(error) -> float:
-    """Of places beside a scene, for which rounding has no reason to be kind; nan if the wall is missed from one."""
+    """Return the worst error of places beside a scene that rounding does not favour; nan if one misses the wall."""
     return float(np.max([error(np.array([x, y, 0.0])) for x in (0.1237, -0.3319, 0.4471) for y in (0.0541, -0.2713)]))
 
 

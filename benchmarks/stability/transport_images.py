@@ -30,7 +30,7 @@ def field_error(angle_deg: float) -> float:
 
 
 def field_of_view() -> Measured:
-    """From a pixel of the moon to everything ahead."""
+    """Measure fields of view from a pixel of the moon to everything ahead."""
     values = [1e-5, 1e-3, 0.1, 1.0, 30.0, 90.0, 150.0, 170.0, 179.0, 179.9, 179.99, 179.999]
     return values, {"depth, range": [field_error(a) for a in values]}
 
@@ -55,7 +55,7 @@ def resolution_seconds(side: int) -> tuple[float, float]:
 
 
 def resolution() -> Measured:
-    """From one pixel to 16 million."""
+    """Measure images from one pixel to 16 million."""
     values = [1, 2, 8, 64, 512, 2048, 4096]
     seconds = np.array([resolution_seconds(side) for side in values])
     return values, {"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()}

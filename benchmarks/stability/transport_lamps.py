@@ -94,7 +94,7 @@ CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 27
 
 
 def power_of_a_cone() -> Measured:
-    """From a laser to a light without a cone."""
+    """Measure cones from a laser to a light without one."""
     return CONES, {f"blend {blend:g}": [flux_error(cone, blend) for cone in CONES] for blend in (0.0, 0.15, 1.0)}
 
 
@@ -108,7 +108,7 @@ def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -
 
 
 def cone_across_the_view() -> Measured:
-    """The same in an image, hard and soft."""
+    """Measure the cone in an image, hard and soft."""
     values = [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0]
     return values, {
         f"{name}, blend {blend:g}": [
@@ -142,7 +142,7 @@ def intensity_error(exponent: int, integrator: str) -> float:
 
 
 def intensity() -> Measured:
-    """From a glow-worm's ghost to a star."""
+    """Measure intensities from a glow-worm's ghost to a star."""
     exponents = [-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38]
     return [10.0**p for p in exponents], {name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS}
 

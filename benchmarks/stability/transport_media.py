@@ -28,7 +28,7 @@ def single_error(sigma_t: float, g: float, integrator: str, lamp=BESIDE, albedo=
 
 
 def single_over_sigma_t() -> Measured:
-    """From clearer than air to ink."""
+    """Measure water from clearer than air to ink."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0]
     return values, {name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS}
 
@@ -124,7 +124,7 @@ def isotropic_total(albedo: float, integrator: str, spp: int = 256) -> tuple[flo
 
 
 def all_orders_over_albedo() -> Measured:
-    """Until nothing is absorbed."""
+    """Measure albedos until nothing is absorbed."""
     values = [0.5, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6, 1e-9]
     truth = {x: case_zweifel_total(1.0 - x) for x in values}
     off = {name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}

@@ -49,7 +49,7 @@ def depth_error(distance: float) -> float:
 
 
 def depth() -> Measured:
-    """From a tenth of a micrometre to further than a ray."""
+    """Measure distances from a tenth of a micrometre to further than a ray."""
     values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e5, 1e6, 1e7, 1e8, 7e8, 1.1e9, 1e10]
     return values, {"depth": [depth_error(d) for d in values]}
 

@@ -192,7 +192,7 @@ def api_page() -> str:
     found = [
         "varos_warp.sim.trajectory.Simulation",
         "varos_warp.sim.motion.Trajectory",
-        "varos_warp.render.planner.decisions.Plan",
+        "varos_warp.render.decisions.Plan",
     ]
     more = ["varos_warp.dataset.export.export", "varos_warp.scene.geometry.terrain.preprocess_meshes"]
     return (

@@ -70,7 +70,7 @@ def test_an_entry_that_no_dataset_has_is_refused(copy, path, value):
 
 def test_a_light_without_a_place_is_shown_without_one(copy):
     change(copy, ("lights", 0, "position"), None)
-    assert "light 0" in facts.equipment(Dataset(copy))
+    assert "light 0" in str(facts.equipment(Dataset(copy)))
 
 
 def test_more_frames_than_the_limit_are_refused_unless_it_is_raised(copy, monkeypatch):

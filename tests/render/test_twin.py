@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from varos_warp.errors import InputError
+from varos_warp.render.decisions import Plan
 from varos_warp.render.image.frame import Frame, without_noise
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer

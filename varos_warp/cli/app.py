@@ -41,6 +41,18 @@ app = typer.Typer(
     help="Realistic synthetic underwater video with exact ground truth.\n\nTo begin with: "
     "varos-warp init my.yaml, varos-warp info my.yaml, varos-warp run my.yaml -o OUT.",
 )
+SECOND_WING = (
+    "varos_warp.render.planner",
+    "varos_warp.dataset.validate",
+    "varos_warp.dataset.report",
+    "varos_warp.dataset.export",
+    "varos_warp.dataset.readiness",
+    "varos_warp.dataset.sweep",
+    "varos_warp.dataset.view",
+    "varos_warp.dataset.preview",
+    "varos_warp.dataset.screens",
+)
+"""Rooms and files that an installation may leave out: they choose what a scene leaves open, or look at what is made."""
 PANELS = {"scenes": "Scene files", "jobs": "Make a dataset", "datasets": "Use a dataset"}
 """Headings of the verbs in the help, by the module that has them."""
 
@@ -72,6 +84,11 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
             return function(**given)
         except InputError as error:
             print(f"varos-warp: {_with_option(error, named).message}", file=sys.stderr)
+            raise typer.Exit(2) from None
+        except ModuleNotFoundError as error:
+            if not (error.name or "").startswith(SECOND_WING):
+                raise
+            print(f"varos-warp: this installation leaves out {error.name}, which this needs", file=sys.stderr)
             raise typer.Exit(2) from None
         except RunFailed as error:
             print(f"varos-warp: {error}", file=sys.stderr)

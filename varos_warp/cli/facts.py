@@ -2,8 +2,8 @@
 
 from math import pi
 
-from varos_warp.cli.tables import duration, number, print_survey, print_table
-from varos_warp.errors import counted
+from varos_warp.cli.tables import number, print_survey, print_table
+from varos_warp.errors import counted, duration
 
 
 def print_info(facts: dict) -> None:

@@ -28,6 +28,7 @@ from varos_warp.errors import counted
 @verb
 def plan(scene: SceneFile, choices: Choices, json_: Json = False, quiet: Quiet = False):
     """Choose the integrator and the samples, and say why and how long a run will take."""
+    import varos_warp.render.planner  # noqa: F401  where it is left out, that is said before anything is loaded
     from varos_warp.dataset.progress import Console
     from varos_warp.dataset.run.planning import kept_plan, plan_sequence
     from varos_warp.dataset.run.steps import simulated

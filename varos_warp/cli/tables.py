@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from varos_warp.errors import counted
+from varos_warp.errors import counted, duration
 
 
 def print_json(content) -> None:
@@ -82,14 +82,6 @@ def print_survey(survey: dict) -> None:
         f"  x {xmin:.3f} to {xmax:.3f} m, y {ymin:.3f} to {ymax:.3f} m, heights {survey['heights_m'][0]:.3f} to "
         f"{survey['heights_m'][1]:.3f} m; {holes}{missing}"
     )
-
-
-def duration(seconds: float) -> str:
-    """A time in two digits, in the unit that suits it."""
-    for limit, size, name in ((90, 1, "seconds"), (5400, 60, "minutes"), (1.8e5, 3600, "hours")):
-        if seconds < limit:
-            return f"{float(f'{seconds / size:.2g}'):g} {name}"
-    return f"{float(f'{seconds / 86400:.2g}'):g} days"
 
 
 def print_preprocessed(out: Path, facts: dict) -> None:

@@ -388,7 +388,7 @@ def _refuse_incomplete(path: Path) -> None:
 
 
 def is_complete(path: Path, suffix: str | None = None) -> bool:
-    """Whether an image file is there and has its end; costs two small reads, so thousands can be asked."""
+    """Return whether an image file is there and has its end; costs two small reads, so thousands can be asked."""
     try:
         with path.open("rb") as file:
             return _png_has_end(file) if (suffix or path.suffix) == ".png" else _exr_has_end(file)
@@ -403,7 +403,7 @@ def _png_has_end(file) -> bool:
 
 
 def _exr_has_end(file) -> bool:
-    """Whether the last block of scan lines that the table of a single-part EXR names ends where the file ends."""
+    """Return whether the last block of scan lines in the table of a single-part EXR ends where the file ends."""
     head = file.read(4096)
     if head[:4] != b"\x76\x2f\x31\x01":
         return False

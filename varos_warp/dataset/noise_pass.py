@@ -112,7 +112,7 @@ def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:
 
 
 def is_repeatable(data: Dataset) -> bool:
-    """Whether the noise was added by this version of NumPy, whose random numbers another may not repeat."""
+    """Return whether the noise was added by this version of NumPy, whose random numbers another may not repeat."""
     return data.meta["noise"]["versions"]["numpy"] == writers.versions()["numpy"]
 
 

@@ -71,7 +71,7 @@ def _chunk(name: bytes, data: bytes) -> bytes:
 
 
 def has_three_channels_of_16_bits(path: Path) -> bool:
-    """Whether a file begins as such a PNG."""
+    """Return whether a file begins as such a PNG."""
     with path.open("rb") as file:
         head = file.read(29)
     return head.startswith(_SIGNATURE) and head[24:] == bytes([16, _RGB]) + _ONLY_ONES

@@ -317,7 +317,7 @@ class _EditedScene:
         return self._renderer
 
     def changed(self) -> bool:
-        """Whether a file is not as it was when it was read."""
+        """Return whether a file is not as it was when it was read."""
         return self._now() != self._stamps
 
     def wait(self) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.view import load_rerun, moved_by, open_viewer
-from varos_warp.errors import InputError
+from varos_warp.dataset.view import moved_by, open_viewer
+from varos_warp.errors import InputError, optional
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.frames import camera_pose, intrinsics
@@ -53,7 +53,7 @@ class RerunScreen:
     outputs = WATER + AMBIENT
 
     def __init__(self, stream=None):
-        self.rr = load_rerun("preview", ", or write PNG files with -o FOLDER")
+        self.rr = optional("rerun", "the viewer Rerun", "view", ", or write PNG files with -o FOLDER", key="preview")
         self.stream, self._saves = stream, 0
 
     def place(self, view) -> None:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from varos_warp.dataset import files
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.errors import InputError, counted
+from varos_warp.errors import InputError, counted, optional
 from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Curve, SensorProduct
@@ -50,7 +50,7 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
         InputError: If Rerun is not installed or cannot be opened, the frames are none, or something in the dataset
             cannot be read.
     """
-    rerun = load_rerun("view")
+    rerun = optional("rerun", "the viewer Rerun", "view", key="view")
     data = Dataset(root)
     numbers = _select(data, frames)
     stream = rerun.RecordingStream("varos_warp")
@@ -65,23 +65,6 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
         recorder.record(numbers, quiet)
         stream.disconnect()
     return Path(save)
-
-
-def load_rerun(verb: str, instead: str = ""):
-    """The module ``rerun``, for a verb that shows something; ``instead`` says what else would do.
-
-    Raises:
-        InputError: If it is not installed.
-    """
-    try:
-        import rerun
-    except ImportError as error:
-        raise InputError(
-            "the viewer Rerun is not installed",
-            key=verb,
-            remedy=f'Install it with `pip install "varos_warp[view]"`{instead}.',
-        ) from error
-    return rerun
 
 
 def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
@@ -104,7 +87,7 @@ def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
 
 
 def _is_open() -> bool:
-    """Whether a viewer listens, on this machine or through a tunnel."""
+    """Return whether a viewer listens, on this machine or through a tunnel."""
     with contextlib.suppress(OSError):
         socket.create_connection(("127.0.0.1", VIEWER_PORT), timeout=0.5).close()
         return True

@@ -15,7 +15,7 @@ wp.config.log_level = wp.LOG_WARNING  # no banner, no line per compiled module
 
 
 def _has_cuda_driver() -> bool:
-    """Whether Warp will find a CUDA driver, by the names that it looks for."""
+    """Return whether Warp will find a CUDA driver, by the names that it looks for."""
     for name in ("nvcuda.dll",) if sys.platform == "win32" else ("libcuda.so", "libcuda.so.1"):
         with contextlib.suppress(OSError):
             ctypes.CDLL(name)

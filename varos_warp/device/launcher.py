@@ -37,6 +37,13 @@ def at_once(device: str, function: Callable[..., T], *items: Iterable) -> Iterat
         yield from pool.map(function, *items)
 
 
+def timed(renderer: Any, make: Callable[[], T]) -> tuple[T, float]:
+    """What is made, and the seconds that it took, without those of compiling (``compile_seconds`` of the renderer)."""
+    start, compiled = time.perf_counter(), renderer.compile_seconds
+    made = make()
+    return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
+
+
 class Launcher:
     """Runs kernels on one device.
 

@@ -63,7 +63,7 @@ class SampleKind(NamedTuple):
     cost: float
     """Relative cost of one sample."""
     subpaths: bool
-    """Whether they are subpaths, or segments of the camera."""
+    """True if they are subpaths, False if they are segments of the camera."""
     sums: int = SUMS
     """Number of sums of each pixel of the film."""
 
@@ -187,7 +187,7 @@ def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, f
 
 
 def lit_by_field(scene: Scene) -> bool:
-    """Whether scattered light shines on bodies too: where the field of open water may serve A.
+    """Return whether scattered light shines on bodies too: where the field of open water may serve A.
 
     It does not depend on what a plan chooses, so that bodies look alike in all runs.
     """

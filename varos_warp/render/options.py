@@ -41,7 +41,7 @@ class RenderOptions:
     denoise_b: str | None = None
     """oidn, nlm or none: fill in ``denoised`` of B, on a GPU without a way over the host; absent: do not."""
     snow: bool = True
-    """Whether A and P show the bodies in the water that a scene has."""
+    """True if A and P show the bodies in the water that a scene has."""
     copied: Sequence[str] | None = None
     """What of A and B to keep on the host: radiance, denoised or both. An image that the host has to denoise keeps what
     that takes instead. Absent: all. On a GPU, copying all takes longer than denoising; on a CPU it fills memory."""

@@ -95,7 +95,7 @@ class Taken(NamedTuple):
     """Variances of the means of tiles [tile row, tile column], of images whose weighted sum it is; and how much the
     channels of each err in its own, float64 [3, 3]."""
     counted: list[wp.array]
-    """Of each film, how many samples were lost, and the numbers of samples."""
+    """Lost samples of each film, and its numbers of samples."""
     kinds: Sequence[SampleKind]
     """Kinds of samples, one of each film; none, if not of paths."""
     guides: dict[str, wp.array]
@@ -383,7 +383,7 @@ class RadianceRenderer:
         return replace(image, denoised=denoised)
 
     def _denoises(self, method: str | None) -> bool:
-        """Whether the device does that."""
+        """Return whether the device does that."""
         return method == "oidn" and self._device_denoiser is not None
 
     @functools.cached_property

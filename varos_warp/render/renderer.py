@@ -98,7 +98,7 @@ class Exposed(NamedTuple):
 
     @property
     def rolls(self) -> bool:
-        """Whether rows are of different instants."""
+        """True if rows are of different instants."""
         return self.motion is not None and is_rolling(self.view)
 
     def poses_of_rows(self) -> np.ndarray:

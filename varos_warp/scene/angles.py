@@ -71,7 +71,7 @@ def _check_tables(scene: Scene) -> list[str]:
 
 
 def odd_gyroscope(noise: ImuNoise) -> str | None:
-    """That the density of the gyroscopes' noise looks like degrees, in words that begin with its key, if it does."""
+    """Warn, in words that begin with its key, if the density of the gyroscopes' noise looks like degrees."""
     density = noise.gyroscope_noise_density
     if density <= NOISIEST_GYROSCOPE:
         return None
@@ -82,7 +82,7 @@ def odd_gyroscope(noise: ImuNoise) -> str | None:
 
 
 def _is_in_radians(value: Any) -> bool:
-    """Whether all angles that are not zero are common in radians; no angle is."""
+    """Return whether all angles that are not zero are common in radians; no angle is."""
     angles = np.abs(np.atleast_1d(value))
     angles = angles[angles > 0.0]
     return bool(angles.size and (np.abs(angles[:, None] - COMMON).min(axis=1) < ROUNDING).all())

@@ -45,7 +45,7 @@ def plain_number(value: float) -> float:
 
 
 AS_WRITTEN = AfterValidator(plain_number), PlainSerializer(plain_number, return_type=Any)
-"""Of a number: an int where there is no fraction. Bounds come before these, or a schema would not have them."""
+"""Keeps a number as written: an int if it has no fraction. Bounds come before these, or a schema would lack them."""
 
 
 def _has_area(value):

@@ -12,6 +12,7 @@ from varos_warp.scene.band_checks import check_bands
 from varos_warp.scene.camera_checks import GRID, check_cameras
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import DEPTH
+from varos_warp.scene.description.recorded import FOR_WAYPOINTS
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
@@ -23,16 +24,6 @@ from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water import optical_properties
 
-OF_WAYPOINTS = (
-    "speed",
-    "max_angular_speed_deg",
-    "max_acceleration",
-    "overlap",
-    "handover_radius_m",
-    "handover_timeout_s",
-    "dwell_s",
-)
-"""Keys of a trajectory that only tell how waypoints are followed."""
 NEAREST = 16
 """Nearest places of a path that are tested for lying inside a part."""
 MOST_STOPS = 50
@@ -115,7 +106,7 @@ def _check_trajectory(trajectory):
     if not trajectory.is_exact:
         return
     fields = type(trajectory).model_fields
-    idle = [key for key in OF_WAYPOINTS if getattr(trajectory, key) != fields[key].default]
+    idle = [key for key in FOR_WAYPOINTS if getattr(trajectory, key) != fields[key].default]
     if idle:
         form = "poses" if trajectory.poses is not None else "file"
         yield f"trajectory.{idle[0]}: without effect beside {form}, which says when the vehicle is where" + (
@@ -124,7 +115,7 @@ def _check_trajectory(trajectory):
 
 
 def looks_like_transmission(coefficients) -> bool:
-    """Whether three coefficients [1/m] look like transmissions over a metre, exp(-c), given by mistake.
+    """Return whether three coefficients [1/m] look like transmissions over a metre, exp(-c), given by mistake.
 
     Water's transmission lies near 1 and rises from red to blue; its coefficients fall from red to blue, but in the
     murkiest types, where they exceed 1. So: all between 0.3 and 1, and rising. (Seen in the field: Jerlov I as
@@ -390,7 +381,7 @@ def _towards(scene, boxes, T_w_c, reach, fixed):
 
 
 def _sees(parts, boxes, camera, T_w_c, reach):
-    """Whether a camera at poses [N, 4, 4] sees a surface: along some of its rays, or the middle of something."""
+    """Return whether a camera at poses [N, 4, 4] sees a surface: along some of its rays, or the middle of something."""
     model, (width, height) = camera_model(camera), camera.resolution
     x, y = ((np.arange(GRID) + 0.5) * side / GRID for side in (width, height))
     rays = model.rays(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))

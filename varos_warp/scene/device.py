@@ -58,9 +58,9 @@ class KnownSpectra(NamedTuple):
     """Faces of a part, or of a group of copies, that are known by wavelength."""
 
     faces: slice
-    """In the arrays of all faces."""
+    """Their places in the arrays of all faces."""
     numbers: np.ndarray
-    """Of the part, or of all copies, among materials."""
+    """Numbers of the part, or of all copies, among materials."""
     spectra: FaceSpectra
 
 

@@ -168,7 +168,7 @@ def checked_poses(name: str, T, count: int | None = None) -> np.ndarray:
 
 
 def _are_rigid(T: np.ndarray) -> np.ndarray:
-    """Whether each of poses [..., 4, 4] is finite, and a rotation with a position; bool [...]."""
+    """Return whether each of poses [..., 4, 4] is finite, and a rotation with a position; bool [...]."""
     R = T[..., :3, :3]
     with np.errstate(all="ignore"):
         off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max((-1, -2))

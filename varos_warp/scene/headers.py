@@ -134,7 +134,7 @@ class Said(NamedTuple):
     word: str
     """Its name, of `UNITS`."""
     is_doubtful: bool
-    """Whether it may mean something else, as behind a number: ``accurate to 5 mm``."""
+    """True if it may mean something else, as behind a number: ``accurate to 5 mm``."""
 
 
 def units_said(text: str) -> list[Said]:
@@ -172,7 +172,7 @@ def other_units(
 
 
 def _is_surely_a_unit(word: str, before: str, behind: str) -> bool:
-    """Whether the name of a unit is that, and no other word, by what stands around it."""
+    """Return whether the name of a unit is that, and no other word, by what stands around it."""
     short, word, known = word.isupper() and len(word) == 2, word.lower(), word
     if word not in UNSURE and not short:
         return True
@@ -224,7 +224,7 @@ def units_in_remark(text: str, width: int, separator: str | None) -> list[str]:
 
 
 def is_geographic(name: str) -> bool:
-    """Whether a column holds longitudes or latitudes, or other angles, by its name or its unit."""
+    """Return whether a column holds longitudes or latitudes, or other angles, by its name or its unit."""
     parts = parse_name(name, ANGLES)
     return bool(parts.unit or GEOGRAPHIC & {parts.unknown, *re.split(r"[\W_\d]+", parts.base)})
 
@@ -279,7 +279,7 @@ def _parted(text: str, width: int, separator: str | None) -> Iterator[list[str]]
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, or stands for one that is missing."""
+    """Return whether a cell is a number, or stands for one that is missing."""
     try:
         float(cell)
     except ValueError:

@@ -35,7 +35,7 @@ class Picture:
 
     @property
     def is_constant(self) -> bool:
-        """Whether a picture of more than one texel is one colour throughout."""
+        """True if a picture of more than one texel is one colour throughout."""
         return self.texels.size > 3 and not np.any(self.texels != self.texels[:1, :1])
 
 
@@ -124,12 +124,6 @@ def _opened(file, formats) -> Image.Image:
             return Image.open(file, formats=formats)
         finally:
             Image.MAX_IMAGE_PIXELS = largest
-
-
-def decode_image(image: Image.Image) -> np.ndarray:
-    """Linear reflectances, float32 [H, W, 3], of an sRGB image."""
-    check_limit("TEXTURE_PIXELS", image.width * image.height)
-    return linear(_texels(image))
 
 
 def linear(texels: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ def part_names(scene: Scene, parts: list[Part | Instances]) -> list[str]:
 
 
 def _has_numbers(scene: Scene, group: Instances) -> bool:
-    """Whether S has a number for each copy; else each has that of its host."""
+    """Return whether S has a number for each copy; else each has that of its host."""
     return not isinstance(group, Grown) or scene.render.segments == "fine"
 
 

@@ -31,15 +31,15 @@ class BandPass(NamedTuple):
     """Three bands of a camera's image."""
 
     scene: Scene
-    """With the water, and the lights' intensities [W/sr/nm], of the bands in the place of red, green and blue."""
+    """The scene with water and lights' intensities [W/sr/nm] of the bands in place of red, green and blue."""
     wavelength_nm: np.ndarray
-    """Of the bands [3]."""
+    """Wavelengths of the bands [3]."""
     to_bands: np.ndarray
-    """From reflectances R G B to those in the bands, float64 [3 bands, 3]."""
+    """Matrix from reflectances R G B to those in the bands, float64 [3 bands, 3]."""
     weights: np.ndarray
-    """Of the bands' radiances [W/sr/m^2/nm] in the camera's channels, float64 [3 channels, 3 bands] [nm]."""
+    """Weights of the bands' radiances [W/sr/m^2/nm] in the camera's channels, float64 [3 channels, 3 bands] [nm]."""
     of_ambient: np.ndarray
-    """Of the bands in uniform light of the first lamp's colour, float64 [3 channels, 3 bands]; rows add up to 1 over
+    """Weights of the bands in uniform light of the first light's colour, float64 [3 channels, 3 bands]; rows are 1 over
     all passes."""
 
     def seen_by(self, view: Camera) -> Camera:
@@ -64,13 +64,13 @@ class BandWater:
 
     @classmethod
     def of_camera(cls, scene: Scene, camera: Camera) -> "BandWater":
-        """As one of a scene's cameras sees it."""
+        """Return the water as one of a scene's cameras sees it."""
         bands = scene_bands(scene, camera)
         return cls(bands.a + bands.b_water + bands.b_particles, shares(bands))
 
     @classmethod
     def of(cls, water: dict, camera: str) -> "BandWater":
-        """As dataset.json describes it for a camera; without bands, each channel is one."""
+        """Return the water as dataset.json describes it for a camera; without bands, each channel is one."""
         if "bands" not in water:
             return cls(np.add(water["sigma_a"], water["sigma_s"]), np.eye(3))
         bands = next(bands for bands in water["bands"] if bands["camera"] == camera)

@@ -98,7 +98,7 @@ def _on_speed(course: Course) -> Iterator[str]:
 
 
 def _bends(course: Course) -> bool:
-    """Whether the vehicle turns, or its way does, anywhere."""
+    """Return whether the vehicle turns, or its way does, anywhere."""
     along = [leg.step / size for leg in course.legs if (size := np.linalg.norm(leg.step))]
     angles = [*(np.linalg.norm(leg.turn) for leg in course.legs), *(np.linalg.norm(a - b) for a, b in pairwise(along))]
     return bool(np.degrees(max(angles)) > LITTLE_TURN_DEG)

@@ -107,7 +107,7 @@ class Simulator:
 
     @property
     def finished(self) -> bool:
-        """Whether all that `simulate` reads has been read: up to the IMU sample after the last frame."""
+        """True if all that `simulate` reads has been read: up to the IMU sample after the last frame."""
         return self.time_ns >= self._end_ns
 
     @property

@@ -2,12 +2,12 @@
 
 import base64
 import hashlib
-import html
 import io
 import json
 import re
 import shutil
 
+import markupsafe
 import numpy as np
 import pytest
 from PIL import Image
@@ -17,13 +17,13 @@ from typer.testing import CliRunner
 from varos_warp.cli import app
 from varos_warp.dataset import files
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.dataset.report import contact_sheet, spread, write_report
+from varos_warp.dataset.report import write_report
 from varos_warp.dataset.report.course import SceneParts, course_pictures, ground_points, scene_parts
 from varos_warp.dataset.report.curves import attenuation, curve, curves, envelope
 from varos_warp.dataset.report.facts import headline, numbers, warnings
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.validate.outcome import Validation
-from varos_warp.dataset.write.pictures import filmstrip, preview
+from varos_warp.dataset.write.pictures import contact_sheet, filmstrip, preview, spread
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +122,7 @@ def test_no_text_of_a_dataset_is_taken_for_html(copy, tmp_path):
     assert "<mark" not in page
     for text in ("A denoised with ", "Given as ", "A problem", "device"):
         assert text.lower() in page.lower()
-    assert f"denoised with nlm{html.escape(MARK)}" in page
+    assert f"denoised with nlm{markupsafe.escape(MARK)}" in page
 
 
 def test_no_script_runs_that_is_not_the_pages_own(page):

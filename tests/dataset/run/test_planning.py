@@ -8,7 +8,7 @@ import standins
 from standins import FlatFloorRenderer, make_scene
 
 from varos_warp.dataset.run.planning import kept_plan, plan_sequence, told_of, what_is_planned
-from varos_warp.render.planner.decisions import Plan
+from varos_warp.render.decisions import Plan
 
 POSES, TIMES = [np.eye(4)] * 3, [0, 100, 200]
 

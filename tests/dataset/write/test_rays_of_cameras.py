@@ -115,7 +115,7 @@ def test_colours_are_apart_by_what_the_rays_of_each_say(scene, made):
 
 
 def test_the_report_names_them(made):
-    text = facts.cameras(Dataset(made))
+    text = str(facts.cameras(Dataset(made)))
     assert "vehicle0/cam0/camF0_rays.exr, vehicle0/cam1/camB0_rays.exr" in text
     assert "camM0_rays" not in text
 

@@ -19,7 +19,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.write import tables
 from varos_warp.dataset.write import texts as writers
-from varos_warp.render.planner.decisions import Plan
+from varos_warp.render.decisions import Plan
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
 

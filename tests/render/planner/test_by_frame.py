@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.render.planner.test_plan import POSE, make_renderer, make_scene
+from varos_warp.render.decisions import Plan
 from varos_warp.render.planner import by_frame, pilot
 from varos_warp.render.planner.by_frame import (
     halfway,
@@ -14,7 +15,6 @@ from varos_warp.render.planner.by_frame import (
     trial,
     tried_frames,
 )
-from varos_warp.render.planner.decisions import Plan
 from varos_warp.render.planner.errors import SAMPLES, Made, error, of_others, squared_error
 from varos_warp.render.planner.plan import plan_render
 

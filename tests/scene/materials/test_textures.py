@@ -8,7 +8,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
-from varos_warp.scene.images import decode_image, linear
+from varos_warp.scene.images import linear
 from varos_warp.scene.materials.textures import (
     Textures,
     bake_ground,
@@ -50,7 +50,8 @@ def test_images_of_every_mode_come_as_three_linear_channels(tmp_path, mode):
         image = Image.fromarray(np.full((4, 4), 65535, np.uint16))
     else:
         image = Image.new("RGB", (4, 4), (255, 255, 255)).convert(mode)
-    read = decode_image(image)
+    image.save(tmp_path / "a.tif")
+    read = read_image(tmp_path / "a.tif")
     assert read.shape == (4, 4, 3)
     assert read.dtype == np.float32
     np.testing.assert_allclose(read, 1.0, atol=0.01)

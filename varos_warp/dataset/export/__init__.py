@@ -134,7 +134,7 @@ def _tell_what_is_missing(data: Clocked, to: str, module) -> None:
 
 
 def _has_all_types(module) -> bool:
-    """Whether a format holds images of every type, whichever are the colour images, also where there are none."""
+    """Return whether a format holds images of every type, whichever are the colour images, or if there are none."""
     return {WATER, AMBIENT} <= {*module.IMAGES}
 
 

@@ -53,7 +53,7 @@ def write(job: Job) -> None:
 
 
 def _annotations(labels: Labels, camera: str, frame: int, image: int) -> list[tuple[dict | None, dict | None]]:
-    """Of each thing in an image what is seen, if anything is, and all of it, if that is known."""
+    """Annotate each thing in an image: what is seen, if anything is, and all of it, if that is known."""
     about, numbers = labels.data.camera(camera), {name: i for i, name in enumerate(labels.categories, 1)}
     size = about["height"], about["width"]
     return [

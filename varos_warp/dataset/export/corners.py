@@ -55,7 +55,7 @@ class Board:
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """In its own axes, its scale applied [N, 3] [m]."""
+        """Corners in the board's own axes, its scale applied [N, 3] [m]."""
         return corners(self.block) * self.block.scale
 
 
@@ -108,7 +108,7 @@ def boards_of(job: Job) -> list[Board]:
 
 
 class Corners:
-    """Where the cameras of a dataset see the corners of boards.
+    """Finds where the cameras of a dataset see the corners of boards.
 
     Args:
         job: The export.
@@ -153,7 +153,7 @@ class Corners:
         return frame_time_ns(frame, self.data.meta["frames"]["rate_hz"]) + offsets_ns(self.data.camera(camera))
 
     def _poses(self, board: Board, when: np.ndarray) -> np.ndarray:
-        """Of a board at times int64 [N], [N, 4, 4]."""
+        """Return poses of a board at times int64 [N], [N, 4, 4]."""
         if board.key in self.motions:
             return self.motions[board.key](when)
         return np.tile(pose_matrix(board.block), (len(when), 1, 1))
@@ -179,7 +179,7 @@ class Corners:
         return np.stack([np.where(np.isfinite(v), u, np.nan), v], axis=-1), seen_at(row), T_w_o
 
     def _is_free(self, board, camera, T_w_c, uv, when, world, T_w_o) -> np.ndarray:
-        """Whether nothing is between the camera and corners, bool [N], by the rays of their image points."""
+        """Return whether nothing is between the camera and corners, bool [N], by the rays of their image points."""
         rays = self.data.camera_model(camera).rays(uv)
         T = at_row(T_w_c, uv[:, 1]) if T_w_c.ndim == 3 else np.tile(T_w_c, (len(uv), 1, 1))
         start, d = (np.einsum("nij,nj->ni", T[:, :3, :3], x) for x in rays[:2])

@@ -21,7 +21,7 @@ TIME = "#timestamp [ns]"
 
 
 def cameras(job: Job) -> tuple[str, ...]:
-    """Those on the vehicle: one that stands in the world has no T_BS."""
+    """Return the cameras on the vehicle: one that stands in the world has no T_BS."""
     return tuple(camera for camera in job.cameras if job.data.camera(camera)["mount"] != "world")
 
 

@@ -48,7 +48,7 @@ def write(job: Job) -> None:
 
 
 def _depth_benchmark(job: Job, folder: str, drive: str, place: int) -> None:
-    """The same depth and colour files where the loaders of the depth benchmark look for them."""
+    """Link the same depth and colour files where the loaders of the depth benchmark look for them."""
     for i in range(len(job.data)):
         files.link(
             job.out / f"{folder}/depth_{place}/{i:06d}.png",

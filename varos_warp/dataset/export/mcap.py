@@ -20,7 +20,7 @@ from varos_warp.dataset.export.shared.job import Job, baseline, lens_of, quatern
 from varos_warp.dataset.export.shared.moving import lights_of_others
 from varos_warp.dataset.progress import Progress
 from varos_warp.dataset.reader.dataset import Dataset
-from varos_warp.errors import InputError
+from varos_warp.errors import optional
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS as ALL
 from varos_warp.scene.description.image_types import DEPTH, WATER
@@ -64,13 +64,10 @@ def write(job: Job) -> None:
     Raises:
         InputError: If rosbags is not installed.
     """
-    try:
-        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise InputError(
-            "needs the package rosbags", key="to", value="mcap", remedy='pip install "varos_warp[export]"'
-        ) from error
+    optional("rosbags.rosbag2", "the package rosbags", "export", key="to", value="mcap")
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
     store = get_typestore(Stores.ROS2_HUMBLE)
     events = sorted(_events(job, Messages(store.types)), key=itemgetter(0))
     writer = Writer(job.out / "bag", version=8, storage_plugin=StoragePlugin.MCAP)
@@ -137,7 +134,7 @@ def _readings(data: Dataset, sensor: SensorProduct, topic: str, messages: "Messa
 
 
 def _is_vehicle(key: str) -> bool:
-    """Whether what moves is a vehicle, and so has axes of a vehicle."""
+    """Return whether what moves is a vehicle, and so has axes of a vehicle."""
     return key.startswith("vehicles.")
 
 

@@ -27,7 +27,7 @@ VERSION = 1
 START = b"SBST"
 DESCRIPTION, STATE, POSE, IMAGE, END = 1, 50, 51, 60, 99
 SENSOR_IDS = {sensor.id: sensor.stream_id for sensor in ALL}
-"""Of readings as the sensor gives them. Where they have noise, those without it have the next id, and biases the one
+"""Ids of readings as the sensor gives them. If they have noise, those without it have the next id, and biases the one
 after it. Messages of one time are in the order of their ids."""
 SENSORS = tuple(SENSOR_IDS)
 FIELDS = {

@@ -21,7 +21,7 @@ IMAGES = WATER + DEPTH
 SENSORS = ("imu0",)
 HOLDS = "one camera, or two on the vehicle of which the second is at the right of the first and looks the same way"
 NAME = "varos_warp"
-"""Of the data set; its folder is that in capitals."""
+"""Name of the data set; its folder is that in capitals."""
 GROUND_TRUTH = ["ts (ns)", *(f"t{axis} (m)" for axis in "xyz"), "qx", "qy", "qz", "qw"]
 READINGS = ["ts (ns)", *(f"w{axis} (rad s^-1)" for axis in "xyz"), *(f"a{axis} (m s^-2)" for axis in "xyz")]
 DISTORTIONS = {("brown_conrady", 4): "radtan4", ("brown_conrady", 5): "radtan5", ("kannala_brandt", 4): "equid4"}
@@ -31,7 +31,7 @@ SATURATION = 1000.0
 LEAST_BIAS = {"gyroscope": 1e-3, "accelerometer": 1e-2}
 """The least standard deviation of the first bias that is stated [rad/s, m/s^2]: systems refuse zeros."""
 LEAST_COSINE = 0.9
-"""Of the angle between the views of a pair."""
+"""Least cosine of the angle between the views of a pair."""
 
 
 def cameras(job: Job) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def _in_world(job: Job, camera: str) -> bool:
 
 
 def _is_right_of(job: Job, left: str, right: str) -> bool:
-    """Whether two cameras are the pair that stereo systems take them for: both on the vehicle, side by side."""
+    """Return whether two cameras are the pair that stereo systems take them for: both on the vehicle, side by side."""
     if _in_world(job, left) or _in_world(job, right):
         return False
     T = inverse(_mount(job, left)) @ _mount(job, right)

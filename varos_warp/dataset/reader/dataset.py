@@ -152,7 +152,7 @@ class Dataset(Readings):
         return np.array(self.camera(camera)["K_" + convention], float)
 
     def color_matrix(self, camera: str | None = None) -> np.ndarray | None:
-        """From a camera's own channels to linear sRGB, float64 [3, 3]; None: its 8 bits are of its channels."""
+        """Matrix from a camera's own channels to linear sRGB, float64 [3, 3]; None: its 8 bits are of its channels."""
         matrix = self.camera(camera).get("color_matrix")
         return None if matrix is None else np.array(matrix)
 
@@ -425,12 +425,12 @@ class Dataset(Readings):
 
     @property
     def has_scene_noise(self) -> bool:
-        """Whether A has the noise that its scene asks for, and not that of `varos-warp noise`."""
+        """True if A has the noise that its scene asks for, and not that of `varos-warp noise`."""
         return bool((self.meta["scene"].get("render") or {}).get("noise"))
 
     @property
     def is_dithered(self) -> bool:
-        """Whether A, B and P were dithered before they were rounded to 8 bits."""
+        """True if A, B and P were dithered before they were rounded to 8 bits."""
         return bool((self.meta["scene"].get("render") or {}).get("dither"))
 
     def torch(self, outputs: Sequence[str] = "ACD", camera: str | None = None, **options: Any) -> "TorchDataset":

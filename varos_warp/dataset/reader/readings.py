@@ -38,7 +38,7 @@ class Readings:
         return self._samples(self.layout.states, STATES, start_ns, stop_ns)
 
     def has_noise(self, name: str) -> bool:
-        """Whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
+        """Return whether the readings of a sensor such as ``imu0``, or ``A`` of the cameras, have noise."""
         if name == WATER:
             return bool(((self.meta.get("noise") or {}).get("profile") or {}).get("camera"))
         return bool(self.meta["sensors"][name].get("noise"))

@@ -33,7 +33,7 @@ KINDS = ("orb", "sift")
 
 @dataclass(frozen=True)
 class Readiness:
-    """Of one camera of a dataset. A frame's value is None where there is nothing to measure."""
+    """Measures of one camera of a dataset. A frame's value is None if there is nothing to measure."""
 
     root: Path
     camera: str
@@ -48,10 +48,10 @@ class Readiness:
     left_out: list[str]
     """What was not measured, and why."""
     group: str | None = None
-    """Of datasets that differ in their seed alone: what they have in common."""
+    """Name that datasets share if they differ in their seed alone."""
 
     def medians(self) -> dict[str, float | None]:
-        """Of each measure over the frames that have it."""
+        """Return the median of each measure over the frames that have it."""
         known = {name: [v for v in values if v is not None] for name, values in self.by_frame.items()}
         return {name: float(np.median(values)) if values else None for name, values in known.items()}
 
@@ -60,7 +60,7 @@ class Readiness:
         return float(np.mean([chance for chance in self.by_frame["failure_chance"] if chance is not None]))
 
     def plain(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return plain types for JSON."""
         return {
             "dataset": str(self.root),
             "camera": self.camera,
@@ -160,7 +160,7 @@ def by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
 
 
 def _names(rows: Iterable[dict[str, float | None]]) -> list[str]:
-    """Of all measures of which any frame has a value."""
+    """List all measures of which any frame has a value."""
     return list(dict.fromkeys(name for row in rows for name, value in row.items() if value is not None))
 
 
@@ -183,7 +183,7 @@ def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints
 def _between(
     here: dict[str, Keypoints], there: dict[str, Keypoints], data: Dataset, index: int, camera: str
 ) -> dict[str, float | None]:
-    """From the frame at a place to the one after it."""
+    """Measure from the frame at a place to the one after it."""
     moved, row = moves(data, index, camera), {}
     for kind in KINDS:
         repeated, chance = repeatability(here[kind], there[kind], moved)

@@ -2,19 +2,9 @@
 
 from types import ModuleType
 
-from varos_warp.errors import InputError
+from varos_warp.errors import optional
 
 
 def opencv() -> ModuleType:
-    """The module cv2.
-
-    Raises:
-        InputError: If it is not installed.
-    """
-    try:
-        import cv2
-    except ImportError as error:
-        raise InputError(
-            "OpenCV is not installed", key="readiness", remedy='Install it with `pip install "varos_warp[readiness]"`.'
-        ) from error
-    return cv2
+    """Return the module cv2; an `InputError` says that it is not installed."""
+    return optional("cv2", "OpenCV", "readiness", key="readiness")

@@ -8,8 +8,9 @@ import numpy as np
 from varos_warp.dataset.readiness.measure import Readiness
 from varos_warp.dataset.readiness.odometry.odometry import Odometry
 from varos_warp.dataset.readiness.seeds import compared, groups
-from varos_warp.dataset.report import facts, write_page
+from varos_warp.dataset.report import write_page
 from varos_warp.dataset.report.curves import curve
+from varos_warp.dataset.report.facts import Note, Table
 from varos_warp.errors import counted
 
 SHOWN = {
@@ -142,7 +143,7 @@ def give(pair: tuple[float | None, float | None] | None, scale: float = 1.0) -> 
 def _odometry_cells(
     kind: str, of: Sequence[Readiness], told: dict[str, tuple[float | None, float | None]]
 ) -> list[str]:
-    """Of one dataset with the spread over runs of RANSAC, of several with the standard error over them."""
+    """Return the cells of one dataset with the spread over runs of RANSAC, of several with their standard error."""
     if len(of) == 1:
         run = of[0].odometry.get(kind)
         return ["–"] * 3 if run is None else [odometry_row(kind, run)[i] for i in (2, 4, 5)]
@@ -166,17 +167,11 @@ def _of_one(found: Readiness, path: Path) -> Path:
             columns = np.array([found.by_frame[name] for name in shown], float).T
             plots.append(curve(title, unit, x, columns, [SHOWN[n] for n in shown], x, zero=True))
     plots.append(_failing(found, x))
-    tables = facts.table(measures(found), MEASURES, "numbers")
     runs = [odometry_row(kind, run) for kind, run in found.odometry.items()]
-    odometry = facts.table(runs, ODOMETRY, "numbers") if runs else "<p class=empty>None.</p>"
-    said = "".join(facts.note(words) for words in sentences(found))
-    sections = [
-        ("curves", "Over the frames", '<div id="plots"></div>'),
-        ("measures", "Measures", f'<div class="card">{tables}</div>'),
-        ("odometry", "Odometry", f'<div class="card">{odometry}{said}</div>'),
-    ]
+    odometry = Table(runs, ODOMETRY, "numbers") if runs else Note("None.", "empty")
     return write_page(
         path,
+        "readiness.html",
         title=f"Readiness of {found.root.absolute().name}",
         root=found.root.absolute().name,
         tiles=[
@@ -185,9 +180,12 @@ def _of_one(found: Readiness, path: Path) -> Path:
             (text(found.medians().get("optical_depth")), "optical depth"),
             (text(found.failure_chance(), 2), "mean chance of failure"),
         ],
-        notes="",
         content=_content(found.frames, x.tolist(), plots),
-        sections=sections,
+        sections={"curves": "Over the frames", "measures": "Measures", "odometry": "Odometry"},
+        blocks={
+            "measures": [Table(measures(found), MEASURES, "numbers")],
+            "odometry": [odometry, *map(Note, sentences(found))],
+        },
     )
 
 
@@ -202,18 +200,15 @@ def _failing(found: Readiness, x: np.ndarray) -> dict:
 
 def _of_several(found: Sequence[Readiness], path: Path) -> Path:
     header, rows = comparison(found)
-    sections = [
-        ("curves", "Over optical depth", '<div id="plots"></div>'),
-        ("table", "By optical depth", f'<div class="card">{facts.table(rows, header, "numbers")}</div>'),
-    ]
     deep = [of for _, of in groups(found) if compared(of).get("optical_depth", (None,))[0] is not None]
     return write_page(
         path,
+        "readiness.html",
         title="Readiness against optical depth",
         root=f"{len(found)} datasets",
         tiles=[(str(len(found)), "datasets")],
-        notes="",
-        sections=sections,
+        sections={"curves": "Over optical depth", "table": "By optical depth"},
+        blocks={"table": [Table(rows, header, "numbers")]},
         content=_content([], [], _against_depth(deep) if len(deep) > 1 else []),
     )
 

@@ -58,7 +58,7 @@ def compared(of: Sequence[Readiness]) -> dict[str, tuple[float | None, float | N
 
 
 def over_seeds(found: Sequence[Readiness]) -> list[dict[str, Any]]:
-    """For JSON: of each group of several."""
+    """Return means over each group of several datasets, as plain types for JSON."""
     return [
         {
             "name": name,

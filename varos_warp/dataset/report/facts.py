@@ -1,11 +1,10 @@
 """Facts for the page, as tables: the dataset, its water, cameras and sensors, the plan, the runs, what looks wrong."""
 
 import contextlib
-import html
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -15,6 +14,7 @@ from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.reader.rows import lasts
 from varos_warp.dataset.report.curves import ROUNDING, logs
 from varos_warp.dataset.validate.outcome import KEPT
+from varos_warp.dataset.write.pictures import Filmstrip, whole_frames
 from varos_warp.errors import InputError, counted
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import WATER
@@ -24,31 +24,23 @@ MOST_WARNINGS = 40
 """Listed singly."""
 
 
-def cells(values: Iterable, tag: str = "td", names: Sequence[str] = ()) -> str:
-    """A row of a table of plain text, with the names of its columns for where there is no head over them."""
-    named = [f' data-name="{html.escape(name)}"' if name else "" for name in names]
-    return "".join(
-        f"<{tag}{name}>{html.escape(str(value))}</{tag}>"
-        for value, name in itertools.zip_longest(values, named, fillvalue="")
-    )
+class Table(NamedTuple):
+    """Plain text; the first column names the rows. On a narrow screen each row becomes a block of named values."""
+
+    rows: Sequence[Sequence[Any]]
+    header: Sequence[str] = ()
+    kind: str = ""
 
 
-class Raw(str):
-    """Text that is HTML already."""
-
-
-def note(text: str, kind: str = "note") -> Raw:
+class Note(NamedTuple):
     """A paragraph of plain text."""
-    return Raw(f'<p class="{kind}">{html.escape(text)}</p>')
+
+    text: str
+    kind: str = "note"
 
 
-def table(rows: Iterable[Iterable], header: Sequence[str] = (), kind: str = "") -> Raw:
-    """An HTML table; the first column names the rows. On a narrow screen each row becomes a block of named values."""
-    head = f"<thead><tr>{cells(header, 'th')}</tr></thead>".replace("<th></th>", "<td>&nbsp;</td>") if header else ""
-    body = "".join(
-        f"<tr><th>{html.escape(str(first))}</th>{cells(rest, names=header[1:])}</tr>" for first, *rest in rows
-    )
-    return Raw(f'<div class="scroll"><table class="{kind}">{head}<tbody>{body}</tbody></table></div>')
+Blocks = list[Table | Note]
+"""What data/report/blocks.html shows."""
 
 
 def number(x: float) -> str:
@@ -62,6 +54,13 @@ def numbers(values: Iterable[float], unit: str = "") -> str:
 
 
 # --------------------------------------------------------------------------------------------------------- the dataset
+
+
+def shown(data: Dataset, strip: Filmstrip) -> str:
+    """Tell which frames the page shows."""
+    total = len(whole_frames(data, data.cameras[0]))
+    of = f"{len(strip.frames)} of {counted(total, 'frame')}, evenly spread"
+    return "every frame" if len(strip.frames) == total else of
 
 
 def headline(data: Dataset) -> list[tuple[str, str]]:
@@ -93,7 +92,7 @@ def headline(data: Dataset) -> list[tuple[str, str]]:
     return tiles + ([(f"{np.median(seconds):.3g} s", "to render a frame")] if seconds else [])
 
 
-def water(data: Dataset) -> Raw:
+def water(data: Dataset) -> Blocks:
     """Optical properties by channel, or by band."""
     w = data.meta["water"]
     if "bands" in w:
@@ -108,23 +107,23 @@ def water(data: Dataset) -> Raw:
             ("mean free path [m]", 1 / sigma_t),
             ("a tenth of the light left at [m]", np.log(10) / sigma_t),
         ]
-    text = table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
+    text = Table([(name, *map(number, values)) for name, values in rows], ("", "red", "green", "blue"), "numbers rgb")
     phase = {"henyey_greenstein": "Henyey-Greenstein", "fournier_forand": "Fournier-Forand"}.get(w["phase"], w["phase"])
-    return Raw(text + note(f"Given as {w['source']}; {phase} phase function, g = {w['g']:g}."))
+    return [text, Note(f"Given as {w['source']}; {phase} phase function, g = {w['g']:g}.")]
 
 
-def _bands(w: dict) -> Raw:
+def _bands(w: dict) -> Blocks:
     """Water by wavelength, in the bands of each camera."""
     rows = [
         (bands["camera"], f"{nm:g}", number(a), number(b), number(a + b))
         for bands in w["bands"]
         for nm, a, b in zip(bands["wavelength_nm"], bands["a"], bands["b"], strict=True)
     ]
-    text = table(rows, ("camera", "band [nm]", "a [1/m]", "b [1/m]", "c [1/m]"), "numbers")
-    return Raw(text + note(f"By wavelength: {w['water']}; {w['phase']} phase function of particles, g = {w['g']:g}."))
+    text = Table(rows, ("camera", "band [nm]", "a [1/m]", "b [1/m]", "c [1/m]"), "numbers")
+    return [text, Note(f"By wavelength: {w['water']}; {w['phase']} phase function of particles, g = {w['g']:g}.")]
 
 
-def cameras(data: Dataset) -> Raw:
+def cameras(data: Dataset) -> Blocks:
     """Calibration, and where each camera is."""
     rows = []
     for about in data.meta["cameras"]:
@@ -146,7 +145,7 @@ def cameras(data: Dataset) -> Raw:
         )
     files_of_rays = [about["rays"] for about in data.meta["cameras"] if about.get("rays")]
     words = f"Rays of every pixel through lens and port: {', '.join(files_of_rays)}."
-    found = table(
+    found = Table(
         rows,
         (
             "camera",
@@ -160,7 +159,7 @@ def cameras(data: Dataset) -> Raw:
         ),
         "numbers",
     )
-    return Raw(found + note(words)) if files_of_rays else found
+    return [found, Note(words)] if files_of_rays else [found]
 
 
 def _optics(about: dict) -> str:
@@ -194,7 +193,7 @@ def _beam(light: dict) -> str:
     return ", ".join(found)
 
 
-def equipment(data: Dataset) -> Raw:
+def equipment(data: Dataset) -> Blocks:
     """Lights and sensors."""
     lights = {f"light {i}": light for i, light in enumerate(data.meta["lights"])}
     for entry in data.meta.get("moving") or ():
@@ -217,36 +216,36 @@ def equipment(data: Dataset) -> Raw:
                 "with noise" if sensor["noise"] else "noise-free",
             )
         )
-    return table(rows, ("", "", "on its vehicle at", ""), "numbers")
+    return [Table(rows, ("", "", "on its vehicle at", ""), "numbers")]
 
 
 # ------------------------------------------------------------------------------------------------- plan and rendering
 
 
-def plan(data: Dataset) -> Raw:
+def plan(data: Dataset) -> Blocks:
     """What was decided, why, and the error that it makes; and what makes each output."""
     samples = data.meta["samples"]
     chosen = samples["plan"]
     if not chosen:
-        return note("Nothing is rendered yet.", "empty")
+        return [Note("Nothing is rendered yet.", "empty")]
     rows = [(d["what"], d["choice"], *_percent(d.get("error")), d["reason"]) for d in chosen.get("decisions") or ()]
     if chosen.get("error"):
         rows.append(("in all", "", *_percent(chosen["error"]), "predicted relative RMSE of an image"))
-    text = table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
-    models = table(
+    text = Table(rows, ("decision", "choice", "red %", "green %", "blue %", "why"), "plan")
+    models = [
         (letter, f"{OUTPUTS[letter].content}: {how}")
         for letter, how in (chosen.get("models") or {}).items()
         if letter in data.outputs
-    )
+    ]
     by = [samples[key] or "nothing" for key in ("denoise", "denoise_b")]
-    return Raw(text + models + note(f"A denoised with {by[0]}, B with {by[1]}."))
+    return [text, Table(models), Note(f"A denoised with {by[0]}, B with {by[1]}.")]
 
 
 def _percent(error) -> list[str]:
     return ["", "", ""] if not error else [f"{100 * e:.2f}" for e in error]
 
 
-def timings(data: Dataset) -> Raw:
+def timings(data: Dataset) -> Blocks:
     """The runs that rendered the dataset."""
     rows = []
     for log in logs(data):
@@ -262,22 +261,21 @@ def timings(data: Dataset) -> Raw:
             )
         )
     if not rows:
-        return note("No run left a log.", "empty")
-    text = table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
+        return [Note("No run left a log.", "empty")]
+    text = Table(rows, ("ended (UTC)", "device", "images", "in all", "median", "compiling"), "numbers")
     stages: Counter[str] = Counter()
     for log in logs(data):
         stages.update(log.get("stages") or {})
     went = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.items() if seconds >= 0.05)
-    said = dict.fromkeys(str(message) for log in logs(data) for message in log.get("messages") or [])
-    notes = "".join(f"<li>{html.escape(message)}</li>" for message in said)
-    return Raw(
-        text
-        + (note(f"Where the time of the runs went: {went}.") if went else "")
-        + (f"<h3>What the runs said</h3><ul>{notes}</ul>" if notes else "")
-    )
+    return [text, Note(f"Where the time of the runs went: {went}.")] if went else [text]
 
 
-def provenance(data: Dataset) -> Raw:
+def said(data: Dataset) -> list[str]:
+    """Messages of the runs, each once."""
+    return list(dict.fromkeys(str(message) for log in logs(data) for message in log.get("messages") or []))
+
+
+def provenance(data: Dataset) -> Blocks:
     """What made the dataset, and of what."""
     meta = data.meta
     rows = [
@@ -296,8 +294,12 @@ def provenance(data: Dataset) -> Raw:
         ("versions", ", ".join(f"{package} {version}" for package, version in meta["versions"].items())),
         *((f"file {name}", f"SHA-256 {digest}") for name, digest in meta["sources"].items()),
     ]
-    scene = html.escape(yaml.safe_dump(meta["scene"], sort_keys=False, default_flow_style=None, width=110))
-    return Raw(f"{table(rows)}<details><summary>The scene, every key</summary><pre>{scene}</pre></details>")
+    return [Table(rows)]
+
+
+def scene_text(data: Dataset) -> str:
+    """The scene, every key, as YAML."""
+    return yaml.safe_dump(data.meta["scene"], sort_keys=False, default_flow_style=None, width=110)
 
 
 def _noise(data: Dataset) -> str:
@@ -346,21 +348,20 @@ def validation(data: Dataset) -> dict[str, Any] | None:
     return None
 
 
-def measures(data: Dataset) -> Raw:
-    """What `varos-warp validate` measured."""
+def measures(data: Dataset) -> dict[str, Any] | None:
+    """What `varos-warp validate` measured: ``when``, ``words`` on its problems, ``measures``; None: it did not run."""
     result = validation(data)
     if result is None:
-        return Raw(
-            "<h3>Validation</h3><p class=note>None yet: <code>varos-warp validate</code> reads everything back "
-            "and leaves its measures here.</p>"
-        )
+        return None
     rows = [
         (m["name"], "–" if m["value"] is None else f"{m['value']:.4g}", f"{m['limit']:.4g}", m["unit"])
         for m in result.get("measures", [])
     ]
-    count, when = len(result["problems"]), html.escape(_minute(result.get("ended", "")))
-    words = {0: "no problem", 1: "1 problem"}.get(count, f"{count} problems")
-    return Raw(f"<h3>Validation, {when}: {words}</h3>{table(rows, ('measure', 'value', 'limit', 'unit'), 'numbers')}")
+    return {
+        "when": _minute(result.get("ended", "")),
+        "words": counted(len(result["problems"]) or "no", "problem"),
+        "measures": [Table(rows, ("measure", "value", "limit", "unit"), "numbers")],
+    }
 
 
 def _minute(stamp: str) -> str:

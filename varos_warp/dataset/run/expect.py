@@ -10,8 +10,7 @@ import numpy as np
 from varos_warp.device.devices import resolve_device, usable_cores
 from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
-from varos_warp.render.planner.decisions import open_questions
-from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
+from varos_warp.render.decisions import open_questions, planner_is_here
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.description.vehicle import Camera
@@ -144,6 +143,10 @@ def _pixel_seconds(scene: Scene, device: str) -> float:
 def _samples_to_plan(scene: Scene, frames: int) -> int:
     """Samples of pixels that a plan often takes, where it is not kept from before; none where the scene says all."""
     asked, cameras = open_questions(scene), scene.vehicle.cameras
+    if not asked or not planner_is_here():
+        return 0
+    from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
+
     views = 2 * len(pilot_frames(frames)) * len(cameras) * SMALL * SMALL_SPP
     tests = TEST_SPP * min(pixels_tried(cameras[0], frames), int(np.prod(cameras[0].resolution)))
-    return views * bool(asked) + COMPARED_SPP * SMALL * ("integrator" in asked) + tests * ("samples" in asked)
+    return views + COMPARED_SPP * SMALL * ("integrator" in asked) + tests * ("samples" in asked)

@@ -23,13 +23,12 @@ import numpy as np
 from varos_warp.dataset.timing import Clock
 from varos_warp.dataset.write.images import ImageJob, Store, Stored
 from varos_warp.device.devices import kind_of, usable_cores
-from varos_warp.device.launcher import AT_ONCE
+from varos_warp.device.launcher import AT_ONCE, timed
 from varos_warp.errors import InputError, counted
+from varos_warp.render.decisions import Plan
 from varos_warp.render.image import exposure
 from varos_warp.render.moments import Motion, NextFrame
 from varos_warp.render.options import of_run
-from varos_warp.render.planner.cost import timed
-from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.description.image_types import OF_NEXT_FRAME, TWIN, WATER
 from varos_warp.sim.clock import frame_time_ns
 

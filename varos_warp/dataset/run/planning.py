@@ -13,8 +13,8 @@ from varos_warp.dataset.progress import NamedSteps
 from varos_warp.dataset.write.checksums import sha256
 from varos_warp.dataset.write.texts import sources
 from varos_warp.device.devices import kind_of
+from varos_warp.render.decisions import Plan, open_questions, plan_as_given, planner_is_here, require_planner
 from varos_warp.render.image.denoise import available_method
-from varos_warp.render.planner.decisions import STEPS, Plan, open_questions
 from varos_warp.scene.description.looks import GAINS, without
 from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.file.load import scene_to_dict
@@ -39,11 +39,17 @@ def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **option
     """`plan_render` with a progress bar, of ``frames``, rows of a `Trajectory`; what a run needs is compiled meanwhile.
 
     But not where the time is to be measured, nor where there is nothing to find out.
-    """
-    from varos_warp.render.planner.plan import plan_render
 
+    Raises:
+        InputError: If there is, and this installation has no planner.
+    """
     if not sees_water(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})
+    if not planner_is_here():
+        require_planner(scene)
+        return plan_as_given(scene)
+    from varos_warp.render.planner.plan import STEPS, plan_render
+
     ahead = scene.render.outputs if open_questions(scene) and not options.get("measure_cost") else ()
     with renderer.compiling(ahead), NamedSteps("planning", STEPS, quiet) as steps:
         return plan_render(

@@ -17,6 +17,7 @@ from varos_warp.dataset.run.workers import device_of_worker
 from varos_warp.dataset.write import folder
 from varos_warp.device.devices import resolve_device
 from varos_warp.errors import InputError
+from varos_warp.render.decisions import require_planner
 from varos_warp.scene.file.named_files import require_files
 from varos_warp.scene.file.source import located
 
@@ -102,6 +103,7 @@ def produce_sharing(
             previous = folder.open_folder(scene, layout)
             if images and previous is None:
                 require_files(scene)
+                require_planner(scene)
             run = Run(scene, layout, shard, Console(quiet), device, shared)
             with run.record.recording():
                 run.simulate(frames, previous)

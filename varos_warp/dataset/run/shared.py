@@ -42,7 +42,7 @@ class Shared:
     simulation: Any = None
     renderer: Any = None
     is_lit: bool = False
-    """Whether the renderer is of the very scene that is to be rendered, not of one that may look different."""
+    """True if the renderer is of the very scene that is to be rendered, not of one that may look different."""
     _of: str | None = None
     _trajectory: Any = None
 

@@ -31,9 +31,9 @@ from varos_warp.errors import InputError, RunFailed, counted
 from varos_warp.products.images.registry import DENOISE_KEYS, OUTPUTS, colors
 from varos_warp.products.images.segments import SEGMENT_LEVELS
 from varos_warp.products.sensors.registry import needs_solids
+from varos_warp.render.decisions import Plan
 from varos_warp.render.image.denoise import available_method
 from varos_warp.render.moments import Motion
-from varos_warp.render.planner.decisions import Plan
 from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.optics.camera import camera_model
@@ -53,9 +53,9 @@ class Run:
     """State of one run, or of one worker's part of it."""
 
     is_worker = False
-    """Whether a parent does what follows from the frames of all shards."""
+    """True if a parent does what follows from the frames of all shards."""
     has_tables = False
-    """Whether they are written already."""
+    """True if the tables are written already."""
 
     def __init__(
         self, scene, layout: Layout, shard: tuple[int, int], console: Console, device: str, shared: Shared | None = None
@@ -214,7 +214,7 @@ class Run:
         return self.console.progress("rendering", len(self.work), unit)
 
     def lacks_segments(self, images: bool) -> bool:
-        """Whether what tells what S means is to be made, though no image is."""
+        """Return whether what tells what S means is to be made, though no image is."""
         outputs = {*(self.previous["outputs"] if self.previous else ()), *(self.scene.render.outputs if images else ())}
         return SEGMENTS in outputs and not self.layout.segments.exists()
 

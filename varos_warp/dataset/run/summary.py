@@ -15,7 +15,7 @@ class Summary:
     kept: int = 0
     """Images that were there already."""
     complete: bool = True
-    """Whether every image of the frames asked for is there; False while other shards are missing."""
+    """True if every image of the frames asked for is there; False while other shards are missing."""
     seconds: float = 0.0
     device: str | None = None
     messages: list[str] = field(default_factory=list)

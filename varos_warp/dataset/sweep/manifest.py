@@ -42,7 +42,7 @@ class Manifest:
         return unit.root.relative_to(self.out).as_posix()
 
     def is_complete(self, unit: Unit) -> bool:
-        """Whether a sweep has made a dataset, with all that is asked for, and has seen that it shares what is the same.
+        """Return whether a sweep made a dataset with all that is asked for, and checked that it shares what it should.
 
         A dataset whose run was killed at its very end is not.
         """

@@ -25,7 +25,7 @@ class Unit:
         self._of = {beside: fingerprint(scene, beside) for beside in kinds}
 
     def has_same(self, letter: str, other: "Unit") -> bool:
-        """Whether another dataset is to have the same images of a type that this one has."""
+        """Return whether another dataset is to have the same images of a type that this one has."""
         if self is not other and self.scene.is_spectral and OUTPUTS[letter].is_color:  # the water decides on its bands
             return False
         beside = OUTPUTS[letter].beside
@@ -43,7 +43,7 @@ class Unit:
         return _listed(path, stamp_of(path))
 
     def is_whole(self, frames: slice) -> bool:
-        """Whether a run has made all images of these frames, and no file is gone since."""
+        """Return whether a run has made all images of these frames, and no file is gone since."""
         listed = self.listed
         if not listed or not is_file(self.layout.metadata):
             return False
@@ -56,7 +56,7 @@ class Unit:
         return all(name in listed for name in names) and all(is_file(self.root / name) for name in listed)
 
     def shares(self, letter: str, other: "Unit") -> bool:
-        """Whether all its images of a type are those of another dataset, byte by byte."""
+        """Return whether all its images of a type are those of another dataset, byte by byte."""
         folders = {
             self.layout.image_files(camera, letter, 0, vars(self.scene.render))[folder].parent
             for camera in self.layout.cameras

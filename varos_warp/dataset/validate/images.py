@@ -148,7 +148,7 @@ class _FrameImages:
 
     @cached_property
     def has_normal(self) -> np.ndarray:
-        """Whether C has a surface, bool [H, W]."""
+        """True where C has a surface, bool [H, W]."""
         x, y, z = np.moveaxis(self.pixels(NORMALS), -1, 0)
         return x | y | z > 0  # any(-1) is slow in numpy
 

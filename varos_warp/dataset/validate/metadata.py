@@ -208,7 +208,7 @@ def check_times(data: Dataset, result: Validation, pending: Pending) -> None:
 
 
 def _same_times(data: Dataset, result: Validation, path: Path, table: dict, expected: np.ndarray) -> bool:
-    """Whether the rows of a table are at the times expected."""
+    """Return whether the rows of a table are at the times expected."""
     time_ns = table[TIME]
     if len(time_ns) != len(expected):
         result.add(f"{result.name(path)}: {len(time_ns)} rows, not {len(expected)}")

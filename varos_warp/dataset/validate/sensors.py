@@ -82,7 +82,7 @@ class Checked:
 
     @property
     def anything_moves(self) -> bool:
-        """Whether beams may meet something that moves."""
+        """True if beams may meet something that moves."""
         return bool(solid(self._data))
 
     def met_by_beams(self, beams: np.ndarray, range_m: Sequence[float]) -> tuple[np.ndarray, np.ndarray] | None:

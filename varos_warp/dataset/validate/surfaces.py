@@ -93,7 +93,7 @@ def normals_of(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 
 def _is_smooth(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Whether three neighbours in a line are of a slope: a step in depth between two of them is an edge."""
+    """Return whether three neighbours in a line are of a slope: a step in depth between two of them is an edge."""
     second, first = before + after - 2 * here, after - before
     return np.einsum("...i,...i", second, second) < 0.04 * np.einsum("...i,...i", first, first)
 

@@ -30,7 +30,7 @@ def listed_files(root: Path) -> list[Path]:
 
 
 def only_notes(path: Path) -> bool:
-    """Whether this is a log with nothing but notes: those of a run that was killed before its first file had a name."""
+    """Return whether this log has nothing but notes, of a run that was killed before its first file had a name."""
     return path.name == "log" and path.is_dir() and all(note.match(NOTES) for note in path.iterdir())
 
 
@@ -55,7 +55,7 @@ class Record:
                 self.known[name].add(value)
 
     def has(self, path: Path) -> bool:
-        """Whether an image is there, has its end, and was written by a run."""
+        """Return whether an image is there, has its end, and was written by a run."""
         return files.is_complete(path) and self._name(path) in self.known
 
     @contextlib.contextmanager

@@ -96,7 +96,7 @@ def _free(path: Path) -> FileLock | None:
 
 
 def _in_use(path: Path) -> bool:
-    """Whether a process holds this lock; a dead one holds none."""
+    """Return whether a process holds this lock; a dead one holds none."""
     if (lock := _free(path)) is not None:
         lock.release()
     return lock is None and path.exists()
@@ -114,7 +114,7 @@ def at_work(root: Path) -> list[str]:
 
 
 def is_read_only(root: Path) -> bool:
-    """Whether a folder holds a dataset and nothing can be written there."""
+    """Return whether a folder holds a dataset and nothing can be written there."""
     return (root / "dataset.json").exists() and not os.access(root, os.W_OK)
 
 

@@ -41,7 +41,7 @@ class Stored:
     statistics: exposure.Statistics | None = None
     """Statistics for the exposure of A, B and P."""
     empty: bool = False
-    """Whether it shows that no surface is in sight."""
+    """True if it shows that no surface is in sight."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Store:
     denoisers: dict[str, str | None]
     """What denoises A (and P) and B on the host, where the renderer did not."""
     has: Callable[[Path], bool] = files.is_complete
-    """Whether an image file is there already, and good."""
+    """Tells whether an image file is there already, and good."""
 
     @property
     def render(self) -> Any:

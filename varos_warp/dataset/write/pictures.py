@@ -25,7 +25,7 @@ BUDGET = 12_000_000
 
 
 def spread(frames: list[int], count: int) -> list[int]:
-    """At most ``count`` of the frames, evenly spread from the first to the last."""
+    """Choose at most ``count`` of the frames, evenly spread from the first to the last."""
     picks = np.unique(np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int))
     return [frames[i] for i in picks]
 

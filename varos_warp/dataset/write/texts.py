@@ -20,8 +20,8 @@ from varos_warp.products.images.depth import DEPTH_LEVELS
 from varos_warp.products.images.registry import OUTPUTS, colors
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import SENSORS, mounted
+from varos_warp.render.decisions import Plan, models_in_words
 from varos_warp.render.image.exposure import rule_of
-from varos_warp.render.planner.decisions import Plan, models_in_words
 from varos_warp.scene import plain_yaml
 from varos_warp.scene.description.exposure import CameraExposure, white_balance_of
 from varos_warp.scene.description.image_types import AMBIENT, TWIN, WATER
@@ -131,7 +131,7 @@ def is_balanced(scene) -> bool:
 
 
 def has_row_poses(camera) -> bool:
-    """Whether its rows are seen from poses of their own: a rolling shutter on the vehicle."""
+    """Return whether its rows are seen from poses of their own: a rolling shutter on the vehicle."""
     return is_rolling(camera) and camera.mount == "vehicle"
 
 

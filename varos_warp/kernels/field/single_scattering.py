@@ -67,7 +67,7 @@ class Stretch:
     """
 
     before: bool
-    """Whether it is before the foot, where that angle is theta, or after it, where it is pi - theta."""
+    """True if it is before the foot, where that angle is theta; False if it is after it, where it is pi - theta."""
     start: float
     """Half of that angle [rad] at the start; at most pi/4."""
     turn: float

@@ -26,7 +26,7 @@ squared errors there are 1.5 to 1.8 times the variance without this weight, 0.9 
 
 @wp.func
 def is_sparse(film: Film, side: int, tile_row: int, tile_col: int):
-    """Whether pixels of a side have no two samples, whose halves would tell the noise; then other blocks do."""
+    """Return whether pixels of a side have no two samples, whose halves would tell the noise; then other blocks do."""
     if film.count.shape[0] == 1:
         return False
     return film.count[side, tile_row, tile_col] <= IN_BLOCK

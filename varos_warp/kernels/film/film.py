@@ -81,7 +81,7 @@ class Film:
 
 @wp.func
 def is_finite(L: wp.vec3):
-    """Whether all channels are finite."""
+    """Return whether all channels are finite."""
     return wp.isfinite(L[0]) and wp.isfinite(L[1]) and wp.isfinite(L[2])
 
 
@@ -145,7 +145,7 @@ def of_tile(numbers: wp.array3d(dtype=int), row: int, col: int):
 
 @wp.func
 def is_cut(film: Film, row: int, col: int):
-    """Whether the edge of the image cuts a pixel's block."""
+    """Return whether the edge of the image cuts a pixel's block."""
     return (row ^ 1) >= film.sums.shape[1] or (col ^ 1) >= film.sums.shape[2]
 
 

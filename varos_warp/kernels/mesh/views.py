@@ -16,7 +16,7 @@ MARGIN = wp.constant(1.0e-4)
 
 @wp.func
 def is_in_cone(along: float, half: float, cosine: float, ball: float):
-    """Whether a ball that is seen under an angle meets a cone.
+    """Return whether a ball that is seen under an angle meets a cone.
 
     Args:
         along: Cosine of the angle between the axis and the way to the ball's middle.

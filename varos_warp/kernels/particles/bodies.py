@@ -1,4 +1,4 @@
-"""Where the drawn bodies are: cells of the water, each of which a hash fills with the same bodies whoever asks.
+"""Places of the drawn bodies: a hash fills each cell of the water with the same bodies whoever asks.
 
 A body scatters as a sphere of its radius whose surface reflects and transmits after Lambert's law; its cross section
 is its projected area. The water is cut into cubes that move with it. Hashing a cell's number gives how many bodies it
@@ -32,10 +32,10 @@ class Grain:
     """A part of a floc whose cross section is that of a sphere of radius 1."""
 
     at: wp.vec3
-    """From the floc's middle."""
+    """Place of the grain, from the floc's middle."""
     radius: float
     share: float
-    """Of the floc's cross section."""
+    """Share of the floc's cross section."""
 
 
 @wp.struct
@@ -43,13 +43,13 @@ class Particles:
     """One kind of particles; the host's render/particles makes it."""
 
     phase: Phase
-    """Of a body."""
+    """Phase function of a body."""
     sigma_s: wp.vec3
     """Scattering coefficient of all of them, that much of the water's [1/m]."""
     grains: wp.array2d(dtype=Grain)
-    """Of flocs, [shape, grain]."""
+    """Grains of flocs, [shape, grain]."""
     albedo: wp.vec3
-    """Of a body: what it scatters of the light that falls on it, 1 in the brightest channel."""
+    """Share of the light that falls on a body and is scattered, 1 in the brightest channel."""
     opacity: float
     """Share of the light that a body reflects, not transmits."""
     drawn: wp.array(dtype=float)
@@ -163,7 +163,7 @@ def body_of(cells: Cells, at: wp.vec3i, n: int):
 
 @wp.func
 def body_at(particles: Particles, body: Body, time: float, way: wp.vec3):
-    """Where a body is at a time [s] from the frame's, since when the water has gone a way [m]; it wanders in it."""
+    """Place of a body, which wanders, at a time [s] from the frame's; the water has gone a way [m] since then."""
     angle = particles.wander_phase + particles.wander_rate * time
     own = wp.vec3(
         wp.sin(angle + wp.tau * body.u[0]), wp.sin(angle + wp.tau * body.u[1]), wp.sin(angle + wp.tau * body.u[2])

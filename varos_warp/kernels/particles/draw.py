@@ -50,7 +50,7 @@ STRAIGHT_PX, MOST_PARTS = wp.constant(0.1), wp.constant(16)
 LEAST_GAIN = wp.constant(0.1)
 """An image that moves along with the rows is stretched no more than by one over this."""
 ROUNDS = 3
-"""In which the row of a rolling shutter that sees a body is found."""
+"""Rounds in which the row of a rolling shutter that sees a body is found."""
 
 
 @wp.struct
@@ -58,7 +58,7 @@ class Exposure:
     """A camera, while the rows of an image are exposed."""
 
     moments: Moments
-    """At least one camera."""
+    """Moments of one camera at least."""
     begin_s: float
     """Beginning of the first instant, from the frame's time [s]."""
     length_s: float
@@ -101,7 +101,7 @@ class Sighting:
 
 @wp.func
 def cell_is_seen(cone: Cone, cells: Cells, at: wp.vec3i, reach: float):
-    """Whether some body of a cell may be in the cone."""
+    """Return whether some body of a cell may be in the cone."""
     middle = wp.vec3(float(at[0]) + 0.5, float(at[1]) + 0.5, float(at[2]) + 0.5)
     v = cells.corner + cells.side * middle - cone.apex
     away = wp.length(v)
@@ -143,7 +143,7 @@ def body_by_number(cells: Cells, ends: wp.array(dtype=int), i: int):
 
 @wp.func
 def is_out_of_sight(cone: Cone, particles: Particles, body: Body):
-    """Whether a body is too far away to be drawn, or its disc lies beside all that the camera sees."""
+    """Return whether a body is too far away to be drawn, or its disc lies beside all that the camera sees."""
     v = body.p - cone.apex
     away = wp.length(v)
     if body.r < particles.least_angle * (away - cone.slack):
@@ -167,7 +167,7 @@ def exposure_of_row(moments: Moments, row: int):
 
 @wp.func
 def place_at(exposure: Exposure, particles: Particles, body: Body, instant: float):
-    """Where a body is at a place in the instants."""
+    """Place of a body at a place in the instants."""
     time = exposure.begin_s + instant * exposure.length_s
     return body_at(particles, body, exposure.after_s + time, exposure.way + time * exposure.current)
 
@@ -258,7 +258,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
 
     @wp.func
     def parts_of(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
-        """In how many parts a body's way is straight and even in the image, while its row is exposed."""
+        """Number of parts in which a body's way through the image is straight and even while its row is exposed."""
         if found.end <= found.begin:
             return 1
         first = image_at(exposure, particles, body, found.begin, channel)
@@ -327,7 +327,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
 
     @wp.func
     def flow_of(following: Exposure, particles: Particles, body: Body, image: Image, channel: int):
-        """To the image of a body in the next frame [pixels]; 0 where that is not known."""
+        """Flow to the image of a body in the next frame [pixels]; 0 if that is not known."""
         if following.moments.cameras.shape[0] == 0:
             return wp.vec2(0.0)
         then = sighting_of(following, particles, body, channel).image

@@ -44,7 +44,7 @@ def earlier(t: float, candidate: float, so_far: float):
 
 @wp.func
 def panel_end(lit: LitInterval, core: LitInterval, t: float, end: float):
-    """Where a panel that begins at ``t`` along the ray ends: no later than at a kink of the integrand."""
+    """End of a panel that begins at ``t`` along the ray: no later than a kink of the integrand."""
     at = earlier(t, wp.max(GROWTH * t, NEAREST + FADE), end)
     at = earlier(t, NEAREST + FADE, at)
     if core.yb > core.ya:
@@ -148,7 +148,7 @@ def compare_expected(
     known: wp.array(dtype=wp.vec3),
     tabulated: wp.array(dtype=wp.vec3),
 ):
-    """The same at some points, by quadrature of short panels and by look-up."""
+    """Compute what bodies add in the mean at some points, by quadrature of short panels and by look-up."""
     i = first_row + wp.tid()
     point = points[i]
     ray = node_ray(camera, size, point[1], point[0], 2, 2)
@@ -200,7 +200,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         expected: wp.array2d(dtype=wp.vec3),
         passed: wp.array2d(dtype=float),
     ):
-        """Where rays of pixels end [m], [ray, height, width]; what bodies add in the mean, 1 / what they let pass."""
+        """Find ends of pixels' rays [m], [ray, height, width], what bodies add in the mean, 1 / what they let pass."""
         tile_row, col = wp.tid()
         row = first_row + tile_row
         if wp.static(spec.disks > 0):

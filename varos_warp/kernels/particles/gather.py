@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def find_tiles(tiles: wp.array(dtype=int), count: int, starts: wp.array(dtype=int)):
-    """Where the splats of each tile begin in a sorted list of ``count`` tiles, int32 [tiles + 1]."""
+    """Find where the splats of each tile begin in a sorted list of ``count`` tiles, int32 [tiles + 1]."""
     i = wp.tid()
     # wp.lower_bound ends at the last of them, even where that is below i
     starts[i] = wp.where(tiles[count - 1] < i, count, wp.lower_bound(tiles, 0, count, i))

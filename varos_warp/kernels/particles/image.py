@@ -1,4 +1,4 @@
-"""Where a camera sees a small body: the inverse of world/camera.py, through any lens and port.
+"""Find where a camera sees a small body: the inverse of world/camera.py, through any lens and port.
 
 Rays of image points are all that a lens and a port are known by, so their inverse is found by Newton's method, from
 the place that a table has for the direction. Its last step also tells how large a pixel is there.
@@ -16,7 +16,7 @@ from varos_warp.kernels.world.optics import OpticsSpec
 wp.set_module_options({"enable_backward": False})
 
 STEPS = wp.constant(4)
-"""Of Newton's method: the table is right to some pixels, and each step squares the error."""
+"""Steps of Newton's method: the table is right to some pixels, and each step squares the error."""
 SETTLED_PX = wp.constant(0.02)
 """A point is not seen where the last step was longer [pixels]."""
 PROBE_PX = wp.constant(0.5)
@@ -50,15 +50,15 @@ class Directions:
     """Image points by direction, for lenses and ports: where Newton's method starts."""
 
     points: wp.array2d(dtype=wp.vec2)
-    """Of directions whose angle to the axis goes with the distance from the middle, which is the axis; empty for
+    """Image points of directions; the angle to the axis goes with the distance from the table's middle. Empty for
     cameras without lens and port."""
     half_angle: float
-    """At the middles of the sides [rad]."""
+    """Angle to the axis at the middles of the sides [rad]."""
 
 
 @wp.func
 def in_plane(o: wp.vec3, d: wp.vec3, p: wp.vec3, n: wp.vec3):
-    """From ``p``, where a ray meets the plane through p with normal ``n``."""
+    """Find where a ray meets the plane through ``p`` with normal ``n``, from p."""
     return o + wp.dot(p - o, n) / wp.dot(d, n) * d - p
 
 

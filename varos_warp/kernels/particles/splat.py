@@ -13,7 +13,7 @@ from varos_warp.kernels.particles.floc import Floc, share_of_floc
 wp.set_module_options({"enable_backward": False})
 
 LARGEST_PX = wp.constant(4000.0)
-"""Of a disc; blurred more, it would not be seen."""
+"""Largest radius of a disc; blurred more, it would not be seen."""
 SUMMED_PX = wp.constant(128)
 """Side of the box whose pixels are all summed up; larger discs are integrated."""
 TILE = wp.constant(8)
@@ -28,9 +28,9 @@ class Splat:
     y: float
     """Its middle [pixels]."""
     along: wp.vec2
-    """From the middle to the end of its streak [pixels]."""
+    """Way from the middle to the end of its streak [pixels]."""
     radius: float
-    """Of the disc, where it has half its height [pixels]."""
+    """Radius of the disc, at which it has half its height [pixels]."""
     edge: float
     """Width over which it falls from 1 to 0, twice the radius at most [pixels]."""
     reach: wp.vec2
@@ -46,7 +46,7 @@ class Splat:
     t: float
     """Distance of the body along its ray in the water [m]."""
     flow: wp.vec2
-    """To its image in the next frame [pixels]."""
+    """Flow to its image in the next frame [pixels]."""
 
 
 @wp.struct
@@ -54,9 +54,9 @@ class SplatList:
     """The splats of the bodies of one class of sizes, one for each tile that they show in, body after body."""
 
     counts: wp.array(dtype=int)
-    """Of each body."""
+    """Number of splats of each body."""
     ends: wp.array(dtype=int)
-    """Where those of each body end; empty: they are to be counted."""
+    """Ends of those of each body; empty: they are to be counted."""
     tiles: wp.array(dtype=int)
     splats: wp.array(dtype=Splat)
 

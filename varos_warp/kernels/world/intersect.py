@@ -86,8 +86,6 @@ class SceneData:
     """Matrices from R, G, B to reflectances in the bands that the channels are, per part; empty without bands."""
     medium: Medium
     lights: wp.array(dtype=Light)
-    ray_count: wp.array(dtype=wp.int64)
-    """Counter of rays, shape [1]; empty except in benchmarks."""
 
 
 @wp.struct
@@ -111,7 +109,7 @@ class Hit:
 
 @wp.func(inline=False)  # one copy for all callers: a GPU waits for long code
 def any_hit(mesh: wp.uint64, o: wp.vec3, d: wp.vec3, t_max: float):
-    """Whether a ray hits a mesh, in its axes, before ``t_max``."""
+    """Return whether a ray hits a mesh, in its axes, before ``t_max``."""
     return wp.mesh_query_ray_anyhit(mesh, o, d, t_max)
 
 
@@ -128,13 +126,6 @@ def offset_distance(mesh: wp.uint64, face: int, p: wp.vec3):
 
 
 @wp.func
-def count_ray(scene: SceneData):
-    """Count a ray if a benchmark asks for it."""
-    if scene.ray_count.shape[0] > 0:
-        wp.atomic_add(scene.ray_count, 0, wp.int64(1))
-
-
-@wp.func
 def get_instance(scene: SceneData, k: int):
     """The instance with a number in their BVH: what moves comes first."""
     moving = scene.moving.shape[0]
@@ -145,7 +136,7 @@ def get_instance(scene: SceneData, k: int):
 
 @wp.func
 def moves(scene: SceneData, hit: Hit):
-    """Whether what a ray hit is one of the objects that move; ``scene.moving[hit.instance]`` then."""
+    """Return whether what a ray hit is one of the objects that move; ``scene.moving[hit.instance]`` then."""
     return hit.instance >= 0 and hit.instance < scene.moving.shape[0]
 
 
@@ -186,7 +177,7 @@ def page_of(face_page: wp.array(dtype=wp.int32), face: int):
 
 @wp.func
 def in_hole(masks: Masks, face: int, part: int, bary: wp.vec2):
-    """Whether a mask cuts a hole at a place of a face (glTF 2.0, 3.9.4: what is below the cutoff is not there)."""
+    """Return whether a mask cuts a hole at a place of a face (glTF 2.0, 3.9.4: below the cutoff is nothing)."""
     if masks.materials[part].has_holes == 0:
         return False
     page = page_of(masks.face_page, face)
@@ -302,16 +293,13 @@ def make_in_instances(spec: SceneSpec):
             else:
                 found = wp.mesh_query_ray(copy.mesh, to_instance(copy, o - copy.p), to_instance(copy, d), hit.t)
                 if found.result:
-                    hit.t = found.t
-                    hit.face = found.face
-                    hit.bary = wp.vec2(found.u, found.v)
-                    hit.n = found.normal
+                    hit = set_hit(hit, found)
                     hit.instance = k
         return hit
 
     @wp.func
     def any_instance(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float):
-        """Whether the ray hits an instance before ``t_max``."""
+        """Return whether the ray hits an instance before ``t_max``."""
         query = wp.bvh_query_ray(scene.instance_bvh, o, d)
         k = int(0)
         while wp.bvh_query_next(query, k, t_max):
@@ -384,7 +372,6 @@ def make_rays(spec: SceneSpec) -> Rays:
         hit.t = FAR
         hit.face = -1
         hit.instance = -1
-        count_ray(scene)
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):
                 solid = first_solid(scene.masks, scene.mesh, scene.whole, 0, -1, o, d, FAR)
@@ -394,10 +381,7 @@ def make_rays(spec: SceneSpec) -> Rays:
             else:
                 query = wp.mesh_query_ray(scene.mesh, o, d, FAR)
                 if query.result:
-                    hit.t = query.t
-                    hit.face = query.face
-                    hit.bary = wp.vec2(query.u, query.v)
-                    hit.n = query.normal
+                    hit = set_hit(hit, query)
         if wp.static(spec.instances):
             hit = nearest_instance(scene, o, d, hit)
         if hit.face >= 0:
@@ -406,12 +390,11 @@ def make_rays(spec: SceneSpec) -> Rays:
 
     @wp.func
     def visible(scene: SceneData, p: wp.vec3, q: wp.vec3):
-        """Whether nothing blocks the segment between two points."""
+        """Return whether nothing blocks the segment between two points."""
         offset = q - p
         distance = wp.length(offset)
         if distance == 0.0:
             return True
-        count_ray(scene)
         d = offset / distance
         if scene.mesh != wp.uint64(0):
             if wp.static(spec.masks):

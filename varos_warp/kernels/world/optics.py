@@ -37,7 +37,7 @@ class OpticsSpec:
 
     @property
     def bends(self) -> bool:
-        """Whether the camera is more than a pinhole or a thin lens in the water."""
+        """True if the camera is more than a pinhole or a thin lens in the water."""
         return self.lens != "none" or self.port != "none"
 
 

@@ -65,7 +65,7 @@ class Material:
     base: wp.vec3
     """Reflectance of a diffuse surface or of what is under rust or dirt, or F0 of a metal."""
     metallic: int
-    """Whether what is under rust is bare metal with a lobe."""
+    """True if what is under rust is bare metal with a lobe."""
     roughness: float
     """Roughness of the metal's lobe."""
     layer_dark: wp.vec3
@@ -78,7 +78,7 @@ class Material:
     layers: wp.array(dtype=Layer)
     """The layer of flat parts, then that of steep ones; or one layer for all, or the pages of a mesh file."""
     has_holes: int
-    """Whether some of the pages mask."""
+    """True if some of the pages mask."""
 
 
 @wp.struct

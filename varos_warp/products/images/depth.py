@@ -79,7 +79,7 @@ class Depth(ImageProduct):
         return {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
 
     def is_empty(self, image: DepthImage, render: Any) -> bool:
-        """Whether nothing is within the range."""
+        """Return whether nothing is within the range."""
         return not (_of_kind(image, render) < render.depth_range_m[1]).any()
 
     def decode(self, pixels: np.ndarray, scale: Any = None) -> np.ndarray:

@@ -23,14 +23,14 @@ class FlowImage:
     where nothing is hit, or where the camera cannot see it then (behind it, or past its port). It may leave the
     image."""
     occluded: np.ndarray
-    """Whether something hides it in the next frame, bool [H, W]; False where the flow is not known."""
+    """True where something hides it in the next frame, bool [H, W]; False where the flow is not known."""
     motion: np.ndarray
     """Scene flow: its place in the axes of the next frame's camera less that in this one's, float32 [H, W, 3] [m]; NaN
     where nothing is hit."""
 
     @property
     def valid(self) -> np.ndarray:
-        """Whether the flow is known, bool [H, W]: also of what is hidden or outside of the image in the next frame."""
+        """True where the flow is known, bool [H, W]: also of what is hidden or outside the image in the next frame."""
         return np.isfinite(self.flow[..., 0])
 
 

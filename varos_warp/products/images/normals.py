@@ -56,7 +56,7 @@ class Normals(ImageProduct):
         return encode_normal(image.normal)
 
     def is_empty(self, image: NormalImage, render: Any) -> bool:
-        """Whether nothing has a normal."""
+        """Return whether nothing has a normal."""
         return not image.normal.any()
 
     def decode(self, pixels: np.ndarray, scale: Any = None) -> np.ndarray:

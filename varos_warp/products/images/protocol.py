@@ -36,7 +36,7 @@ class FirstHits(NamedTuple):
     """What the rays through the pixels' centres hit first, on the host."""
 
     planes: Mapping[str, np.ndarray]
-    """Those of ``planes`` that were asked for: ``normal`` float32 [H, W, 3] in the world, towards the camera;
+    """The ``planes`` that were asked for: ``normal`` float32 [H, W, 3] in the world, towards the camera;
     ``depth`` and ``distance`` float32 [H, W] [m], along the camera's axis from the lens and along the ray from where it
     enters the water; ``instance`` int32 [H, W], from 1. Where nothing is hit: 0, inf, inf, 0. ``purity`` float32
     [H, W]: of rays spread over the pixel as samples of A, the share that hits the instance of its centre."""
@@ -106,7 +106,7 @@ class ImageProduct(Protocol):
     """Endings of its folders, which are named after its letter: none for the finished image, ``_exr`` ... for floats
     beside it; with the key of ``render`` that asks for them, or none where they are always there."""
     released: bool = False
-    """Whether the released sequence of the paper has it, so that every dataset tells of it."""
+    """True if the released sequence of the paper has it, so that every dataset tells of it."""
     convention: str = ""
     """What dataset.json says of it."""
     readme: str = ""
@@ -117,7 +117,7 @@ class ImageProduct(Protocol):
     """Approximate bytes per pixel of its files, in the template harbour_wall."""
 
     is_color: bool = False
-    """Whether it is linear radiance, which is denoised, and exposed once all frames are known (`Radiance`)."""
+    """True if it is linear radiance, which is denoised, and exposed once all frames are known (`Radiance`)."""
     beside: tuple[str, ...] = ()
     """Keys of a scene that none of its files follows from, whatever they say (`scene/description/looks.py`): versions
     of a scene that differ in these only share its files. Of all other keys, and of new ones, it is made anew."""
@@ -130,9 +130,9 @@ class ImageProduct(Protocol):
     constant_gain: float | None = None
     """Gain by ``constant`` exposure; None: that of the sequence's brightness."""
     blurs: bool = True
-    """Whether the camera's shutter blurs it."""
+    """True if the camera's shutter blurs it."""
     averages: bool = True
-    """Whether a mean of pixels means something, as in a smaller picture."""
+    """True if a mean of pixels means something, as in a smaller picture."""
 
     @property
     def settings(self) -> str:
@@ -160,7 +160,7 @@ class ImageProduct(Protocol):
         raise TypeError(f"image {self.letter} has no floats beside its file")
 
     def is_empty(self, image: Any, render: Any) -> bool:
-        """Whether a rendered image, not of radiance, shows that no surface is in sight."""
+        """Return whether a rendered image, not of radiance, shows that no surface is in sight."""
         return False
 
     def decode(self, pixels: np.ndarray, scale: Any = None) -> np.ndarray:

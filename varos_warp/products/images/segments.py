@@ -48,7 +48,7 @@ class Segments(ImageProduct):
         return np.asarray(image.instance).astype(np.uint16)
 
     def is_empty(self, image: SegmentImage, render: Any) -> bool:
-        """Whether nothing is hit."""
+        """Return whether nothing is hit."""
         return not image.instance.any()
 
     def decode(self, pixels: np.ndarray, scale: Any = None) -> np.ndarray:

@@ -62,7 +62,7 @@ class Transmittance(ImageProduct):
         return image.transmittance
 
     def is_empty(self, image: TransmittanceImage, render: Any) -> bool:
-        """Whether nothing is hit, or is too far to be seen."""
+        """Return whether nothing is hit, or is too far to be seen."""
         return not image.transmittance.any()
 
     def check(self, files: FrameFiles) -> Iterator[tuple[str, str]]:

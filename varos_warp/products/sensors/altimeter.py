@@ -104,7 +104,7 @@ class AltimeterProduct(SensorProduct[Altimeter, AltimeterNoise, AltimeterReading
         return AltimeterReadings(there.time_ns, distance[:, 0])
 
     def doubt(self, sensor: Altimeter, read: AltimeterReadings) -> str:
-        """Whether it never meets anything."""
+        """Return whether it never meets anything."""
         if np.isfinite(read.range).any():
             return ""
         return (

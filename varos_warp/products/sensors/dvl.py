@@ -133,7 +133,7 @@ true_...
         return bottom_track(there.time_ns, beams, distance, away - along)
 
     def doubt(self, sensor: Dvl, read: DvlReadings) -> str:
-        """Whether it never has bottom lock."""
+        """Return whether it never has bottom lock."""
         if np.isfinite(read.range).any():
             return ""
         least, most = sensor.range_m

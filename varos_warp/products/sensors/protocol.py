@@ -52,7 +52,7 @@ class Curve:
     scale: float = 1.0
     """What SI units are multiplied by for `unit`."""
     down: bool = False
-    """Whether the axis points downwards."""
+    """True if the axis points downwards."""
     viewed: str = ""
     """Title in the viewer, where it is drawn in SI units; empty: it is not drawn there."""
 
@@ -124,7 +124,7 @@ class Evidence(Protocol):
 
     @property
     def anything_moves(self) -> bool:
-        """Whether beams may meet something that moves."""
+        """True if beams may meet something that moves."""
 
     def agree(self, name: str, expected: Samples, limit: float, unit: str, problem: str, noisy: bool = False) -> None:
         """Readings are as expected within a limit, NaN where that is NaN; what is not is told of by row.
@@ -204,13 +204,13 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     chapter: str
     """Chapter of README.txt on it; words in braces are those of data/dataset_readme.txt."""
     is_standard: bool = False
-    """Whether notes tell of it in every dataset, as of the sensors of the released sequence."""
+    """True if notes tell of it in every dataset, as of the sensors of the released sequence."""
     needs_solids: bool = False
-    """Whether it meets what is solid in the scene, which then is built for the simulation."""
+    """True if it meets what is solid in the scene, which then is built for the simulation."""
     has_bias: bool = True
-    """Whether noise has a slowly varying part that is written down."""
+    """True if noise has a slowly varying part that is written down."""
     bias_apart: bool = False
-    """Whether that is a file of its own, not columns after those without noise."""
+    """True if that is a file of its own, not columns after those without noise."""
     facts: dict[str, Any] = {}
     """Kinds of the entries that `describe` gives, by which they are checked when a dataset is read."""
     ros_types: dict[str, str] = {}

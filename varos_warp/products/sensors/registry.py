@@ -55,5 +55,5 @@ def mounted(vehicle: SensorBlocks) -> Iterator[tuple[SensorProduct[Any, Any, Any
 
 
 def needs_solids(vehicle: SensorBlocks) -> bool:
-    """Whether some sensor of a vehicle meets what is solid in the scene."""
+    """Return whether some sensor of a vehicle meets what is solid in the scene."""
     return any(sensor.needs_solids for sensor, _ in mounted(vehicle))

@@ -63,7 +63,7 @@ SINGLE = Nodes("single", (192, 46, 81), 0.1)
 
 
 def along_camera(scene: Scene, view: Camera) -> bool:
-    """Whether there are tables along a camera's rays: they are straight, move with all lights, and see none."""
+    """Return whether there are tables along a camera's rays: they are straight, move with all lights, and see none."""
     if view.mount == "world" or optics_spec(view).bends or len(scene.lights) > len(scene.vehicle.lights):
         return False
     T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
@@ -87,7 +87,7 @@ class Kernels(NamedTuple):
     tabulate: wp.Kernel
     compare: wp.Kernel
     along_ray: bool
-    """Whether one thread fills all distances of a ray, and not one of them only."""
+    """True if one thread fills all distances of a ray, and not one of them only."""
 
 
 OF_SINGLE = Kernels(tabulate_single_along_camera, compare_single_along_camera, False)
@@ -138,7 +138,7 @@ def checked(launcher: Launcher, nodes: Nodes, kernels: Kernels, known: dict) -> 
 
 
 def _is_right(launcher: Launcher, nodes: Nodes, compare: wp.Kernel, known: dict) -> bool:
-    """Whether a table agrees with what it stands for at random points."""
+    """Return whether a table agrees with what it stands for at random points."""
     rng = np.random.default_rng(0)
     distances = np.exp(rng.uniform(*np.log(nodes.judged_m), POINTS))
     points = np.column_stack((rng.random((POINTS, 2)), distances))

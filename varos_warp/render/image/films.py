@@ -52,7 +52,7 @@ class Films:
         self._unused: dict[tuple, list[wp.array]] = defaultdict(list)
         """Sums by their shape: those of A serve B, too."""
         self.keeps = self.device != "cpu"
-        """Whether sums are kept for other images."""
+        """True if sums are kept for other images."""
         processors = wp.get_device(self.device).sm_count
         self._resident = processors * RESIDENT_THREADS if processors else MOST_LISTED
         """Threads of a path kernel that a GPU holds at once; on a CPU each takes one batch."""
@@ -176,7 +176,7 @@ def tile_pixels(height: int, width: int) -> np.ndarray:
 
 @functools.lru_cache(maxsize=16)
 def tile_blocks(shape: tuple[int, int], sides: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each side of each tile, how many blocks are whole and how many pixels are of cut ones, [side, row, column]."""
+    """Count whole blocks, and pixels of cut ones, for each side of each tile, [side, row, column]."""
     row, col = np.indices(shape)
     side = (row // BLOCK + col // BLOCK) % sides
     cut = (row ^ 1 >= shape[0]) | (col ^ 1 >= shape[1])

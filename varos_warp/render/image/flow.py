@@ -50,7 +50,7 @@ class MovingPart(NamedTuple):
     """An object that moves, in an image."""
 
     seen: np.ndarray
-    """Whether it is seen at each of the image points, bool [...]."""
+    """True where it is seen at an image point, bool [...]."""
     T_w_o: np.ndarray
     """Its pose for each row [height, 4, 4], or for all [1, 4, 4]."""
     T_w_next: np.ndarray

@@ -22,13 +22,13 @@ IN_CELL = 8.0
 WIDEST_CLASS = 2.5
 """Largest over smallest radius of a class of sizes, each of which has cells of its own."""
 MOST_CELLS = 2e7
-"""Of a block in one image: with eight bodies in each, up to 1.4 GB while splats are counted."""
+"""Most cells of a block in one image: with eight bodies in each, up to 1.4 GB while splats are counted."""
 FARTHEST_M, OPTICAL_DEPTHS = 8.0, 4.0
 """Bodies are drawn up to this distance, or fewer where so many optical depths lie before it."""
 NODES, FINE = 1024, 16
 """Nodes of a table by distance, and steps between two nodes of those that are summed up."""
 WANDER_PERIOD_S, TURN_RATE = 4.0, 0.2
-"""Of a body's own motion to and fro [s], and of its turning [rad/s]."""
+"""Period of a body's own motion to and fro [s], and rate at which it turns [rad/s]."""
 ASKED = 33
 """Image points along each side whose rays tell how wide a camera sees."""
 
@@ -98,7 +98,7 @@ class SizeClass(NamedTuple):
     r_high: float
     """[m]"""
     side: float
-    """Of its cells [m]."""
+    """Side of its cells [m]."""
     mean: float
     """Bodies in a cell."""
 
@@ -115,7 +115,7 @@ def size_classes(law: ParticleLaw) -> list[SizeClass]:
 
 
 def slack_of(law: ParticleLaw, view: Camera, way: float = 0.0) -> float:
-    """By how much bodies may be off the rays of a camera and still be seen [m]; ``way`` is that of the water."""
+    """Return how far bodies may be off a camera's rays and still be seen [m]; ``way`` is that of the water."""
     aperture = 0.5e-3 * view.focal_mm / view.f_stop if view.f_stop > 0.0 else 0.0
     blur = aperture * (1.0 + reach_of(law) / max(view.focus_m, 0.02))
     return float(way + 2.0 * wander_of(law) + float(FARTHEST_GRAIN) * law.block.radius_m[1] + blur + 1e-3)

@@ -39,15 +39,15 @@ class View(Protocol):
 
     @property
     def motion(self) -> Motion | None:
-        """Of the vehicle while the shutter is open; None: it stands still, and so does all else."""
+        """Motion of the vehicle while the shutter is open; None: it stands still, and so does all else."""
 
     @property
     def world(self) -> DeviceScene:
-        """With what moves where it is at the frame's time."""
+        """The world, with what moves where it is at the frame's time."""
 
     @property
     def time_ns(self) -> int:
-        """Of the frame [ns]."""
+        """Time of the frame [ns]."""
 
 
 class Open(NamedTuple):
@@ -57,7 +57,7 @@ class Open(NamedTuple):
     lights: wp.array
     """Records of the lamps in the mean over the exposure, [row or 1, lamp]."""
     varies: bool
-    """Whether camera or lamps differ from sample to sample."""
+    """True if camera or lamps differ from sample to sample."""
     T_w_c: np.ndarray
     """Poses [N, 4, 4] of the camera at some instants."""
     longest_s: float

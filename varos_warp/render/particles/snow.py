@@ -138,7 +138,7 @@ class SnowRenderer:
 
     @functools.cached_property
     def _has_field(self) -> bool:
-        """Whether the field of open water shines on bodies."""
+        """True if the field of open water shines on bodies."""
         return lit_by_field(self.scene) and not self.open_water.failure
 
     def _kernels(self, here: View) -> ParticleKernels:

@@ -5,7 +5,6 @@ A frame between two poses takes a number between theirs, in proportion, or what 
 unlike even so. As always, what a frame takes follows from the scene alone, not from other frames.
 """
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from functools import partial
 from heapq import nlargest
@@ -62,7 +61,7 @@ class Need(NamedTuple):
 
     spp: float
     told: bool
-    """Whether they tell it."""
+    """True if the images tell it."""
 
 
 def need(made: list[Made], target: float, samples: Samples) -> Need:
@@ -168,16 +167,3 @@ def knots(needed: dict[Place, float]) -> dict[str, list[list[float]]]:
             pairs.append([frame - 1, before[1]])
         pairs.append([frame, spp])
     return given
-
-
-def extent(given: dict[str, list[list[float]]]) -> tuple[float, float]:
-    """The fewest and the most samples of all cameras' frames (`knots`)."""
-    counts = [spp for pairs in given.values() for _, spp in pairs]
-    return min(counts), max(counts)
-
-
-def spp_between(pairs: list[list[float]], frame: int) -> float:
-    """Samples per pixel of a camera's frame by its `knots`."""
-    after = bisect_right(pairs, frame, key=lambda pair: pair[0])
-    (start, spp), (end, next_spp) = pairs[after - 1], pairs[min(after, len(pairs) - 1)]
-    return spp + (next_spp - spp) * (frame - start) / max(end - start, 1)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.device.devices import usable_cores
-from varos_warp.device.launcher import at_once
+from varos_warp.device.launcher import at_once, timed
 from varos_warp.products.images.protocol import Source
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.image.denoise import denoise_image, denoisers_of
@@ -62,13 +62,6 @@ def _groups(asked: Iterable[str]) -> list[str]:
     images = sorted((OUTPUTS[letter] for letter in OUTPUTS if letter in asked), key=lambda i: order.index(i.source))
     alike = "".join(image.letter for image in images if not image.is_color)
     return [image.letter for image in images if image.is_color] + [alike] * bool(alike)
-
-
-def timed(renderer, make: Callable[[], Any]) -> tuple[Any, float]:
-    """What is made, and the seconds that it took, compiling aside."""
-    start, compiled = time.perf_counter(), renderer.compile_seconds
-    made = make()
-    return made, time.perf_counter() - start - (renderer.compile_seconds - compiled)
 
 
 def _rendered(scene: Scene, frames: Frames, frame: int, view: Camera, letters: str, plan, samples: dict[str, float]):

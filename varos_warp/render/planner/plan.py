@@ -14,7 +14,17 @@ import numpy as np
 
 from varos_warp.device.devices import kind_of
 from varos_warp.device.launcher import at_once
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, duration
+from varos_warp.render.decisions import (
+    FIELD_ERROR,
+    Decision,
+    Plan,
+    extent,
+    given_integrator,
+    models_in_words,
+    plan_as_given,
+    spp_between,
+)
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.image.adapt import brightness
 from varos_warp.render.image.denoise import available_method, denoisers_of
@@ -23,7 +33,6 @@ from varos_warp.render.moments import Motion
 from varos_warp.render.options import of_scene, resolve_integrator
 from varos_warp.render.planner import by_frame, errors, pilot
 from varos_warp.render.planner.cost import sequence_cost
-from varos_warp.render.planner.decisions import Decision, Plan, in_words, models_in_words, silently
 from varos_warp.render.planner.errors import MOST_SPP, REACH, SAMPLES, ErrorLaw, Made, Samples
 from varos_warp.render.planner.pilot import Frames, View, pilot_camera
 from varos_warp.scene.block import plain_number
@@ -33,11 +42,12 @@ from varos_warp.scene.description.render import sees_water
 from varos_warp.scene.frames import checked_poses
 from varos_warp.scene.optics.pinhole import port_worth
 
+STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
+"""Steps of planning, for progress reports; the fourth occurs where the first test images had far too few samples."""
+
 MARGIN, MARGIN_DENOISED = 1.05, 1.2
 """Samples are chosen for an error smaller by this factor, for a pilot knows it only roughly. The second is for denoised
 images of `pilot.PIXELS`, whose errors vary most; of larger ones they vary less, with the root of the pixels."""
-FIELD_ERROR = 0.002
-"""Relative RMSE of the field without noise: measured, docs/transport.md."""
 SAMPLE_COST = {"field": 1.7, "path": 1.0}
 """Relative time of a sample, about as measured in unlike scenes; constant, so that machines that share the work choose
 alike."""
@@ -64,6 +74,10 @@ IMAGES = 4
 the next, and a tolerance is to hold for nearly all."""
 
 
+def silently(step: str, share: float) -> None:
+    """Tells nobody how far planning is."""
+
+
 def plan_render(
     scene: Scene,
     renderer,
@@ -84,7 +98,7 @@ def plan_render(
         motion: Of the vehicle around a time, for cameras with a shutter (`Simulation.motion`); absent: nothing is
             blurred.
         measure_cost: Also measure how long it will take on this device.
-        progress: Told which step is at work (`decisions.STEPS`), and what share of it is done.
+        progress: Told which step is at work (`STEPS`), and what share of it is done.
 
     Raises:
         InputError: If the tolerance is not above 0, a pose is none, or the field is asked for by name and there is
@@ -111,7 +125,7 @@ class Planner:
         self.decisions: list[Decision] = []
         self.spp_by_frame: dict | None = None
         self.failed = False
-        """Whether the field that the scene might have was found not to be solved for."""
+        """True if the field that the scene might have was found not to be solved for."""
 
     def plan(self) -> Plan:
         """Plan with all decisions."""
@@ -119,9 +133,9 @@ class Planner:
         if sees_water(render.outputs):
             self.choose_integrator()
             spp = self.choose_samples()
-        else:  # nothing else pays for water
-            self.decide(WATER, "none", "it is not among the outputs")
-            spp = render.spp or self.samples.fewest
+        else:
+            given = plan_as_given(self.scene)
+            spp, self.decisions = given.spp, given.decisions
         self.weigh_ports()
         return Plan(spp, render.max_scatterings, render.max_bounces, self.integrator, self.spp_by_frame, self.decisions)
 
@@ -156,7 +170,7 @@ class Planner:
 
     @property
     def lit(self) -> bool:
-        """Whether any of these poses sees light."""
+        """True if any of these poses sees light."""
         return max(view.images[0].radiance.max() for view in self.views) > 0.0
 
     @cached_property
@@ -210,14 +224,8 @@ class Planner:
 
     def choose_integrator(self) -> None:
         """The one that takes least time for the same error; paths alone where the field is not right enough."""
-        asked, found, why = self.render.integrator, self.resolved, "given"
-        if found != "field":
-            if asked != found and self.render.max_scatterings is not None:
-                why = "the field holds all orders of scattering, and a bound is given"
-            elif asked != found:
-                why = self.no_field
-            return self.decide("integrator", found, why, np.zeros(3))
-        if asked == "auto":
+        asked, found = self.render.integrator, self.resolved
+        if found == "field" and asked == "auto":
             if 2.0 * FIELD_ERROR > self.render.tolerance:
                 return self.take_paths(f"the field of open water is right to {FIELD_ERROR:.1%} only")
             if failure := self.failure:
@@ -233,9 +241,10 @@ class Planner:
                         f"paths alone take {gain:.2g} of the time for the same noise"
                     )
                 why = f"{why}: paths alone would take about {gain:.2g} times as long for the same noise"
-        elif failure := self.failure:
+            return self.decide("integrator", found, why, np.full(3, FIELD_ERROR))
+        if found == "field" and (failure := self.failure):
             resolve_integrator(asked, None, lambda: failure)  # refuses it
-        return self.decide("integrator", found, why, np.full(3, FIELD_ERROR))
+        return self.decisions.append(given_integrator(self.scene))
 
     def take_paths(self, why: str) -> None:
         """Do without the field."""
@@ -309,7 +318,7 @@ class Planner:
         """Say first that the tolerance is not kept."""
         error, asked = (f"{100 * share:.2g} %" for share in (error, self.render.tolerance))
         why = (
-            f"{error} expected, {asked} asked; {asked} would take {in_words(self.seconds(needed))} a frame "
+            f"{error} expected, {asked} asked; {asked} would take {duration(self.seconds(needed))} a frame "
             f"(render.max_seconds_per_frame: {self.most_seconds:g})"
         )
         self.decisions.insert(0, Decision("tolerance", "NOT kept", why))
@@ -335,8 +344,8 @@ class Planner:
         )
         most = self.most_spp()
         given = self.spp_by_frame = by_frame.knots({view: min(count, most) for view, count in needed.items()})
-        mean = np.mean([by_frame.spp_between(given[name], frame) for name in cameras for frame in range(count)])
-        least, most = by_frame.extent(given)
+        mean = np.mean([spp_between(given[name], frame) for name in cameras for frame in range(count)])
+        least, most = extent(given)
         self.decide(
             "spp by frame",
             f"{least} to {most}",
@@ -372,7 +381,7 @@ class Planner:
             self.progress(*step)
 
     def reaches(self, law: ErrorLaw, target: float) -> bool:
-        """Whether the samples that were tried tell how many keep the target: they are enough, or nearly."""
+        """Return whether the samples that were tried tell how many keep the target: they are enough, or nearly."""
         if len(law.spp) < LEVELS:
             return law.measured[-1].max() <= target
         return law.samples(target) <= REACH * law.spp[-1] or law.spp[-1] >= MOST_TRIED
@@ -397,7 +406,7 @@ class Planner:
             added += more
 
     def is_told(self, images: list[Made], made: list[Made]) -> bool:
-        """Whether the square of the error of images is known, by all that were made."""
+        """Return whether the square of the error of images is known, by all that were made."""
         square, unsure = errors.mean_square(images, made)
         worst = np.argmax(square / np.maximum(brightness(errors.mean_of(made[0].radiance)), 1e-30) ** 2)
         return bool(unsure[worst] <= errors.PRECISE * square[worst])

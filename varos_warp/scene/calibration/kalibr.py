@@ -16,7 +16,7 @@ NUMBERS = {"pinhole": 4, "ds": 6, DOUBLE_SPHERE: 6}
 
 
 def is_camera(entry: Entry) -> bool:
-    """Whether a block is a camera of this form."""
+    """Return whether a block is a camera of this form."""
     return "camera_model" in entry and "intrinsics" in entry
 
 

@@ -66,7 +66,7 @@ def whose_poses(layout: Layout, course: Trajectory) -> list[str]:
 
 
 def upside_down(turned: Rotation, about: dict[str, str]) -> list[str]:
-    """That the vehicle is upside down over most of the course, which other axes than those meant make it be."""
+    """Warn if the vehicle is upside down over most of the course, as other axes than those meant make it be."""
     share = float(np.mean(turned.apply([0.0, 0.0, 1.0])[:, 2] < UPSIDE_DOWN))
     if share <= 0.5 or about["attitude"] != "recorded":
         return []

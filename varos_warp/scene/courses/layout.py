@@ -85,7 +85,7 @@ class Layout:
     header: int | None
     """Number of the line of its header."""
     unit_is_stated: bool
-    """Whether the file or the scene says in which unit the times are."""
+    """True if the file or the scene says in which unit the times are."""
     frame: str | None
     """World axes that the names of its columns tell; None: they tell none."""
     notes: tuple[str, ...] = ()
@@ -93,7 +93,7 @@ class Layout:
 
     @property
     def is_ours(self) -> bool:
-        """Whether it is a table of one of our own datasets, in our axes."""
+        """True if it is a table of one of our own datasets, in our axes."""
         return self.format.endswith("of a dataset")
 
 
@@ -171,7 +171,7 @@ def _header(
 
 
 def _names_columns(names: Sequence[str], columns: Columns | None) -> bool:
-    """Whether names are those of columns: usual ones, or all that the scene file has."""
+    """Return whether names are those of columns: usual ones, or all that the scene file has."""
     asked = [] if columns is None else [name for name in columns.all_of_them if isinstance(name, str)]
     if asked:
         return all(name.strip() in names for name in asked)
@@ -283,7 +283,7 @@ class _Finder:
         return Layout(form, cells, kind, columns.euler_order, self._line, stated, frame, notes)
 
     def _doubts(self, position: list[str], frame: str | None) -> list[str]:
-        """That a coordinate is taken for a depth because the others are north and east, in this order."""
+        """Say that a coordinate is taken for a depth because the others are north and east, in this order."""
         if self.course.frame is not None or frame != "ned" or meaning.ways_of(position)[2] == "down":
             return []
         return [

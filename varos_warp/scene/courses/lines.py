@@ -24,7 +24,7 @@ class Row(NamedTuple):
 
     @property
     def is_comment(self) -> bool:
-        """Whether it begins with #, or is what spreadsheets write above a table, ``sep=;``."""
+        """True if it begins with #, or is what spreadsheets write above a table, ``sep=;``."""
         return self.text.startswith("#") or (self.number == 1 and bool(SEPARATOR_LINE.fullmatch(self.text.strip())))
 
 

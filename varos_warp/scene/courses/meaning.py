@@ -57,7 +57,7 @@ def _way(name: str) -> str | None:
 
 
 def frame_is_half_told(names: Sequence[str]) -> Found | None:
-    """That names of a position say that it is ned by its depth alone, and not which columns are north and east."""
+    """Say that names of a position tell by its depth alone that it is ned, not which columns are north and east."""
     ways = ways_of(names)
     if frames_told(names) != ["ned"] or ways[:2] == ["north", "east"]:
         return None
@@ -80,7 +80,7 @@ def frames_told(names: Sequence[str]) -> list[str]:
 
 
 def geographic_position(names: Sequence[str]) -> Found | None:
-    """That columns hold longitudes or latitudes, if a name or its unit says so."""
+    """Say that columns hold longitudes or latitudes, if a name or its unit says so."""
     for name in names:
         if is_geographic(name):
             return (
@@ -101,7 +101,7 @@ def directions_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def order_of_angles(names: Sequence[str], order: str, body: str | None) -> Found | None:
-    """That names of three angles say another order than the axes that they turn about, if they do.
+    """Say that names of three angles give another order than the axes that they turn about, if they do.
 
     Args:
         names: What the columns are called.

@@ -16,7 +16,7 @@ class Used(NamedTuple):
     time: str
     """Unit of the times, a key of `NANOSECONDS`."""
     time_is_stated: bool
-    """Whether a name of the column, a row of units or the scene says so."""
+    """True if a name of the column, a row of units or the scene says so."""
     lengths: tuple[float, ...]
     """Metres in the units of the position."""
     lengths_are_stated: bool

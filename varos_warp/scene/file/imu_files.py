@@ -114,7 +114,7 @@ def read_imu_noise(path: Path, rate_hz: float | None) -> ImuNoise:
 
 
 def tells_of_imu(data: Any) -> bool:
-    """Whether the data of a YAML file are of one of these formats, and no noise profile of ours."""
+    """Return whether the data of a YAML file are of one of these formats, and no noise profile of ours."""
     return isinstance(data, dict) and (bool({*DENSITIES, *SENSORS} & data.keys()) or any(map(_is_imu, data)))
 
 
@@ -231,7 +231,7 @@ def _average(source: Source, block: str, name: str) -> float:
 
 
 def _states_densities(source: Source, block: str) -> bool:
-    """Whether the unit says that the values are a density and a random walk, as the fork's does."""
+    """Return whether the unit says that the values are a density and a random walk, as the fork's does."""
     unit, usual = str(source.data[block].get("unit", "")), SENSORS[block][2]
     words = unit.replace(" ", "")
     if words == usual:

@@ -111,7 +111,7 @@ def path_of(key: str) -> tuple[str | int, ...]:
 
 
 def takes_the_place(key: str, of: Change) -> bool:
-    """Whether a `Change` of ``key`` after another leaves nothing of what that set."""
+    """Return whether a `Change` of ``key`` after another leaves nothing of what that set."""
     new, old = path_of(key), path_of(of.key)
     if old[: len(new)] == new:
         return True

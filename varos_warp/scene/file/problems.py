@@ -210,7 +210,7 @@ def _key_path(loc: tuple, data: Any, missing: bool) -> tuple:
 
 
 def _is_tag(part, rest, data):
-    """Whether a part of pydantic's path is the kind of the block, though the block has such a key, too.
+    """Return whether a part of pydantic's path is the kind of the block, though the block has such a key, too.
 
     A block without ``kind`` may be of the kind ``file``: then the next part is a key beside this one.
     """
@@ -220,7 +220,7 @@ def _is_tag(part, rest, data):
 
 
 def _most_specific(problems):
-    """Without what pydantic says about the other branches of a union, of which the user meant only one."""
+    """Drop what pydantic says about the other branches of a union, of which the user meant only one."""
     paths = [path for path, _ in problems]
     kept: dict[tuple, Any] = {}
     for path, e in problems:
@@ -426,7 +426,7 @@ def _models_at(path: tuple, source: Source) -> list[type[BaseModel]]:
 
 
 def _of_kind(models: list[type[BaseModel]], data: Any) -> list[type[BaseModel]]:
-    """Those that a block says it is of; all if it says nothing of use."""
+    """Return the models that a block says it is of; all if it says nothing of use."""
     named = [data[key] for key in KIND_KEYS if key in data] if isinstance(data, dict) else []
     return [model for model in models if named and named[0] in _kinds(model)] or models
 

@@ -48,7 +48,7 @@ def build_instances(scene: Scene, parts: list[Part]) -> list[Instances]:
 
 
 def _has_relief(scene: Scene, block: Boulder) -> bool:
-    """Whether relief makes a boulder as fine as it must be, so that its own mesh may be coarse."""
+    """Return whether relief makes a boulder as fine as it must be, so that its own mesh may be coarse."""
     return block.chord_error_m is None and isinstance(scene.materials.get(block.material or ""), Layered)
 
 

@@ -124,7 +124,7 @@ class Shell:
         return trimesh.triangles.closest_point(self._surface.vertices[self._surface.faces[face]], points)
 
     def keeps(self, points: np.ndarray) -> np.ndarray:
-        """Whether points [N, 3] are at the distance, and on the outer side, bool [N]."""
+        """Return whether points [N, 3] are at the distance, and on the outer side, bool [N]."""
         off = np.abs(self._surface.nearest(points)[0] - self._distance)
         return (off <= NEARLY * self._distance) & ~self._inside(points)
 

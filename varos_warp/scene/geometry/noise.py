@@ -134,15 +134,15 @@ class Patterns:
     device: str = "cpu"
 
     def at(self, p: np.ndarray) -> "Patterns":
-        """The same noises at other places, of the same vertices."""
+        """Return the same noises at other places, for the same vertices."""
         return Patterns(p, self.edge, self.seed, self.device)
 
     def scaled(self, factor: float) -> "Patterns":
-        """The same noises ``factor`` times as large."""
+        """Return the same noises ``factor`` times as large."""
         return Patterns(self.p / factor, self.edge / factor, self.seed, self.device)
 
     def moved(self, amplitude_m: float, cycles: Cycles, salt: int, octaves: int = 2) -> "Patterns":
-        """The same noises at places that noise has moved by up to ``amplitude_m``."""
+        """Return the same noises at places that noise has moved by up to ``amplitude_m``."""
         return self.at(
             self.p + amplitude_m * fbm_vector(self.p, cycles, octaves, self._salted(salt), self.edge, self.device)
         )

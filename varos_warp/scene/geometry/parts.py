@@ -28,7 +28,7 @@ class Page:
 
     @property
     def masks(self) -> bool:
-        """Whether it cuts holes."""
+        """True if it cuts holes."""
         return self.alpha is not None
 
     def shown(self) -> np.ndarray | None:
@@ -75,7 +75,7 @@ class Skin:
 
     @property
     def has_holes(self) -> bool:
-        """Whether masks cut holes."""
+        """True if masks cut holes."""
         return self.cut is not None and bool(self.cut.any())
 
     def repeated(self, count: int) -> "Skin":
@@ -112,7 +112,7 @@ class MeshFacts:
     file: Path
     up_axis: str
     up_is_guess: bool
-    """Whether neither the file nor the scene says which way is up."""
+    """True if neither the file nor the scene says which way is up."""
     unit_m: float
     triangles: int
     """Number of triangles in the file, with all copies of its nodes."""
@@ -125,7 +125,7 @@ class MeshFacts:
     textures: dict[str, float]
     """Its textures, and the share of the triangles with each whose coordinates reach outside of 0..1."""
     constant: tuple[str, ...] = ()
-    """Those of its textures that are one colour throughout."""
+    """Its textures that are one colour throughout."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Shape:
     smooth_angle: float = np.pi / 6
     """Largest angle between the faces of an edge that is smoothed [rad]."""
     smooth_shading: bool = False
-    """Whether A and B are lit with the smoothed normals."""
+    """True if A and B are lit with the smoothed normals."""
     skin: Skin | None = None
     """What the file says of the surface; None where the scene names a material."""
     normals: np.ndarray | None = None
@@ -162,7 +162,7 @@ class Shape:
 
     @property
     def has_holes(self) -> bool:
-        """Whether masks of its mesh file cut holes."""
+        """True if masks of its mesh file cut holes."""
         return self.skin is not None and self.skin.has_holes
 
     @property

@@ -40,7 +40,7 @@ def terrain_part(scene: Scene) -> Part:
 
 
 def may_have_colours(block: Terrain | Heights | ProceduralTerrain | Object) -> bool:
-    """Whether a block takes the colours of its mesh file or board, if that has any."""
+    """Return whether a block takes the colours of its mesh file or board, if that has any."""
     if isinstance(block, Terrain):
         return (
             block.material is None

@@ -48,7 +48,7 @@ def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[
 
 
 def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether points [N, 3] lie inside a closed mesh or under an open terrain, bool [N]: parity of what is overhead."""
+    """Return whether points [N, 3] lie in a closed mesh or under open terrain, bool [N], by parity of what is above."""
     points = np.atleast_2d(points)
     inside = np.zeros(len(points), bool)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -77,7 +77,7 @@ def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach
 
 
 def _boxes_meet(low: np.ndarray, high: np.ndarray, points: np.ndarray, margin: float) -> np.ndarray:
-    """Whether boxes [N, 3] meet the box around points, which has a margin, bool [N]."""
+    """Return whether boxes [N, 3] meet the box around points, which has a margin, bool [N]."""
     return ((low <= points.max(axis=0) + margin) & (high >= points.min(axis=0) - margin)).all(axis=1)
 
 

@@ -1,4 +1,4 @@
-"""Whether the places of a mesh were rounded to single precision far from the origin, before it was read."""
+"""Find whether the places of a mesh were rounded to single precision far from the origin, before it was read."""
 
 import numpy as np
 

@@ -147,7 +147,7 @@ def outlines(vertices: np.ndarray, edges: np.ndarray):
 
 
 def is_consistent(faces: np.ndarray) -> bool:
-    """Whether no two faces run through an edge in the same direction."""
+    """Return whether no two faces run through an edge in the same direction."""
     keys = np.sort(edge_keys(faces, directed=True).ravel())
     return not (keys[1:] == keys[:-1]).any()
 

@@ -64,12 +64,12 @@ class Distribution:
 
     @property
     def has_profile(self) -> bool:
-        """Whether the values stand in a table, not in a formula."""
+        """True if the values stand in a table, not in a formula."""
         return self.profile.size > 0
 
     @property
     def everywhere(self) -> bool:
-        """Whether the intensity is the same in all directions."""
+        """True if the intensity is the same in all directions."""
         return self.half_angle >= np.pi and not self.has_profile
 
     @property
@@ -79,7 +79,7 @@ class Distribution:
 
     @property
     def is_round(self) -> bool:
-        """Whether the intensity is the same all around the axis."""
+        """True if the intensity is the same all around the axis."""
         return self.planes == 1
 
     @property

@@ -60,7 +60,7 @@ class Profile:
 
     @property
     def is_round(self) -> bool:
-        """Whether the intensity is the same all around the axis, or as good as."""
+        """True if the intensity is the same all around the axis, or as good as."""
         return len(self.azimuth) == 1
 
     @property
@@ -243,5 +243,5 @@ def _increasing(angles: np.ndarray, name: str) -> np.ndarray:
 
 
 def _is(angle: float, other: float) -> bool:
-    """Whether two angles [degrees] are one."""
+    """Return whether two angles [degrees] are one."""
     return abs(angle - other) <= SAME_DEG

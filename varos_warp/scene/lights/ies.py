@@ -46,7 +46,7 @@ class IesFile:
     opening_m: tuple[float, float, float] | None
     """Width, length and height of the luminous opening [m]; a negative one is a diameter. None: in no known unit."""
     tilted: bool = False
-    """Whether the file tells how the output changes as the lamp is tilted."""
+    """True if the file tells how the output changes as the lamp is tilted."""
 
 
 def read_ies(path: Path, key: str) -> IesFile:

@@ -83,7 +83,7 @@ class Lights:
 
 
 def lights_vary(lights: Iterable[Light]) -> bool:
-    """Whether the lights differ from sample to sample, though vehicle and camera stand still."""
+    """Return whether the lights differ from sample to sample, though vehicle and camera stand still."""
     return any(radius_of(light) or light.strobe for light in lights)
 
 

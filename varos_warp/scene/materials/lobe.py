@@ -14,7 +14,7 @@ SAMPLES = 96
 
 
 def has_lobe(material: Material) -> bool:
-    """Whether a material shows bare metal."""
+    """Return whether a material shows bare metal."""
     return isinstance(material, Metal) or (isinstance(material, Rust) and material.roughness is not None)
 
 

@@ -51,7 +51,7 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
 
 
 def is_textured(part: Part | Instances) -> bool:
-    """Whether its material is more than one constant reflectance."""
+    """Return whether its material is more than one constant reflectance."""
     return part.skin is not None or not isinstance(part.material, Diffuse)
 
 

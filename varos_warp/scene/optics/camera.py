@@ -61,7 +61,7 @@ class Rays(NamedTuple):
     """Radiance at the sensor over that in the water [...]: transmittance / n^2 behind a port; and vignetting."""
 
     def moved(self, T: np.ndarray) -> "Rays":
-        """The same rays in the axes to which T [4, 4] maps."""
+        """Return the same rays in the axes to which T [4, 4] maps."""
         return Rays(self.origin @ T[:3, :3].T + T[:3, 3], self.direction @ T[:3, :3].T, self.weight)
 
 
@@ -94,7 +94,7 @@ class CameraModel:
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether there is neither port nor distortion, so that K says it all."""
+        """True if there is neither port nor distortion, so that K says it all."""
         return self.port is None and self.lens.model == "none"
 
     @property
@@ -127,7 +127,7 @@ class CameraModel:
         return np.array(angles)
 
     def lens_ends_within(self, width: int, height: int) -> bool:
-        """Whether its lens ends within an image, of which a part then sees nothing: if so, at its border."""
+        """Return whether its lens ends within an image, of which a part then sees nothing: if so, at its border."""
         across, down = (np.linspace(0.0, side, BORDER) for side in (width, height))
         sides = [
             np.stack(np.broadcast_arrays(x, y), -1)
@@ -136,7 +136,7 @@ class CameraModel:
         return self.lens.model != "none" and not np.isfinite(self.directions(np.concatenate(sides))).all()
 
     def lens_settles(self, width: int, height: int, halvings: int, steps: int) -> bool:
-        """Whether kernels find in float32 what its lens sees all over an image, by a fixed number of steps.
+        """Return whether kernels find in float32 what its lens sees all over an image, by a fixed number of steps.
 
         Args:
             width: Width of an image in which the lens does not end [pixels].

@@ -58,7 +58,7 @@ class Lens:
 
     @property
     def is_closed_form(self) -> bool:
-        """Whether directions follow from image points without steps."""
+        """True if directions follow from image points without steps."""
         return self.model in ("none", DOUBLE_SPHERE)
 
     @property
@@ -92,7 +92,7 @@ class Lens:
         return min(1.1 * self._law.measure(float(angle)), self._law.radial_end)
 
     def settles(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> bool:
-        """Whether a fixed number of steps in float32 leads to the directions seen at all points [N, 2].
+        """Return whether a fixed number of steps in float32 leads to the directions seen at all points [N, 2].
 
         Args:
             xy: Points of the image plane, at which the lens sees something.

@@ -172,7 +172,7 @@ class Perspective(ABC):
         return step, off, determinant
 
     def _is_seen_at(self, xy: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Whether tangents [..., 2] lie in the cone, and are seen at points [..., 2]."""
+        """Return whether tangents [..., 2] lie in the cone, and are seen at points [..., 2]."""
         _, off, determinant = self._step(xy, target)
         good = (np.abs(off).max(-1) < 1e-12 * (1.0 + np.hypot(target[..., 0], target[..., 1]))) & (determinant > 0.0)
         return good & (np.hypot(xy[..., 0], xy[..., 1]) <= self.limit)

@@ -84,7 +84,7 @@ class FlatPort:
 
     @property
     def has_rim(self) -> bool:
-        """Whether some rays miss the glass by its size."""
+        """True if some rays miss the glass by its size."""
         return self.clear_radius_m is not None
 
     def leave(self, o: np.ndarray, d: np.ndarray, n_water: float) -> WaterRays:
@@ -143,7 +143,7 @@ class DomePort:
 
     @property
     def has_rim(self) -> bool:
-        """Whether some rays miss the glass by its size."""
+        """True if some rays miss the glass by its size."""
         return self.half_angle_deg is not None
 
     @property

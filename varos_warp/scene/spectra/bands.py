@@ -40,12 +40,12 @@ FITTED_DISTANCES = 8
 FEW = 12
 """Bands from which on it matters little whether they grow from none or from those that served for fewer."""
 MOST_STEPS = 100
-"""Of the fit, for each band. Turbid water and a halogen lamp take up to 6; scipy's own bound of 3 would end them."""
+"""Most steps of the fit for each band. Turbid water and a halogen lamp take up to 6; scipy's own bound is 3."""
 PASS = 3
 """Bands that a pass of the renderer carries, one in each of its channels; ``auto`` fills its passes."""
 
 PATHS_M = (1.0, 20.0)
-"""Of light from lamp to surface to camera, for which bands are chosen unless the scene says [m]: what a lamp at the
+"""Paths from light to surface to camera for which bands are chosen unless the scene says [m]: what a light at the
 camera shows up to 10 m."""
 
 
@@ -56,7 +56,7 @@ class Bands:
     wavelength_nm: np.ndarray
     """[N], ascending."""
     weights: np.ndarray
-    """Of each band in the channels of the camera, float64 [3, N] [nm]."""
+    """Weight of each band in the channels of the camera, float64 [3, N] [nm]."""
     a: np.ndarray
     """Absorption of the water at them [1/m]."""
     b_water: np.ndarray
@@ -234,7 +234,7 @@ def _chosen(asked: _Asked) -> Bands:
 
 
 def _grown(problem: _Problem, chosen: list[int], count: int) -> list[int]:
-    """So many wavelengths: each the one that leaves the least error beside those before it."""
+    """Choose so many wavelengths: each is the one that leaves the least error beside those before it."""
     while len(chosen) < count:
         left = [i for i in CANDIDATES if i not in chosen]
         chosen = sorted([*chosen, min(left, key=lambda i: problem.residual(sorted([*chosen, i])))])
@@ -242,7 +242,7 @@ def _grown(problem: _Problem, chosen: list[int], count: int) -> list[int]:
 
 
 def _moved(problem: _Problem, chosen: list[int]) -> list[int]:
-    """The same number of wavelengths, each moved to its neighbours as long as that makes the error less."""
+    """Move each of the wavelengths to its neighbours as long as that makes the error less."""
     best, step = problem.residual(chosen), int(CANDIDATES[1])
     while step:
         before = best

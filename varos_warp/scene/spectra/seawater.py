@@ -8,7 +8,7 @@ import numpy as np
 
 AVOGADRO, BOLTZMANN, MOLAR_MASS = 6.0221417930e23, 1.3806503e-23, 18e-3
 DEPOLARISATION = 0.039
-"""Of scattered light (Farinato and Rowell 1976)."""
+"""Depolarisation of scattered light (Farinato and Rowell 1976)."""
 
 
 def _refractive_index(nm: np.ndarray, t: float, s: float) -> tuple[np.ndarray, np.ndarray]:

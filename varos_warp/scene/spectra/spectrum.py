@@ -113,7 +113,7 @@ def named_files(kind: str) -> dict[str, Path]:
 
 
 def is_file_name(name: str, kind: str) -> bool:
-    """Whether a name is that of a user's file, and of no spectrum of one kind that comes with the package."""
+    """Return whether a name is that of a user's file, and of no spectrum of one kind that comes with the package."""
     return name not in named_files(kind) and name not in ALSO.get(kind, ())
 
 

@@ -19,14 +19,14 @@ from varos_warp.scene.water import phase_function
 MEASURED = ("IB", "II", "III", "1C", "3C", "5C")
 """Jerlov types whose coefficients were measured (Williamson and Hollins 2022); the others are inverted."""
 CDOM_SLOPE, MINERAL_SLOPE = 0.014, 0.0123
-"""Of the exponential fall of absorption by dissolved matter (Morel and Maritorena 2001) and by minerals (Babin et al.
+"""Slopes of the exponential fall of absorption by CDOM (Morel and Maritorena 2001) and by minerals (Babin et al.
 2003a) [1/nm]."""
 MINERAL_ABSORPTION, MINERAL_SCATTERING = 0.041, 0.5
-"""Of minerals at 443 nm (Babin et al. 2003a) and at all wavelengths (2003b) [m^2/g]."""
+"""Coefficients of minerals at 443 nm (Babin et al. 2003a) and at all wavelengths (2003b) [m^2/g]."""
 BLACK_DISK = 4.8
 """A black disk is seen sideways up to 4.8 / c, where exp(-4.8) = 0.8 % of its contrast is left (Davies-Colley 1988)."""
 LEAST_SHARE = 0.5
-"""Of pure water's absorption from 600 nm on: less than that no water absorbs, a file has other units."""
+"""Least share of pure water's absorption from 600 nm on: below it, a file has other units."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class WaterSpectra:
     b_water: np.ndarray
     b_particles: np.ndarray
     backscatter_fraction: float
-    """Of the particles' phase function; of the water itself it is a half."""
+    """Backscatter fraction of the particles' phase function; that of the water itself is a half."""
     source: str
     """Which table, model or file the coefficients are from, in words."""
 

@@ -40,9 +40,9 @@ class Flocs(NamedTuple):
     at: np.ndarray
     """Places of the grains, float64 [shape, grain, 3]; the middle of their cross sections is at 0."""
     radius: np.ndarray
-    """Of the grains, float64 [shape, grain]."""
+    """Radii of the grains, float64 [shape, grain]."""
     share: np.ndarray
-    """Of the cross section that is each grain's, float64 [shape, grain]; their sum is 1."""
+    """Share of the cross section that is each grain's, float64 [shape, grain]; their sum is 1."""
 
 
 @lru_cache(maxsize=1)

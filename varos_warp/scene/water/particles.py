@@ -24,7 +24,7 @@ from varos_warp.scene.water.properties import OpticalProperties, optical_propert
 LITRE = 1e-3
 """[m^3]"""
 ANGLES = np.linspace(0.0, np.pi, 7201)[1:]
-"""At which phase functions are compared [rad]; straight ahead the water's has no bound."""
+"""Angles at which phase functions are compared [rad]; straight ahead the water's has no bound."""
 
 
 def power_integral(exponent: float, low, high) -> np.ndarray:

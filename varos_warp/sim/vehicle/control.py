@@ -123,7 +123,7 @@ def design(
 
 
 def is_slow(frequency: float, k1: float) -> bool:
-    """Whether an actuator is too slow for a gain that ignores it: such a gain overshoots below five times sqrt(k1)."""
+    """Return whether an actuator is too slow for a gain that ignores it, which overshoots below five times sqrt(k1)."""
     return frequency < 5.0 * sqrt(k1)
 
 

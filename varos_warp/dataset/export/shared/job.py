@@ -120,7 +120,7 @@ class Job:
 
     @property
     def has_depth(self) -> bool:
-        """Whether the dataset has D."""
+        """True if the dataset has D."""
         return DEPTH in self.data.outputs
 
     def noise(self, name: str) -> str:
@@ -170,7 +170,7 @@ def _instead(job: Job, camera: str, models: tuple[str, ...]) -> str:
 
 
 def _is_stated(model: CameraModel, models: tuple[str, ...]) -> bool:
-    """Whether a format that has some models of distortion, and perhaps ports, has a camera."""
+    """Return whether a format that has some models of distortion, and perhaps ports, has a camera."""
     return (model.port is None or "port" in models) and _simplest(model.lens)[0] in ("none", *models)
 
 

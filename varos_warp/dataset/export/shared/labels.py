@@ -29,7 +29,7 @@ from varos_warp.sim.companions import motions
 
 AT_HAND = "Name the folder of the scene file with --scene-dir."
 WATER_NUMBER = 1 << 16
-"""Of where nothing is hit, beyond all numbers of S."""
+"""Number of pixels where nothing is hit, beyond all numbers of S."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Thing:
 
     number: int
     key: str
-    """In the scene file, ``objects.3``, ``scatter.0.17``."""
+    """Its key in the scene file, such as ``objects.3`` or ``scatter.0.17``."""
     category: str
 
 
@@ -107,7 +107,7 @@ class Labels:
         self._motions = motions(self.scene)
 
     def _origin(self) -> np.ndarray:
-        """Where to put the local world: of a course whose file is not at hand among the cameras' places."""
+        """Return the origin of the local world; without the file of a course it lies among the cameras' places."""
         with contextlib.suppress(InputError):
             return local_origin(self.scene, self.parts)
         return np.round(np.mean([self.data.views(camera)[1][:, :3, 3].mean(0) for camera in self.data.cameras], axis=0))

@@ -19,7 +19,7 @@ class Model:
     """A mesh, and the keys of all that have its shape, size and class."""
 
     number: int
-    """From 1."""
+    """Number of the model, from 1."""
     keys: list[str]
     category: str
     vertices: np.ndarray

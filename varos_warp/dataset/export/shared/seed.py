@@ -21,7 +21,7 @@ class Seed:
     rgb: np.ndarray
     """Colour of the pixel, uint8 [N, 3]."""
     uv: np.ndarray
-    """Where in the image, float64 [N, 2], [px]; the centre of the top left pixel is (0.5, 0.5)."""
+    """Place in the image, float64 [N, 2] [px]; the centre of the top left pixel is (0.5, 0.5)."""
 
 
 def seeds(job: Job, camera: str) -> list[Seed]:

@@ -9,7 +9,7 @@ VINS_LEAST = 0.25
 
 
 def excitation(data: Dataset) -> dict | None:
-    """Of the IMU's readings over the frames; None where there is none.
+    """Measure how much the IMU's readings vary over the frames; None if there is no IMU.
 
     Returns:
         angular_rate_rms [rad/s] and specific_force_rms [m/s^2] by axis, about their means; specific_force_of_frames

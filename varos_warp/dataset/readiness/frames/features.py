@@ -25,7 +25,7 @@ the least size is 4.03."""
 
 @dataclass(frozen=True)
 class Keypoints:
-    """Those of one image, the strongest first; places as OpenCV counts them."""
+    """Keypoints of one image, the strongest first; places as OpenCV counts them."""
 
     kind: str
     points: np.ndarray

@@ -10,7 +10,7 @@ from varos_warp.dataset.readiness.frames.truth import hidden_behind
 SAME, LEFT = 0.5, 0.25
 """Share of a frame's points that another sees: from the first on it is the same place, below the second it was left."""
 MOST_FRAMES, POINTS = 200, 100
-"""Of a longer dataset every n-th frame is compared; points of each frame."""
+"""Most frames that are compared (every n-th frame of a longer dataset), and points of each frame."""
 
 
 def overlaps(data: Dataset, camera: str) -> tuple[np.ndarray, np.ndarray]:

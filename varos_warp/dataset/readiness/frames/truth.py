@@ -1,4 +1,4 @@
-"""Where what a frame shows is seen in the next one of the dataset: from F, or from D and the poses."""
+"""Find what a frame shows in the next frame of the dataset: by F, or by D and the poses."""
 
 from dataclasses import dataclass
 
@@ -19,9 +19,9 @@ class Moves:
     """What becomes of each pixel; places as OpenCV counts them, the centre of the top left pixel at (0, 0)."""
 
     place: np.ndarray
-    """In the next frame, float64 [H, W, 2]: right, down; NaN: not known."""
+    """Place in the next frame, float64 [H, W, 2]: right, down; NaN: not known."""
     hidden: np.ndarray
-    """Whether something is in front of it then, bool [H, W]."""
+    """True where something is in front of it then, bool [H, W]."""
 
     def of(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places [N, 2] and whether hidden [N] of image points [N, 2]: each moves with the pixel that it lies in."""
@@ -38,7 +38,7 @@ def source_of_moves(data: Dataset) -> str | None:
 
 
 def moves(data: Dataset, index: int, camera: str) -> Moves:
-    """From the frame at a place of the dataset to the one after it; `source_of_moves` says of what.
+    """Moves from the frame at a place of the dataset to the one after it; `source_of_moves` says of what.
 
     Raises:
         InputError: If a file cannot be read.
@@ -64,7 +64,7 @@ def _from_depth(data: Dataset, frame: int, following: int, camera: str) -> Moves
 
 
 def hidden_behind(depth: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Whether all pixels of D [H, W] [m] around points are nearer than these are, bool [N].
+    """Return whether all pixels of D [H, W] [m] around points are nearer than these are, bool [N].
 
     ``seen`` [N, 3]: u, v (the centre of the top left pixel at 0.5) and the depth of each; outside nothing hides.
     """

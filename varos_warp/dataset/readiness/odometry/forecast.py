@@ -16,7 +16,7 @@ FILE = resources.files("varos_warp") / "data" / "readiness" / "forecast.json"
 SIGNS = ("verified_matches", "verified_share", "tracked", "contrast", "black_level")
 """Measures by frame that it is made from, none of which needs truth."""
 COUNTS = ("verified_matches", "tracked")
-"""Of these the logarithm of one more counts."""
+"""Signs that count by the logarithm of one more than their value."""
 
 
 def regressors(row: Mapping[str, float | None]) -> np.ndarray:
@@ -35,7 +35,7 @@ class Forecast:
     intercept: float
 
     def chance(self, x: np.ndarray) -> np.ndarray:
-        """Of failure, in 0 to 1 [...], of regressors [..., 5]."""
+        """Return the chance of failure, 0 to 1 [...], for regressors [..., 5]."""
         return 1.0 / (1.0 + np.exp(-(((x - self.mean) / self.scale) @ self.coefficients + self.intercept)))
 
 
@@ -48,7 +48,7 @@ def shipped() -> Forecast:
 
 
 def failure_chances(measures: Mapping[str, Sequence[float | None]]) -> list[float | None]:
-    """Of each step from measures by frame; None for the last frame, from which none goes on."""
+    """Forecast the chance that each step fails from measures by frame; None for the last frame, which has no step."""
     steps = len(measures["verified_matches"]) - 1
     rows = [regressors({name: measures[name][step] for name in SIGNS if name in measures}) for step in range(steps)]
     return [*shipped().chance(np.array(rows)).tolist(), None]

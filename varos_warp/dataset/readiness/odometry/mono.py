@@ -18,9 +18,9 @@ from varos_warp.dataset.readiness.opencv import opencv
 START_ANGLE = np.radians(2.0)
 """Median parallax with which the first two views begin, and that of a new point."""
 START_LIMIT = 0.5
-"""Of the first two views, over the limit of others: all that follows rests on them."""
+"""Limit of the first two views over that of others: all that follows rests on them."""
 WIDER = 1.25
-"""By how much the parallax of a point must grow to triangulate it again."""
+"""Factor by which the parallax of a point must grow before it is triangulated again."""
 
 
 class MonoOdometry:
@@ -104,7 +104,7 @@ class MonoOdometry:
         self.history[index] = seen
 
     def _two_views(self, seen: np.ndarray) -> np.ndarray | None:
-        """From the first view to this one [4, 4], a step of length 1."""
+        """Find the motion from the first view to this one [4, 4], a step of length 1."""
         cv2, order = opencv(), self.rng.permutation(len(seen))
         a, b = self.first[order], seen[order]
         E, mask = cv2.findEssentialMat(

@@ -17,19 +17,19 @@ LEAST_FRAMES = 8
 LEAST_PATH = 1e-3
 """Metres; a camera that moves less stands still."""
 OVERLAP = 0.2
-"""Of the first frame's points that a second camera must see to make a pair."""
+"""Share of the first frame's points that a second camera must see to make a pair."""
 
 
 @dataclass(frozen=True)
 class Odometry:
-    """Of all seeds; the frames that were lost, which went on at the last speed, count in the errors."""
+    """Errors for all seeds; frames that were lost, which went on at the last speed, count in them."""
 
     cameras: list[str]
     seeds: int
     ate_m: list[float | None]
-    """Of each seed; None where not even a first pair of views was found."""
+    """Absolute trajectory error for each seed [m]; None if not even a first pair of views was found."""
     ate_share: list[float | None]
-    """Over the length of the path."""
+    """Absolute trajectory error over the length of the path, for each seed."""
     drift: list[float | None]
     lost: list[int]
     """Frames without a pose."""
@@ -39,7 +39,7 @@ class Odometry:
     """Share of the seeds for which the step from each frame to the next failed, as `failed` tells."""
 
     def plain(self) -> dict:
-        """For JSON, with mean and standard deviation over the seeds."""
+        """Return plain types for JSON, with mean and standard deviation over the seeds."""
         told = ("ate_m", "ate_share", "drift", "lost")
         means = {
             f"{name}_{what}": _of(getattr(self, name), how)
@@ -50,7 +50,7 @@ class Odometry:
 
 
 def _of(values: list, how) -> float | None:
-    """Of all seeds; None where one of them has none: a mean of the others would look better than it is."""
+    """Combine the values of all seeds; None if one of them has none: a mean of the others would look too good."""
     return None if None in values else float(how(values))
 
 

@@ -6,13 +6,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 SEGMENT = 0.25
-"""Of the whole path: length of the pieces whose drift is stated."""
+"""Length of the pieces whose drift is stated, as a share of the whole path."""
 
 
 WRONG_WAY, WRONG_TURN = np.radians(15.0), np.radians(1.0)
 """A step fails whose translation is off in direction, or whose rotation is off, by more."""
 STANDS = 0.25
-"""Of the median step: the direction of a shorter one does not count, for there is hardly any."""
+"""Share of the median step below which a step's direction does not count, for there is hardly any."""
 
 
 class Score(NamedTuple):
@@ -21,7 +21,7 @@ class Score(NamedTuple):
     ate_m: float
     """Root mean square distance after alignment [m]."""
     ate_share: float
-    """The same over the length of the path."""
+    """Root mean square distance after alignment, over the length of the path."""
     drift: float
     """Mean error of the displacement over pieces of a quarter of the path, over their length."""
 
@@ -56,7 +56,7 @@ def score(estimate: np.ndarray, truth: np.ndarray, with_scale: bool) -> Score:
 
 
 def failed(T_c_w: np.ndarray, lost: np.ndarray, T_w_c: np.ndarray) -> np.ndarray:
-    """Whether the step from each frame to the next failed, bool [N - 1]; the scale of a step does not count.
+    """Return whether the step from each frame to the next failed, bool [N - 1]; the scale of a step does not count.
 
     It fails if the next frame is lost, or its translation points more than `WRONG_WAY` [rad] elsewhere than the true
     one (whatever its scale, it is then off by a quarter of the step or more; not asked of steps shorter than `STANDS`),
@@ -78,5 +78,5 @@ def failed(T_c_w: np.ndarray, lost: np.ndarray, T_w_c: np.ndarray) -> np.ndarray
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Between vectors [N, 3] [rad]."""
+    """Return the angles between vectors [N, 3] [rad]."""
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(1))

@@ -30,7 +30,7 @@ def verified(view: View, here: Keypoints, there: Keypoints) -> tuple[int, float 
 def signs(
     view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, there: Keypoints
 ) -> dict[str, float | None]:
-    """Of the step between two frames.
+    """Measure the signs of the step between two frames.
 
     Args:
         view: The camera.

@@ -14,7 +14,7 @@ from varos_warp.scene.description.image_types import WATER
 
 MOST_CORNERS, QUALITY = 500, 0.01
 WINDOW, LEVELS, RETURN_PX = 21, 3, 0.5
-"""Of the tracker by Lucas and Kanade; how near to its start a corner must come back that is followed there and back."""
+"""Window and levels of the tracker by Lucas and Kanade; how near to its start a corner must come back."""
 REPROJECTION_PX = 1.5
 LEAST = 12
 """Points that a pose must agree with, else the frame is lost."""
@@ -32,7 +32,7 @@ class View:
         return opencv().cvtColor(self.data.pixels(WATER, self.data.frames[index], self.camera), opencv().COLOR_RGB2GRAY)
 
     def normalised(self, points: np.ndarray) -> np.ndarray:
-        """Of image points [N, 2]; NaN where no ray is."""
+        """Return normalised coordinates of image points [N, 2]; NaN if there is no ray."""
         d = self.data.camera_model(self.camera).rays(points.astype(float) + 0.5).direction
         return d[:, :2] / d[:, 2:]
 
@@ -58,7 +58,7 @@ def corners(gray: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def follow(before: np.ndarray, after: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where corners [N, 2] of an image are in another, and which were found [N]: they come back when followed back."""
+    """Follow corners [N, 2] into another image; return places, and which were found [N]: those that come back."""
     if not len(points):
         return points, np.zeros(0, bool)
     cv2, size = opencv(), (WINDOW, WINDOW)

@@ -31,7 +31,7 @@ def clip_to_sheet(axis: wp.vec3, right: wp.vec3, up: wp.vec3, v: wp.vec3, d: wp.
 
 @wp.func
 def in_sheet(light: Light, x: wp.vec3):
-    """Whether a sheet of light holds the point ``x``, from the light."""
+    """Return whether a sheet of light holds the point ``x``, from the light."""
     across = wp.max(wp.abs(wp.dot(x, light.right)), wp.abs(wp.dot(x, light.up)))
     return across <= wp.dot(x, light.axis)
 

@@ -135,7 +135,7 @@ def _pieces(block, key, detail):
 
 
 def has_colours(block: object) -> bool:
-    """Whether an object has colours of its own."""
+    """Return whether an object has colours of its own."""
     return type(block) in _STRUCTURES
 
 

@@ -29,7 +29,7 @@ def board(block: CalibrationBoard) -> tuple[np.ndarray, np.ndarray, Skin]:
 
 
 def chart(block: ColorChart) -> tuple[np.ndarray, np.ndarray, Skin]:
-    """As `board`, of a colour chart; its skin has the spectra of the patches, and of the black board."""
+    """Make a colour chart, as `board` does; its skin has the spectra of the patches and of the black board."""
     columns, rows = CHART
     x, z = (
         np.cumsum(

@@ -39,7 +39,7 @@ class Detail:
 
     @property
     def is_grid(self) -> bool:
-        """Whether it is made of even grids."""
+        """True if it is made of even grids."""
         return bool(np.isfinite(self.edge))
 
     def finer(self, share: float) -> "Detail":

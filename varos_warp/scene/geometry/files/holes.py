@@ -9,7 +9,7 @@ MARGIN = 0.05
 
 
 def may_cut(page: Page, uv: np.ndarray, fade: np.ndarray | None) -> np.ndarray:
-    """Whether a mask may cut each of some triangles, on the safe side.
+    """Return whether a mask may cut each of some triangles, on the safe side.
 
     Args:
         page: The page, which masks.

@@ -18,6 +18,7 @@ from varos_warp.scene.geometry.files.wavefront import (
     text_of,
     without_comment,
 )
+from varos_warp.scene.headers import is_number
 
 FLAGS = {"-blendu", "-blendv", "-cc", "-clamp", "-imfchan", "-type", "-texres", "-bm", "-boost"}
 """Options of maps with one value."""
@@ -66,7 +67,7 @@ class Map:
     channel: str = ""
     """Channel of a mask (-imfchan); empty if it names none."""
     inverted: bool = False
-    """Whether a mask is a map_Tr, which has transparency instead of opacity."""
+    """True if a mask is a map_Tr, which has transparency instead of opacity."""
 
     @property
     def placing(self) -> tuple:
@@ -75,7 +76,7 @@ class Map:
 
     @property
     def has_tiles(self) -> bool:
-        """Whether there is a picture for each unit square of the coordinates."""
+        """True if there is a picture for each unit square of the coordinates."""
         return UDIM.search(self.path.name) is not None
 
     def of_tile(self, tile: int | None) -> Path:
@@ -97,7 +98,7 @@ class MtlMaterial:
 
     @property
     def says_colour(self) -> bool:
-        """Whether it has a colour at all."""
+        """True if it has a colour at all."""
         return self.kd is not None or self.picture is not None
 
     @property
@@ -127,7 +128,7 @@ class MtlMaterial:
 
     @property
     def has_tiles(self) -> bool:
-        """Whether a map of it has a picture for each unit square of the coordinates."""
+        """True if a map of it has a picture for each unit square of the coordinates."""
         return any(each is not None and each.has_tiles for each in (self.colour, self.mask))
 
 
@@ -206,7 +207,7 @@ def _set(current, keyword, rest, path, file):
         current.opaque = 1.0 - float(rest.split()[-1])
     elif keyword in IGNORED:
         current.ignored.append(IGNORED[keyword])
-    elif keyword in FACTORS and any(float(word) != 0.0 for word in rest.split() if _is_number(word)):
+    elif keyword in FACTORS and any(float(word) != 0.0 for word in rest.split() if is_number(word)):
         current.ignored.append(FACTORS[keyword])
     elif keyword.startswith("map_") and keyword not in IDLE:
         current.ignored.append(keyword)
@@ -280,7 +281,7 @@ def _options(rest):
             found[name], at = words[at].strip(), at + 1
         elif name in VECTORS or name == "-mm":
             values = []
-            while at < len(words) - 1 and len(values) < 3 - (name == "-mm") and _is_number(words[at].strip()):
+            while at < len(words) - 1 and len(values) < 3 - (name == "-mm") and is_number(words[at].strip()):
                 values.append(float(words[at]))
                 at += 1
             found[name] = values
@@ -290,14 +291,6 @@ def _options(rest):
     if at >= len(words):
         raise ValueError(rest)
     return found, "".join(words[at:]).strip().strip('"')
-
-
-def _is_number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _note(materials, path, file):

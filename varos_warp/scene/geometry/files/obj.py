@@ -266,7 +266,7 @@ class _Text:
 
     @property
     def names_materials(self) -> bool:
-        """Whether it names materials, or libraries of them."""
+        """True if it names materials, or libraries of them."""
         return bool(self._libraries or self.names[1:])
 
     def materials(self, otherwise: str) -> dict[str, MtlMaterial]:

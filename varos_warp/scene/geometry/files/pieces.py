@@ -23,7 +23,7 @@ class Mask:
     """Channel of the picture: r, g, b, m (alpha) or l (brightness); empty: its alpha, or where that is opaque
     throughout, its brightness."""
     inverted: bool = False
-    """Whether the picture is transparency, 1 - alpha."""
+    """True if the picture is transparency, 1 - alpha."""
 
 
 @dataclass(frozen=True)

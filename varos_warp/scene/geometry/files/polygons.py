@@ -54,7 +54,7 @@ def area_vectors(rings: np.ndarray) -> np.ndarray:
 
 
 def is_convex(rings: np.ndarray) -> np.ndarray:
-    """Whether each polygon [P, n, 3], seen along its normal, is convex and goes around once."""
+    """Return whether each polygon [P, n, 3], seen along its normal, is convex and goes around once."""
     normal = area_vectors(rings)
     edges = np.roll(rings, -1, axis=1) - rings
     turns = np.cross(np.roll(edges, 1, axis=1), edges)

@@ -163,7 +163,7 @@ class Skins:
 
 
 def _is_lost(source) -> bool:
-    """Whether a texture is a file that is not there."""
+    """Return whether a texture is a file that is not there."""
     return isinstance(source, Path) and not is_file(source)
 
 
@@ -186,7 +186,7 @@ def _channel_of(mask, key) -> np.ndarray:
 
 
 def _vanishes(piece) -> bool:
-    """Whether a mask leaves nothing of a piece, whose alpha is one number."""
+    """Return whether a mask leaves nothing of a piece, whose alpha is one number."""
     m = piece.material
     return m is not None and m.cutoff is not None and m.alpha < m.cutoff
 

@@ -45,7 +45,7 @@ def read_stl(path: Path, with_colours: bool) -> MeshFile:
 
 
 def _is_text(data):
-    """Whether it is text: binary files may begin with ``solid``, too, but hold NUL, or are as long as they say."""
+    """Return whether it is text: binary files may begin with ``solid`` too, but hold NUL or are as long as they say."""
     is_named = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:5].lower() == b"solid"
     count = _stated(data)
     return is_named and b"\0" not in data[:1024] and (count is None or len(data) != HEADER + TRIANGLE * count)

@@ -1,8 +1,10 @@
 """Silt that has settled on what grows."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from varos_warp.scene.geometry.growth.solids import Solid, solid, waves
+from varos_warp.scene.geometry.growth.solids import Solid, waves
 from varos_warp.scene.geometry.topology import area_normals
 
 SILT = np.array([0.175, 0.159, 0.123])
@@ -21,4 +23,4 @@ def dusted(clean: Solid, thin: bool) -> Solid:
     facing = np.abs(facing) if thin else np.maximum(facing, 0.0)
     ragged = waves(clean.vertices, 0.3, np.random.default_rng(len(clean.faces)))
     lies = np.clip(ALL_OVER + (0.45 if thin else 0.75) * facing + RAGGED * ragged, 0.0, MOST)[:, None]
-    return solid(clean.vertices, clean.faces, clean.colours + lies * (SILT - clean.colours))
+    return replace(clean, colours=clean.colours + lies * (SILT - clean.colours))

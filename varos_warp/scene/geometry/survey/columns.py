@@ -127,7 +127,7 @@ class Table:
         )
 
     def _are_names_of_rows(self, lines: list[str]) -> bool:
-        """Whether first cells are names of rows, as R writes them: quoted, or words, or 1, 2, 3 and so on."""
+        """Return whether first cells are names of rows, as R writes them: quoted, or words, or 1, 2, 3 and so on."""
         cells = [
             line.strip(" \r\n").split(self.delimiter)[0].strip()
             for line in lines
@@ -190,7 +190,7 @@ class Table:
 
 
 def _is_number(word: str) -> bool:
-    """Whether a word is a number, for which quotes and a decimal comma are allowed."""
+    """Return whether a word is a number, for which quotes and a decimal comma are allowed."""
     return is_number(word.strip('"').replace(",", "."))
 
 

@@ -35,7 +35,7 @@ class Reference:
     height_unit_m: float | None = None
     """Metres in a unit of the heights; None if it does not say."""
     downwards: bool = False
-    """Whether it speaks of depth."""
+    """True if it speaks of depth."""
     unknown_unit: str | None = None
     """What it names in place of a unit that we know, or a system whose unit it leaves open; None if neither."""
     unknown_height_unit: str | None = None

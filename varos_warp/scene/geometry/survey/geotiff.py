@@ -111,7 +111,7 @@ def _pixels(page, request) -> np.ndarray:
 
 
 def _mask(page, request) -> np.ndarray:
-    """Whether a mask says that there is nothing, bool [rows, columns]."""
+    """Return whether a mask says that there is nothing, bool [rows, columns]."""
     if page.samplesperpixel != 1:
         raise request.error(f"its mask has {page.samplesperpixel} bands", REWRITE)
     _check_pixels(page, request)
@@ -119,7 +119,7 @@ def _mask(page, request) -> np.ndarray:
 
 
 def _mask_beside(request: Request, shape: tuple[int, ...]) -> np.ndarray:
-    """Whether GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
+    """Return whether GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
     import tifffile
 
     try:

@@ -86,7 +86,7 @@ def _under_skirt(vertices, faces, target_vertices, sheet, progress=lambda share:
 
 
 def _simplify(vertices, faces, target, **options):
-    """At most about ``target`` triangles."""
+    """Reduce a mesh to at most about ``target`` triangles."""
     for aggressiveness in AGGRESSIVENESS:
         if target < len(faces):
             vertices, faces = fast_simplification.simplify(

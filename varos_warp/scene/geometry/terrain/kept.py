@@ -1,4 +1,4 @@
-"""Whether a step kept the model: what was seen of it is still there, with its area, and little else has come.
+"""Find whether a step kept the model: what was seen of it is still there, with its area, and little else has come.
 
 A shrinkwrap makes nothing or slivers of what is thinner than its first grid can tell, and both can be watertight.
 """

@@ -46,7 +46,7 @@ class Log:
     counts: Counter = field(default_factory=Counter)
     warnings: list = field(default_factory=list)
     closed: bool = False
-    """Whether the mesh has got a skirt."""
+    """True if the mesh has got a skirt."""
 
     @contextlib.contextmanager
     def step(self, name: str):

@@ -69,13 +69,13 @@ class Wrap:
 
 
 def is_sheet(vertices, faces) -> bool:
-    """Whether a model is open by nature: its faces' areas, as vectors, do not cancel."""
+    """Return whether a model is open by nature: its faces' areas, as vectors, do not cancel."""
     normals = area_normals(vertices, faces)
     return bool(np.linalg.norm(normals.sum(axis=0)) > FLAT * np.linalg.norm(normals, axis=1).sum())
 
 
 def is_height_field(vertices, faces) -> bool:
-    """Whether every face looks up: seen from above, nothing is hidden."""
+    """Return whether every face looks up: seen from above, nothing is hidden."""
     return all((area_normals(vertices, faces[part])[:, 2] > 0.0).all() for part in chunks(len(faces)))
 
 

@@ -29,7 +29,7 @@ class PhaseFunction(ABC):
     kind: ClassVar[str]
     """Name in the scene file."""
     is_henyey_greenstein = False
-    """Whether kernels have its closed form; all others are tables there."""
+    """True if kernels have its closed form; all others are tables there."""
 
     @property
     def key(self) -> tuple:

@@ -11,11 +11,11 @@ YELLOW, BLACK, GREY, BARE = (0.36, 0.23, 0.02), (0.035, 0.035, 0.037), (0.14, 0.
 CABLE = (0.30, 0.14, 0.02)
 GLASS, PANE = (0.03, 0.032, 0.035), (0.45, 0.45, 0.43)
 ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""From the axes of a drawing (right, up, towards the viewer) to x, -z, y: what is turned about z lies along y."""
+"""Turns a drawing's axes (right, up, towards the viewer) to x, -z, y: what is turned about z lies along y."""
 PLATE_M = 0.012
 """Thickness of the side plates."""
 TETHER_RADIUS_M, TETHER_STEP_M = 0.0075, 0.02
-"""Of the tether, and between the rings that it is made of at most."""
+"""Radius of the tether, and the largest distance between the rings that it is made of."""
 
 
 def rov(block: Rov, key: str, detail: Detail) -> list[Piece]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, optional
 from varos_warp.scene.geometry.files.gltf.document import Document
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4", 5130: "<f8"}
@@ -98,17 +98,16 @@ class DracoPrimitive:
     """
 
     def __init__(self, document: Document, extension: dict):
+        draco = optional(
+            "DracoPy",
+            "the mesh is compressed by Draco, and DracoPy, which decodes that,",
+            "draco",
+            ", or export it without compression",
+            file=document.path,
+            key="KHR_draco_mesh_compression",
+        )
         try:
-            import DracoPy
-        except ImportError:
-            raise InputError(
-                "the mesh is compressed by Draco, and DracoPy, which decodes that, is not installed",
-                file=document.path,
-                key="KHR_draco_mesh_compression",
-                remedy="Run `pip install DracoPy`, or export it without compression.",
-            ) from None
-        try:
-            self.mesh = DracoPy.decode(bytes(document.view(extension.get("bufferView"))))
+            self.mesh = draco.decode(bytes(document.view(extension.get("bufferView"))))
         except InputError:
             raise
         except Exception as error:

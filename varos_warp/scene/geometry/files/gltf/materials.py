@@ -125,6 +125,6 @@ class Materials:
 
 
 def _is_metal(block):
-    """Whether a material is mostly metal: the factor's default is 1, which files without any such thought leave out."""
+    """Return whether a material is mostly metal; the factor's default is 1, and careless files leave it out."""
     stated = "metallicFactor" in block or block.get("metallicRoughnessTexture") is not None
     return stated and float(block.get("metallicFactor", 1.0)) > 0.5

@@ -1,16 +1,20 @@
-"""What a planner decided: its choices with their reasons and errors, and what follows from them for a frame."""
+"""A plan of a sequence: choices with their reasons and errors, and what follows from them for a frame.
 
+The planner (`varos_warp.render.planner`) makes it by test images. It may be left out of an installation: a scene that
+says its integrator and its samples is planned without.
+"""
+
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from varos_warp.errors import counted
+from varos_warp.errors import InputError, counted
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.render.field.open_water import unavailable
 from varos_warp.render.options import resolve_integrator
-from varos_warp.render.planner import by_frame
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import AMBIENT, WATER
 from varos_warp.scene.description.render import sees_water
@@ -23,8 +27,8 @@ INTEGRATORS = {
 """Integrators in words."""
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """Options of `FrameRenderer.render` that a plan says, and its first fields."""
-STEPS = ("views", "integrator", "samples", "more samples", "samples by frame", "time")
-"""Steps of planning, for progress reports; the fourth occurs where the first test images had far too few samples."""
+FIELD_ERROR = 0.002
+"""Relative RMSE of the field without noise: measured, docs/transport.md."""
 
 
 def open_questions(scene: Scene) -> tuple[str, ...]:
@@ -39,8 +43,30 @@ def open_questions(scene: Scene) -> tuple[str, ...]:
     return ("integrator",) * compared + ("samples",) * (render.spp is None)
 
 
-def silently(step: str, share: float) -> None:
-    """Tells nobody how far planning is."""
+def planner_is_here() -> bool:
+    """Return whether this installation has the planner."""
+    try:
+        import varos_warp.render.planner  # noqa: F401
+    except ModuleNotFoundError:
+        return False
+    return True
+
+
+def require_planner(scene: Scene) -> None:
+    """Refuse a scene that leaves a choice to the planner where there is none.
+
+    Raises:
+        InputError: If that is so.
+    """
+    asked = () if planner_is_here() else open_questions(scene)
+    if asked:
+        key, value = ("tolerance", scene.render.tolerance) if "samples" in asked else ("integrator", "auto")
+        raise InputError(
+            "needs the planner (varos_warp.render.planner), which this installation leaves out",
+            key=f"render.{key}",
+            value=value,
+            remedy="Set render.spp, the samples per pixel, and render.integrator, path or field.",
+        )
 
 
 @dataclass(frozen=True)
@@ -123,7 +149,7 @@ class Plan:
     def spp_of(self, camera: str, frame: int) -> float:
         """Samples per pixel of A of one frame."""
         pairs = (self.spp_by_frame or {}).get(camera)
-        return by_frame.spp_between(pairs, frame) if pairs else self.spp
+        return spp_between(pairs, frame) if pairs else self.spp
 
     def mean_spp(self, camera: str, count: int) -> float:
         """Samples per pixel of A, on average over the frames of a sequence."""
@@ -132,11 +158,11 @@ class Plan:
     @property
     def spp_in_words(self) -> str:
         """How many samples per pixel of A the frames have."""
-        least, most = by_frame.extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
+        least, most = extent(self.spp_by_frame) if self.spp_by_frame else (self.spp, self.spp)
         return f"{f'{least} to ' * (least < most)}{counted(most, 'sample')} per pixel"
 
     def says_how(self, letters: Iterable[str]) -> bool:
-        """Whether it says how images are rendered; of A it does not if it was made for others."""
+        """Return whether it says how images are rendered; of A it does not if it was made for others."""
         return not sees_water(letters) or all(decision.what != WATER for decision in self.decisions)
 
     def to_dict(self) -> dict[str, Any]:
@@ -162,6 +188,35 @@ class Plan:
         return cls(**known, decisions=decisions, models=content.get("models") or {}, stated_error=content.get("error"))
 
 
+def given_integrator(scene: Scene) -> Decision:
+    """The integrator that a scene names, or that is left for it where it has no field.
+
+    Raises:
+        InputError: If the field is named and there is none.
+    """
+    render, why = scene.render, "given"
+    found = resolve_integrator(render.integrator, render.max_scatterings, lambda: unavailable(scene))
+    if found != render.integrator and render.max_scatterings is not None:
+        why = "the field holds all orders of scattering, and a bound is given"
+    elif found != render.integrator:
+        why = unavailable(scene)
+    return Decision("integrator", found, why, (FIELD_ERROR if found == "field" else 0.0,) * 3)
+
+
+def plan_as_given(scene: Scene) -> Plan:
+    """The plan of a scene that leaves nothing to a planner (`open_questions`); its images are as the planner's.
+
+    Raises:
+        InputError: If the field is named and there is none.
+    """
+    render = scene.render
+    if not sees_water(render.outputs):  # nothing else pays for water
+        decisions = [Decision(WATER, "none", "it is not among the outputs")]
+    else:
+        decisions = [given_integrator(scene), Decision("spp", str(render.spp), "given")]
+    return Plan(render.spp or 1, render.max_scatterings, render.max_bounces, render.integrator, decisions=decisions)
+
+
 def models_in_words(
     scene: Scene, plan: Plan, outputs: Iterable[str], denoisers: dict[str, str | None]
 ) -> dict[str, str]:
@@ -179,9 +234,14 @@ def models_in_words(
     }
 
 
-def in_words(seconds: float) -> str:
-    """A time for people."""
-    for size, name in ((3600.0, "hours"), (60.0, "minutes")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.2g} {name}"
-    return f"{seconds:.2g} seconds"
+def extent(given: dict[str, list[list[float]]]) -> tuple[float, float]:
+    """The fewest and the most samples of all cameras' frames (`knots`)."""
+    counts = [spp for pairs in given.values() for _, spp in pairs]
+    return min(counts), max(counts)
+
+
+def spp_between(pairs: list[list[float]], frame: int) -> float:
+    """Samples per pixel of a camera's frame by its `knots`."""
+    after = bisect_right(pairs, frame, key=lambda pair: pair[0])
+    (start, spp), (end, next_spp) = pairs[after - 1], pairs[min(after, len(pairs) - 1)]
+    return spp + (next_spp - spp) * (frame - start) / max(end - start, 1)

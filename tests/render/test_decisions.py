@@ -2,7 +2,7 @@
 
 import json
 
-from varos_warp.render.planner.decisions import Decision, Plan
+from varos_warp.render.decisions import Decision, Plan
 
 PLAN = Plan(
     12.5,
