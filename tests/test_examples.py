@@ -132,11 +132,11 @@ def test_every_template_is_listed_and_the_listing_names_no_other():
 
 
 def every_model(model: type[BaseModel] = Scene, found: frozenset = frozenset()) -> frozenset[type[BaseModel]]:
-    """A model, and those of its fields."""
+    """A model, and those of its fields; deprecated ones aside."""
     if model in found:
         return found
     found |= {model}
-    for field in model.model_fields.values():
+    for field in (field for field in model.model_fields.values() if not field.deprecated):
         for inner in models_in(field.annotation):
             found = every_model(inner, found)
     return found - {NoDistortion}  # which examples show, too, but which is loaded as no block

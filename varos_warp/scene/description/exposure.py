@@ -132,4 +132,5 @@ def with_shutter(camera: Any) -> Any:
     times = {"time_s": old.exposure_s, "readout_s": old.readout_s}
     vars(camera).update(shutter=None, exposure=exposure.model_copy(update=times))
     camera.model_fields_set.discard("shutter")
+    camera.model_fields_set.add("exposure")
     return camera
