@@ -10,11 +10,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 BOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 MOST_LINES = 60
-LITTLE_TO_FORM = (
-    '"render.max_triangles=20000"',
-    '"render.max_triangles=20000", "growth=[]", *(f"objects.{i}.chord_error_m=0.05" for i in range(5))',
-)
-"""What tiny scenes leave out, and what is left out besides: no lesson is about it, and it takes most of the time."""
 
 
 def cells(path: Path, kind: str) -> list[dict]:
@@ -28,8 +23,6 @@ def executed(request, tmp_path_factory):
     pytest.importorskip("ipykernel")
     place = tmp_path_factory.mktemp(request.param.stem)
     book = nbformat.read(shutil.copy(request.param, place), as_version=4)
-    for cell in book.cells:
-        cell.source = cell.source.replace(*LITTLE_TO_FORM)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VAROS_NOTEBOOK", "tiny")
         nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(place)}}).execute()
@@ -63,5 +56,4 @@ def test_a_notebook_is_stored_without_outputs_and_is_short(path):
 def test_the_page_lists_every_notebook():
     text = (ROOT / "docs" / "howto" / "notebooks.md").read_text(encoding="utf-8")
     assert BOOKS
-    assert all(LITTLE_TO_FORM[0] in path.read_text().replace('\\"', '"') for path in BOOKS)
     assert set(re.findall(r"notebooks/(\w+)\.ipynb", text)) == {path.stem for path in BOOKS}

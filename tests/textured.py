@@ -91,11 +91,11 @@ def textured_scene(outputs="ADF", **render):
     )
 
 
-def write(out, c=0.0, noise=0.002, **scene_keys):
+def write(out, c=0.0, noise=0.002, frames=slice(None), **scene_keys):
     """A dataset of the floor through water with an attenuation c [1/m]."""
     scene = textured_scene(**scene_keys)
     scene = scene.model_copy()
     renderer = TexturedRenderer(scene)
     renderer.c, renderer.noise = c, noise
-    produce(scene, out, quiet=True, renderer=renderer)
+    produce(scene, out, quiet=True, renderer=renderer, frames=frames)
     return out
