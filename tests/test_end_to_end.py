@@ -25,6 +25,9 @@ SMALL = [
     "terrain.resolution=65",
     "--set",
     "scatter=[{object: {kind: nut, size: M64}, count: 3, circle: [0, 4, 2]}]",
+    "--set",
+    "render.max_triangles=20000",
+    *(word for i in (0, 3, 4, 5) for word in ("--set", f"objects.{i}.chord_error_m=0.05")),
 ]
 """With a few copies: kernels for them, textures and the field are those of tests/physics/test_field_integrator.py."""
 

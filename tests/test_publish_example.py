@@ -8,14 +8,23 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 import varos_warp as vw
+from varos_warp.cli import app
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "publish"
+FEW_THINGS = [
+    word
+    for change in ("growth=[]", "terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3")
+    for word in ("--set", change)
+]
+"""The scene with little to form: what is published of it are files all the same."""
 TINY = [
     "sample",
     "--waters",
@@ -37,15 +46,34 @@ TINY = [
         )
         for word in ("--set", change)
     ),
+    *FEW_THINGS,
 ]
+
+
+def run_here(line, stdout=None, text=True, capture_output=False):
+    """As subprocess.run a verb of varos-warp, without the seconds in which a process starts."""
+    assert line[:3] == [sys.executable, "-m", "varos_warp"]
+    result = CliRunner().invoke(app, line[3:])
+    if not capture_output:
+        print(result.stderr, end="", file=sys.stderr)
+        print(result.stdout if stdout is None else "", end="")
+    return subprocess.CompletedProcess(line, result.exit_code, result.stdout, result.stderr)
 
 
 @pytest.fixture(scope="module")
 def publish():
-    """The command."""
+    """The command, whose verbs run in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(EXAMPLE))
-        yield importlib.import_module("publish")
+        module = importlib.import_module("publish")
+        patch.setattr(module, "subprocess", SimpleNamespace(**vars(subprocess) | {"run": run_here}))
+        yield module
+
+
+@pytest.fixture
+def by_processes(publish, monkeypatch):
+    """Its verbs run as users have them."""
+    monkeypatch.setattr(publish, "subprocess", subprocess)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +94,7 @@ def unpacked(made, tmp_path_factory):
 def test_the_archive_holds_whole_datasets_and_what_they_share_once(made, unpacked):
     (folder,) = unpacked.iterdir()
     for water in ("clear", "coast"):
-        subprocess.run([sys.executable, "-m", "varos_warp", "validate", folder / water, "-q"], check=True)
+        assert CliRunner().invoke(app, ["validate", str(folder / water), "-q"]).exit_code == 0
     clear, coast = (vw.Dataset(folder / water) for water in ("clear", "coast"))
     with tarfile.open(next((made / "upload").glob("*.tar"))) as tar:
         links = {member.name.split("/", 1)[1] for member in tar if member.islnk()}
@@ -76,7 +104,7 @@ def test_the_archive_holds_whole_datasets_and_what_they_share_once(made, unpacke
         assert (images[1].relative_to(folder).as_posix() in links) is shared
 
 
-def test_bytes_follow_from_the_files_alone(publish, made):
+def test_bytes_follow_from_the_files_alone(publish, made, by_processes):
     before = {path.name: path.read_bytes() for path in (made / "upload").iterdir()}
     for path in (made / "datasets").rglob("*.png"):
         os.utime(path, (1e9, 1e9))
@@ -183,10 +211,10 @@ def test_a_folder_that_holds_something_else_is_refused_and_left(publish, made, t
         mine.unlink()
 
 
-def test_what_would_be_too_large_is_refused_before_anything_is_made(publish, tmp_path, capfd):
+def test_what_would_be_too_large_is_refused_before_anything_is_made(publish, tmp_path, capfd, by_processes):
     out = tmp_path / "out"
     large = [word for i in range(2) for word in ("--set", f"vehicle.cameras.{i}.resolution=[4000,4000]")]
-    assert publish.main(["sample", "-o", str(out), *large]) == 2
+    assert publish.main(["sample", "-o", str(out), *large, *FEW_THINGS, "--set", "render.max_triangles=20000"]) == 2
     told = capfd.readouterr()
     assert "more than 50 MB" in told.err
     assert "in 3 waters" in told.out

@@ -1,5 +1,6 @@
 """A stand-in over a flat floor with a texture of many scales, for features, and water of any turbidity."""
 
+from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,6 +22,22 @@ def texture(x, y):
     return (0.5 + 0.08 * total).clip(0.02, 0.98)
 
 
+@lru_cache(maxsize=64)
+def floor_seen(resolution, K, T_w_c):
+    """Distance [H, W] to the floor in units of planar depth, inf beside it, and the texture there.
+
+    Kept, for datasets of several waters have the same course: nearly all of the time goes into the texture.
+    """
+    K, T = (np.frombuffer(matrix).reshape(n, n) for matrix, n in ((K, 3), (T_w_c, 4)))
+    width, height = resolution
+    col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    world = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(K).T @ T[:3, :3].T
+    with np.errstate(divide="ignore"):
+        t = np.where(world[..., 2] < 0, (standins.FLOOR_Z - T[2, 3]) / world[..., 2], np.inf)
+    point = world * np.where(np.isfinite(t), t, 0.0)[..., None] + T[:3, 3]
+    return t, texture(point[..., 0], point[..., 1])
+
+
 class TexturedRenderer(standins.FlatFloorRenderer):
     """A is exp(-2 c d) times the texture, and a veil of 1 - exp(-2 c d), with a little noise of the pixels."""
 
@@ -29,17 +46,11 @@ class TexturedRenderer(standins.FlatFloorRenderer):
     def render(self, T_w_v, camera, outputs, **how):
         made = super().render(T_w_v, camera, outputs, **how)
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
-        width, height = view.resolution
-        col, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        ray = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(intrinsics(view)).T
-        T = camera_pose(view, T_w_v)
-        world = ray @ T[:3, :3].T
-        with np.errstate(divide="ignore"):
-            t = np.where(world[..., 2] < 0, (standins.FLOOR_Z - T[2, 3]) / world[..., 2], np.inf)
+        matrices = (np.asarray(m, float).tobytes() for m in (intrinsics(view), camera_pose(view, T_w_v)))
+        t, albedo = floor_seen(tuple(view.resolution), *matrices)
         hit = np.isfinite(t)
-        point = world * np.where(hit, t, 0.0)[..., None] + T[:3, 3]
         left = np.where(hit, np.exp(-2 * self.c * np.where(hit, t, 0.0)), 0.0)
-        direct = left * texture(point[..., 0], point[..., 1])
+        direct = left * albedo
         rng = np.random.default_rng([how["frame"], *camera.encode()])
         veil = 1.0 - left + rng.normal(0.0, self.noise, left.shape)
         layers = {
@@ -80,11 +91,11 @@ def textured_scene(outputs="ADF", **render):
     )
 
 
-def write(out, c=0.0, noise=0.002, **scene_keys):
+def write(out, c=0.0, noise=0.002, frames=slice(None), **scene_keys):
     """A dataset of the floor through water with an attenuation c [1/m]."""
     scene = textured_scene(**scene_keys)
     scene = scene.model_copy()
     renderer = TexturedRenderer(scene)
     renderer.c, renderer.noise = c, noise
-    produce(scene, out, quiet=True, renderer=renderer)
+    produce(scene, out, quiet=True, renderer=renderer, frames=frames)
     return out

@@ -149,14 +149,23 @@ def test_errors_of_one_sample_with_the_field_are_what_images_differ_by():
     assert np.isinf(renderer.render(np.eye(4), outputs="A", integrator="path", spp=1).A.stderr).all()
 
 
+@pytest.fixture(scope="module")
+def for_a_denoiser():
+    """A renderer of such images, and some of many samples."""
+    renderer = renderer_of(FLOOR_AND_BOX, "oidn")
+    return renderer, [
+        renderer.render(np.eye(4), outputs="A", integrator="field", spp=32, seed=k).A.radiance for k in range(6)
+    ]
+
+
 @pytest.mark.parametrize("spp", [0.25, 0.5, 1, 2])
-def test_errors_of_images_for_a_denoiser_are_what_images_differ_by(spp):
+def test_errors_of_images_for_a_denoiser_are_what_images_differ_by(for_a_denoiser, spp):
     """Of few samples most blocks have less than one subpath a pixel; and their means are right.
 
     Image means: four standard errors of the difference to images of many samples. Those of tiles' means are estimates
     of one degree of freedom, where sides take unlike numbers too large (kernels/film `tile_variances`).
     """
-    renderer, seeds = renderer_of(FLOOR_AND_BOX, "oidn"), 96
+    (renderer, many), seeds = for_a_denoiser, 96
     images = [
         renderer.render(np.eye(4), outputs="A", integrator="field", spp=spp, seed=700 + k).A for k in range(seeds)
     ]
@@ -172,7 +181,6 @@ def test_errors_of_images_for_a_denoiser_are_what_images_differ_by(spp):
     tiles = radiance.reshape(seeds, rows, TILE, cols, TILE, 3).mean((2, 4))
     ratio = np.square(blocks).mean((0, 1, 2)) / tiles.var(axis=0, ddof=1).mean((0, 1))
     assert np.all((ratio > 0.75) & (ratio < 1.6)), ratio
-    many = [renderer.render(np.eye(4), outputs="A", integrator="field", spp=32, seed=k).A.radiance for k in range(6)]
     means = [np.array(kind, float).mean((1, 2)) for kind in (radiance, many)]
     error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
     assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)

@@ -19,14 +19,12 @@ from varos_warp.dataset.readiness.odometry import forecast
 from varos_warp.dataset.readiness.odometry.score import STANDS, WRONG_TURN, WRONG_WAY, failed
 
 
-@pytest.fixture(scope="module")
-def sweep(tmp_path_factory):
+def as_of_a_sweep(root, frames=slice(None)):
     """As a sweep over two waters and two seeds leaves it; the noise of the pixels stands for what seeds change."""
-    root = tmp_path_factory.mktemp("sweep")
     versions = []
     for water, c in (("clear", 0.1), ("murky", 1.2)):
         for seed in (1, 2):
-            textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, outputs="AD")
+            textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, frames=frames, outputs="AD")
             versions.append(
                 {
                     "name": f"{water}-{seed}",
@@ -36,6 +34,11 @@ def sweep(tmp_path_factory):
             )
     (root / "sweep.json").write_text(json.dumps({"versions": versions}), encoding="utf-8")
     return root
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    return as_of_a_sweep(tmp_path_factory.mktemp("sweep"))
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +63,10 @@ def without_truth(tmp_path_factory):
     return textured.write(tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A")
 
 
-def test_the_forecast_does_not_know_the_truth(sweep, without_truth, monkeypatch):
+def test_the_forecast_does_not_know_the_truth(found, without_truth, monkeypatch):
     """Without D and F, and where poses cannot be read, it is the same to the last digit."""
-    [told] = readiness([sweep / "clear-1"], seeds=1)
+    told = found[0]
+    assert told.root.name == "clear-1"
 
     def no_truth(*_, **__):
         raise AssertionError("the truth was asked for")
@@ -140,7 +144,7 @@ def test_the_bootstrap_draws_datasets_not_frames():
     assert failure_forecast.bootstrap(*(np.repeat(v, 9) for v in (score, failing, dataset))) == pytest.approx(once)
 
 
-def test_datasets_that_differ_in_their_seed_alone_are_one_with_a_standard_error(sweep, found, tmp_path):
+def test_datasets_that_differ_in_their_seed_alone_are_one_with_a_standard_error(sweep, found):
     names = of_one_sea([sweep])
     assert len(names) == 4
     assert len(set(names.values())) == 2
@@ -154,12 +158,18 @@ def test_datasets_that_differ_in_their_seed_alone_are_one_with_a_standard_error(
     assert [len(row) for row in rows] == [len(header)] * 2
     assert "(2 seeds)" in rows[0][0]
     assert "±" in rows[0][header.index("RMS contrast of A")]
+
+
+def test_the_command_tells_of_datasets_that_differ_in_their_seed_alone(tmp_path):
+    """Of three frames each."""
+    sweep = as_of_a_sweep(tmp_path / "sweep", slice(0, 3))
     done = CliRunner().invoke(
         app, ["readiness", str(sweep), "--json", "--seeds", "1", "--quiet", "-o", str(tmp_path / "page.html")]
     )
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
-    assert [group["datasets"] for group in told["over_seeds"]] == [group["datasets"] for group in (clear, murky)]
+    pairs = [[str(sweep / f"{water}-{seed}") for seed in (1, 2)] for water in ("clear", "murky")]
+    assert [group["datasets"] for group in told["over_seeds"]] == pairs
     assert all(0 <= each["failure_chance"] <= 1 for each in told["datasets"])
 
 

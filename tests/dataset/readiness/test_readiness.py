@@ -84,11 +84,13 @@ def test_excitation_is_the_deviation_of_the_readings(seas):
     np.testing.assert_allclose(means, np.array([0.5, 2.5, 4.5])[:, None] * np.ones(3))
 
 
-def test_the_command_prints_a_table_and_writes_a_page(seas, tmp_path):
+def test_the_command_prints_a_table_and_writes_a_page(tmp_path):
+    """Of three frames each."""
     import cv2  # noqa: F401 - the command needs it
 
+    seas = [textured.write(tmp_path / f"c{i}", c, noise=0.004, frames=slice(0, 3)) for i, c in enumerate((0.0, 0.25))]
     page = tmp_path / "page.html"
-    done = CliRunner().invoke(app, ["readiness", *map(str, seas[:2]), "-o", str(page), "--seeds", "1", "--quiet"])
+    done = CliRunner().invoke(app, ["readiness", *map(str, seas), "-o", str(page), "--seeds", "1", "--quiet"])
     assert done.exit_code == 0, done.output
     assert "<html" in page.read_text(encoding="utf-8").lower()
     assert all(words in done.stdout for words in (f"{seas[0]}: loop closures", f"{seas[1]}: loop closures", str(page)))

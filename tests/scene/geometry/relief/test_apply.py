@@ -47,13 +47,15 @@ def test_two_stones_of_one_seed_and_material_have_surfaces_of_their_own():
 
 def test_near_copies_have_a_finer_mesh_than_far_ones_and_all_keep_their_numbers():
     block = {"object": {k: v for k, v in STONE.items() if k != "position"}, "count": 30}
-    groups = [part for part in build_parts(scene(scatter=[block])) if isinstance(part, Instances)]
+    made = scene(scatter=[block], vehicle={"cameras": [{**CAMERA, "resolution": [320, 180]}]})
+    parts = build_parts(made)
+    groups = [part for part in parts if isinstance(part, Instances)]
     assert len(groups) > 1
     assert sorted(np.concatenate([group.numbers for group in groups])) == list(range(30))
     away = [np.linalg.norm(group.T_w_o[:, :3, 3] - [0, 0, 0.5], axis=1) for group in groups]
     assert all(len(a.faces) >= len(b.faces) for a, b in pairwise(groups))
     assert max(away[0]) < max(away[-1])
-    names = DeviceScene(scene(scatter=[block]), build_parts(scene(scatter=[block])), "cpu").part_names
+    names = DeviceScene(made, parts, "cpu").part_names
     assert names == ["terrain", *(f"scatter.0.{i}" for i in range(30))]
 
 
@@ -71,9 +73,10 @@ def test_what_passes_near_a_camera_is_as_fine_as_it_must_be_there(tmp_path):
     (tmp_path / "plate.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
     path = [{"time_s": 0, "position": [-20, 1.5, 0.5]}, {"time_s": 20, "position": [20, 1.5, 0.5]}]
     moving = {"file": str(tmp_path / "plate.obj"), "material": "rock", "path": path}
-    (passing,) = build_parts(scene(objects=[moving], terrain=None))
+    few = {"cameras": [{**CAMERA, "resolution": [160, 90]}]}
+    (passing,) = build_parts(scene(objects=[moving], terrain=None, vehicle=few))
     edges = np.linalg.norm(passing.vertices[passing.faces[:, 0]] - passing.vertices[passing.faces[:, 1]], axis=1)
-    assert edges.mean() < 3.0 * 1.5 / 640
+    assert edges.mean() < 3.0 * 1.5 / 160
 
 
 def test_drifts_without_relief_are_refused():
