@@ -46,7 +46,7 @@ def seeded():
 
 WHOLE_FIELD = {"physics", "field", "test_media_limits.py", "test_lamp_limits.py", "test_plan.py"}
 """Folders and files of tests that hold the field against what is known otherwise."""
-ANY_FIELD = {"test_end_to_end.py", "test_sharing_real.py", "test_spectral_datasets.py", "test_unlike_scenes.py"}
+ANY_FIELD = {"test_end_to_end.py", "test_unlike_scenes.py"}
 """Files of tests to which its values do not matter."""
 
 

@@ -15,6 +15,8 @@ from varos_warp.scene.file.load import DATA, demo_scene_path, load_scene
 from varos_warp.scene.geometry.build import build_parts
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+FEW = ["render.max_triangles=20000"]
+"""What a scene holds does not follow from how fine its surfaces are."""
 
 
 def still():
@@ -74,12 +76,12 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
 @pytest.mark.parametrize(
     ("file", "changes"),
     [
-        (DATA / "starter.yaml", []),
+        (DATA / "starter.yaml", FEW),
         (
             DATA / "starter.yaml",
             ["growth=[]", "objects=[]", "scatter=[]", "materials={}", "terrain={kind: procedural, resolution: 65}"],
         ),
-        (DATA / "templates" / "stereo_survey.yaml", []),
+        (DATA / "templates" / "stereo_survey.yaml", FEW),
         (EXAMPLES / "every_block" / "scene.yaml", []),
     ],
     ids=["starter", "grey", "stereo_survey", "every_block"],
