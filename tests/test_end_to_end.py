@@ -72,7 +72,7 @@ def test_two_shards_of_a_real_run_give_the_same_bytes(made, tmp_path):
 
 def test_the_reference_integrator_renders_the_same_scene_and_is_on_record(made, tmp_path):
     """Its image is the other's within their standard errors, and the plan says whose it is."""
-    out, how = tmp_path / "out", [*SMALL, "--frames", "0:1", "--outputs", "A", "--spp", "64", "--linear-exr"]
+    out, how = tmp_path / "out", [*SMALL, "--frames", "0:1", "--outputs", "A", "--spp", "96", "--linear-exr"]
     scene = made / "scene.yaml"
     for name in ("reference", "path"):
         call("render", scene, "-o", out / name, "--integrator", name, *how)
