@@ -2,7 +2,10 @@
 
 import json
 
-from varos_warp.render.decisions import Decision, Plan
+import pytest
+
+from varos_warp.render.decisions import Decision, Plan, plan_as_given
+from varos_warp.scene.file.load import scene_from_dict
 
 PLAN = Plan(
     12.5,
@@ -40,3 +43,22 @@ def test_a_plan_of_before_samples_differed_by_frame_is_read():
     plan = Plan.from_dict(old)
     assert plan.options == {"spp": 8, "max_scatterings": 4, "max_bounces": None, "integrator": "auto"}
     assert (plan.spp_of("M0", 7), plan.error, plan.says_how("CD"), plan.says_how("A")) == (8, None, True, False)
+
+
+@pytest.mark.parametrize(("integrator", "spp"), [("path", 1), ("field", 0.25)])
+def test_samples_are_those_that_are_taken(integrator, spp):
+    """Paths alone take whole samples; a plan that said 0.25 of them would be wrong."""
+    scene = scene_from_dict(
+        {
+            "water": {"jerlov": {"type": "IB"}},
+            "vehicle": {
+                "lights": [{"kind": "point", "position": [0.5, 0, 0], "intensity": [1, 1, 1]}],
+                "cameras": [{"id": "M0", "resolution": [16, 9]}],
+            },
+            "trajectory": {"poses": [{"position": [0, 0, 0]}]},
+            "render": {"outputs": ["A"], "spp": 0.25, "integrator": integrator},
+        }
+    )
+    plan = plan_as_given(scene)
+    assert plan.spp == spp
+    assert plan.decisions[1].choice == str(spp)

@@ -7,6 +7,7 @@ says its integrator and its samples is planned without.
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -212,9 +213,14 @@ def plan_as_given(scene: Scene) -> Plan:
     render = scene.render
     if not sees_water(render.outputs):  # nothing else pays for water
         decisions = [Decision(WATER, "none", "it is not among the outputs")]
+        spp = render.spp or 1
     else:
-        decisions = [given_integrator(scene), Decision("spp", str(render.spp), "given")]
-    return Plan(render.spp or 1, render.max_scatterings, render.max_bounces, render.integrator, decisions=decisions)
+        integrator = given_integrator(scene)
+        # without the field, samples are whole
+        spp = render.spp if integrator.choice == "field" else ceil(render.spp)
+        why = "given" if spp == render.spp else f"{render.spp} given, and without the field they are whole numbers"
+        decisions = [integrator, Decision("spp", str(spp), why)]
+    return Plan(spp, render.max_scatterings, render.max_bounces, render.integrator, decisions=decisions)
 
 
 def models_in_words(

@@ -52,6 +52,12 @@ def test_lamps_that_shine_elsewhere_do_not_count():
         gains_of(scene_of([aside, behind, line]))
 
 
+def test_a_lamp_in_the_very_surface_does_not_count():
+    """Its distance is 0, and it lights nothing that faces the camera."""
+    there = LAMP | {"position": [0.0, 2.0, 0.0], "intensity": [1, 5, 9]}
+    np.testing.assert_array_equal(gains_of(scene_of([there, LAMP])), gains_of(scene_of()))
+
+
 def test_bounds_are_kept_and_told():
     scene = scene_of(camera={"focus_m": 9.0})
     assert gains_of(scene)[0] == 4.0

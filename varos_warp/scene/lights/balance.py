@@ -38,11 +38,10 @@ def lamp_gains(scene: Scene, camera: Any) -> np.ndarray:
     place = T_v_c[:3, 3] + camera.focus_m * T_v_c[:3, 2]
     for lamp in (lamp for lamp in scene.vehicle.lights if lamp.kind != "sheet"):
         way = place - np.array(lamp.position)
-        r = float(np.linalg.norm(way))
-        cosine = float(way @ T_v_c[:3, 2]) / r
-        if cosine > 0.0:
+        r, ahead = float(np.linalg.norm(way)), float(way @ T_v_c[:3, 2])
+        if ahead > 0.0:
             intensity = _towards(lamp, scene, way / r) * np.asarray(lamp.intensity, float)
-            light += intensity * cosine / r**2 * np.exp(-k * (r + camera.focus_m))
+            light += intensity * ahead / r**3 * np.exp(-k * (r + camera.focus_m))
     if not (light > 0.0).all():
         raise InputError(
             f"none of the vehicle's lamps lights the middle of the image of camera {camera.id} in all channels at its "
