@@ -36,6 +36,8 @@ def compiling(kernels: Iterable[wp.Kernel], device: str) -> Iterator[None]:
 
     What has not begun at its end is compiled when it is needed; what has begun goes on.
     """
+    if device != "cpu":
+        wp.empty(1, dtype=wp.int32, device=device)  # makes the context here: Warp lets several threads make it at once
     with _threads(max(2, usable_cores() // CORES_TO_COMPILE)) as pool:
         for kernel in kernels:
             pool.submit(load_kernel, kernel, device)

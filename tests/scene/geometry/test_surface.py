@@ -67,6 +67,13 @@ def test_a_face_edge_on_is_as_far_as_its_nearest_corner(offset):
     np.testing.assert_allclose(t, [1.0], atol=1e-12)
 
 
+def test_a_face_edge_on_around_the_ray_is_there():
+    """It reaches behind where the ray begins, and no distance is negative."""
+    surface = _EdgeOn(np.array([[-5.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 3.0]]), np.array([[0, 1, 2]]))
+    t = surface.distances(np.array([[0.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]]))
+    np.testing.assert_array_equal(t, [0.0])
+
+
 def test_of_faces_the_other_way_the_plane_counts():
     surface = Surface(np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 4.0]]), np.array([[0, 1, 2]]))
     t = surface.distances(np.array([[1.0, 1.0, 5.0]]), np.array([[0.0, 0.0, -1.0]]))

@@ -142,4 +142,4 @@ def _along(points, directions, corners):
     of_corners /= np.square(directions).sum(axis=1)[:, None]
     least, most = of_corners.min(axis=1), of_corners.max(axis=1)
     slack = EDGE_ON * (1.0 + np.abs(of_corners).max(axis=1))
-    return np.where((t >= least - slack) & (t <= most + slack), t, least)
+    return np.where((t >= least - slack) & (t <= most + slack), t, np.maximum(least, 0.0))
