@@ -4,6 +4,7 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,6 +61,16 @@ class Store:
         """The scene's block of that name."""
         return self.scene.render
 
+    @cached_property
+    def rules(self) -> dict[tuple[str, str], exposure.Rule]:
+        """How images of colour are exposed, by camera and letter: that for lamps reads their files."""
+        letters = [letter for letter in self.render.outputs if OUTPUTS[letter].is_color]
+        return {
+            (view, letter): exposure.rule_of(self.scene, view, letter)
+            for view in self.layout.cameras
+            for letter in letters
+        }
+
     def missing(self, frames: list[int]) -> Iterator[ImageJob]:
         """What there is to render of these frames."""
         for frame in frames:
@@ -100,7 +111,7 @@ class Store:
         with clock("encode"):
             half, clamped = to_half(denoised)
             files.write_exr(paths["_exr"], {"RGB": half})
-            rule = exposure.rule_of(self.scene, camera, letter)
+            rule = self.rules[camera, letter]
             if (gain := rule.known(letter)) is not None:
                 Developer(self.layout, self.scene).write(camera, letter, frame, half, gain)
             return Stored(clamped, rule.statistics(half))

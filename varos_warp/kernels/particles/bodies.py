@@ -95,6 +95,8 @@ class Cells:
     slope: float
     """Exponent of the number of bodies by radius."""
     key: wp.uint32
+    ends: wp.array(dtype=int)
+    """Where the bodies of each cell end among those of all that are seen (`count_bodies`); empty: not yet counted."""
 
 
 @wp.struct

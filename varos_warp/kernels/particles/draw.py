@@ -132,12 +132,12 @@ def count_bodies(
 
 
 @wp.func
-def body_by_number(cells: Cells, ends: wp.array(dtype=int), i: int):
-    """The i-th body of cells whose bodies end at these numbers."""
-    cell = wp.lower_bound(ends, i + 1)
+def body_by_number(cells: Cells, i: int):
+    """The i-th body of all cells."""
+    cell = wp.lower_bound(cells.ends, i + 1)
     first = int(0)
     if cell > 0:
-        first = ends[cell - 1]
+        first = cells.ends[cell - 1]
     return body_of(cells, cell_of(cells, cell), i - first)
 
 
@@ -381,7 +381,6 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         cone: Cone,
         particles: Particles,
         cells: Cells,
-        bodies: wp.array(dtype=int),  # where those of each cell end: `count_bodies`, summed up
         first_row: int,
         # out
         listed: SplatList,
@@ -394,7 +393,7 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
             count = listed.ends[i] - listed.counts[i]
             if listed.counts[i] == 0:
                 return
-        body = body_by_number(cells, bodies, i)
+        body = body_by_number(cells, i)
         if not is_out_of_sight(cone, particles, body):
             for k in range(wp.static(channels)):
                 channel = wp.where(wp.static(channels == 1), GREEN, k)

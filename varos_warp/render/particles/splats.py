@@ -65,11 +65,11 @@ def splats_by_tiles(
         resolution: Width and height of the image.
     """
     device, lists = launcher.device, []
-    for some, (bodies, count) in zip(seen, _bodies(launcher, seen), strict=True):
+    for some, count in zip(seen, _count(launcher, seen), strict=True):
         listed = SplatList()
         listed.counts, listed.ends, listed.tiles = _integers(count, device), _integers(0, device), _integers(0, device)
         listed.splats = wp.empty(0, dtype=Splat, device=device)
-        arguments = {**known, **some._asdict(), "bodies": bodies, "listed": listed}
+        arguments = {**known, **some._asdict(), "listed": listed}
         launcher.rows(kernel, (count,), arguments, tile_rows=ROWS)
         listed.ends = _ends(listed.counts)
         lists.append((listed, arguments))
@@ -86,14 +86,13 @@ def splats_by_tiles(
     return {"splats": splats, **_sorted(launcher, tiles, count, resolution)}
 
 
-def _bodies(launcher: Launcher, seen: Sequence[Seen]) -> list[tuple[wp.array, int]]:
-    """Where the bodies of each cell end, and how many there are, of each class."""
-    ends = []
+def _count(launcher: Launcher, seen: Sequence[Seen]) -> list[int]:
+    """How many bodies there are of each class; cells then know where theirs end."""
     for some in seen:
         counts = _integers(int(np.prod(some.cells.size)), launcher.device)
         launcher.rows(count_bodies, counts.shape, {**some._asdict(), "counts": counts}, tile_rows=ROWS)
-        ends.append(_ends(counts))
-    return list(zip(ends, _totals(launcher, ends), strict=True))
+        some.cells.ends = _ends(counts)
+    return _totals(launcher, [some.cells.ends for some in seen])
 
 
 def _ends(counts: wp.array) -> wp.array:

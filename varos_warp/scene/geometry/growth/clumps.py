@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
 from varos_warp.scene.geometry.growth.chance import Field, field_of, mixed, poisson_counts, uniform
+from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
 
 GROUPS = ((50.0, 0.8), (16.0, 0.6))
 """Wavelengths of a kind's own patches, in the radius of its clumps, and shares of the noise's deviation."""
@@ -194,7 +195,7 @@ class _Law:
 
     def gate(self, noise):
         """Share of the clumps that there are at places of such a noise."""
-        return np.ones(np.shape(noise)) if np.isinf(self.rim) else _smooth((noise - self.rim) / PATCH_EDGE)
+        return np.ones(np.shape(noise)) if np.isinf(self.rim) else smoothstep(0.0, 1.0, (noise - self.rim) / PATCH_EDGE)
 
 
 @lru_cache
@@ -241,9 +242,7 @@ def _near(middle, radius, points):
 
 def _profile(x):
     """How full a clump is so many radii from its middle."""
-    return np.maximum(
-        _smooth((EMPTY_FROM - x) / (EMPTY_FROM - FULL_TO)), HALO * _smooth((HALO_TO - x) / (HALO_TO - 1.0))
-    )
+    return np.maximum(smoothstep(EMPTY_FROM, FULL_TO, x), HALO * smoothstep(HALO_TO, 1.0, x))
 
 
 def _radius(u):
@@ -263,10 +262,5 @@ def _ball() -> float:
     return float(4.0 * np.pi * np.sum(_profile(x) * x * x) * HALO_TO / 10_000)
 
 
-def _smooth(t):
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)
-
-
 def _left_by_scars(noise):
-    return IN_SCARS + (1.0 - IN_SCARS) * _smooth((noise - BARE_BELOW) / (FULL_ABOVE - BARE_BELOW))
+    return IN_SCARS + (1.0 - IN_SCARS) * smoothstep(BARE_BELOW, FULL_ABOVE, noise)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from varos_warp.scene.geometry.growth.solids import Solid, waves
-from varos_warp.scene.geometry.topology import area_normals
+from varos_warp.scene.geometry.relief.form import vertex_normals
 
 SILT = np.array([0.175, 0.159, 0.123])
 FROM = np.array([0.0, 0.6, 0.8])
@@ -16,10 +16,7 @@ MOST, ALL_OVER, RAGGED = 0.75, 0.1, 0.22
 
 def dusted(clean: Solid, thin: bool) -> Solid:
     """The same with silt on its upper side; of what is ``thin``, such as blades, on both sides."""
-    normal = np.zeros_like(clean.vertices)
-    for column in clean.faces.T:
-        np.add.at(normal, column, area_normals(clean.vertices, clean.faces))
-    facing = normal @ FROM / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+    facing = vertex_normals(clean.vertices, clean.faces) @ FROM
     facing = np.abs(facing) if thin else np.maximum(facing, 0.0)
     ragged = waves(clean.vertices, 0.3, np.random.default_rng(len(clean.faces)))
     lies = np.clip(ALL_OVER + (0.45 if thin else 0.75) * facing + RAGGED * ragged, 0.0, MOST)[:, None]
