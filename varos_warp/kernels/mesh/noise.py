@@ -196,6 +196,7 @@ class Nearest:
     first: float
     second: float
     bits: wp.uint32
+    apart: wp.vec3
 
 
 @wp.func
@@ -211,6 +212,7 @@ def nearer(found: Nearest, seed: wp.uint32, i: int, j: int, k: int, offset: wp.v
         out.second = found.first
         out.first = distance
         out.bits = h
+        out.apart = apart
     elif distance < found.second:
         out.second = distance
     return out
@@ -233,6 +235,15 @@ def search(seed: wp.uint32, i: int, j: int, k: int, inside: wp.vec3, reach: int,
     return found
 
 
+@wp.func
+def random_direction(bits: wp.uint32):
+    """A unit vector, uniform over all directions."""
+    z = 2.0 * low_half(bits * AGAIN) - 1.0
+    around = 2.0 * wp.pi * high_half(bits * STRIDE_OCTAVE)
+    r = wp.sqrt(1.0 - z * z)
+    return wp.vec3(r * wp.cos(around), r * wp.sin(around), z)
+
+
 @wp.kernel
 def find_cells(
     first_row: int,
@@ -241,9 +252,9 @@ def find_cells(
     is_flat: int,
     points: wp.array(dtype=wp.vec3d),
     # out
-    cell: wp.array(dtype=wp.vec3),
+    cell: wp.array(dtype=wp.vec4),
 ):
-    """Distances to the nearest two of jittered points, one a cell, and a random number of the nearest one.
+    """Distances to the nearest two of jittered points, one a cell, a random number and a plane of the nearest one.
 
     Args:
         first_row: Number of the first thread.
@@ -251,7 +262,8 @@ def find_cells(
         cycles: Cells along each axis [1/m].
         is_flat: Whether z does not count: cells are columns then.
         points: Places [m], shape [N].
-        cell: Distance to the nearest and the second nearest, in cells, and a number in [0, 1), shape [N].
+        cell: Distance to the nearest and the second nearest, in cells, a number in [0, 1), and the height over the
+            nearest of a plane through it with a random normal, in cells, shape [N].
     """
     n = first_row + wp.tid()
     q = wp.cw_mul(points[n], cycles)
@@ -264,4 +276,5 @@ def find_cells(
     found = search(seed, i, j, k, inside, 1, is_flat)
     if found.second > 1.0:  # beyond the cells around a point may be nearer
         found = search(seed, i, j, k, inside, 2, is_flat)
-    cell[n] = wp.vec3(found.first, found.second, high_half(found.bits * AGAIN))
+    plane = wp.dot(found.apart, random_direction(found.bits))
+    cell[n] = wp.vec4(found.first, found.second, high_half(found.bits * AGAIN), plane)
