@@ -23,8 +23,8 @@ class Cells(NamedTuple):
     """float64 [N]: distance to the one after it."""
     id: np.ndarray
     """float64 [N]: a random number in [0, 1) that a whole cell shares."""
-    plane: np.ndarray
-    """float64 [N]: height over a plane through the centre, whose random normal a whole cell shares."""
+    face: np.ndarray
+    """float64 [N]: height of a plane through the centre that leans at random; between two cells there is no step."""
 
     @property
     def gap(self) -> np.ndarray:

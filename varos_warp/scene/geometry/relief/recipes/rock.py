@@ -19,7 +19,7 @@ IRON = (0.185, 0.118, 0.066)
 CORALLINE = (0.250, 0.120, 0.125)
 FACETS = 2.3, 5.9, 14.0
 """Faces along the size of a rock, of each generation."""
-FACET_SLOPE = 0.42
+FACET_SLOPE = 0.24
 """How far its planes lean at most, as a tangent."""
 THICKEST_BED_M, THINNEST_BED_M = 0.25, 0.012
 
@@ -58,7 +58,7 @@ class Rock:
         size, bent = sites.size, _bent(sites, look)
         beds = _wide_beds(sites, look)
         gap, id, joint = _joints(sites, bent)
-        ridges = 0.030 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
+        ridges = 0.055 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
         blocks = 0.032 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
         h = 0.012 * beds.level - 0.008 * beds.parting + ridges + blocks + _facets(sites, look).height - 0.022 * joint
         return size * np.clip(h, -LIMIT, LIMIT)
@@ -199,9 +199,8 @@ def _faceted(sites, plain):
     for k, cycles in enumerate(FACETS):
         # jagged borders, of a size that the mesh shows
         cells = plain.moved(0.06 * size / cycles, 2.5 * cycles / size, 70 + 4 * k, 2).worley(cycles / size, 90 + k)
-        chamfer = smoothstep(0.0, np.maximum(0.10, 4.0 * sites.edge * cycles / size), cells.gap)
-        shown = plain.resolved(size / cycles)
-        height = height + FACET_SLOPE / cycles * cells.plane * chamfer * shown
+        shown = plain.resolved(0.5 * size / cycles)
+        height = height + FACET_SLOPE / cycles * cells.face * shown
         tone = tone + (cells.id - 0.5) * shown
     return Facets(height, tone)
 
