@@ -69,7 +69,7 @@ class Rock:
         least = max(10.0 / size, 14.0)
         thin = _thin_beds(sites, look)
         laminae = 0.0045 * (thin.level - thin.parting) * _laminated(sites, look)
-        knobs = 0.0075 * min(size, 1.0) * (pattern.billow(least, 5, 60, 0.55) + 0.38)
+        knobs = 0.0040 * min(size, 1.0) * (pattern.billow(least, 5, 60, 0.55) + 0.38)
         cells = pattern.moved(0.02, 9.0, 50).worley(least, 53)
         open = smoothstep(0.0, 0.3, pattern.fbm(6.0, 2, 54)) * pattern.resolved(0.25 / least)
         cracklets = 0.006 * (1.0 - smoothstep(0.0, 0.09, cells.gap)) * open
