@@ -32,6 +32,7 @@ ASSETS = {
     "flat support": {"kind": "pipe_support", "radius": 0.15, "cradle_deg": 90.0},
     "deep support": {"kind": "pipe_support", "radius": 0.15, "cradle_deg": 165.0},
     "tall support": {"kind": "pipe_support", "radius": 0.15, "height": 2.0},
+    "leaning support": {"kind": "pipe_support", "radius": 0.15, "height": 0.5, "length": 0.4, "batter_deg": 12.0},
     "bolt": {"kind": "bolt", "size": "M24"},
     "short bolt": {"kind": "bolt", "size": "M48", "length": 0.005},
     "nut": {"kind": "nut", "size": "M5"},
@@ -247,6 +248,19 @@ def test_a_support_touches_its_pipe_along_the_groove_and_reaches_its_foot(given,
     touching = mesh.vertices[np.abs(groove - 0.15) < 1e-9]
     angle = np.degrees(np.arctan2(touching[:, 2], touching[:, 0]))
     assert (angle.min(), angle.max()) == pytest.approx((low, -180.0 - low), abs=0.1)
+
+
+@pytest.mark.parametrize("edge", [None, 0.02])
+def test_a_support_with_a_batter_widens_to_its_foot_by_the_tangent(edge):
+    given = {"kind": "pipe_support", "radius": 0.15, "height": 0.5, "cradle_deg": 120.0, "length": 0.4}
+    plain, leaning = (make({**given, "max_edge_m": edge, "batter_deg": lean}) for lean in (0.0, 12.0))
+    rise, lean = np.ptp(plain.bounds[:, 2]), np.tan(np.radians(12.0))
+    top = leaning.vertices[leaning.vertices[:, 2] > leaning.bounds[1, 2] - 1e-6]
+    assert np.ptp(top[:, 1]) == pytest.approx(np.ptp(plain.vertices[:, 1]), abs=0.012)  # but for the rounded edge
+    wider = leaning.bounds[1, :2] - plain.bounds[1, :2]
+    rounding = 0.1 * 0.15 * (1.0 / np.tan(np.radians(39.0)) - 1.0)  # of an arc in a corner of 78 degrees
+    assert wider[0] == pytest.approx(lean * rise - rounding, abs=3e-4)
+    assert lean * rise - 0.5 * 0.03 * 0.15 < wider[1] < lean * rise  # the ends' bevel takes less than half of itself
 
 
 # -------------------------------------------------------------------------------------------------- bevels and details

@@ -113,10 +113,12 @@ def test_noise_on_a_gpu_is_that_of_the_cpu(sum_of):
 @pytest.mark.gpu
 def test_cells_on_a_gpu_are_those_of_the_cpu():
     p = places()
-    near, second, ids = worley(p, 3.0, seed=1, device="cuda:0")
+    here = worley(p, 3.0, seed=1, device="cuda:0")
     there = worley(p, 3.0, seed=1)
-    np.testing.assert_allclose([near, second], [there.near, there.second], atol=1e-5)
-    assert np.mean(ids != there.id) < 1e-4  # where two centres are equally far
+    np.testing.assert_allclose([here.near, here.second], [there.near, there.second], atol=1e-5)
+    same = here.id == there.id
+    assert np.mean(~same) < 1e-4  # where two centres are equally far
+    np.testing.assert_allclose(here.face[same], there.face[same], atol=1e-4)
 
 
 def test_no_places_have_no_noise():
@@ -155,6 +157,28 @@ def test_cells_are_those_of_a_search_through_all_points(flat):
     np.testing.assert_allclose(cells.second, second, atol=1e-5)
     sure = second - first > 1e-5
     np.testing.assert_array_equal(cells.id[sure], ids[order[sure, 0]])
+
+
+def test_faces_are_planes_of_all_slopes_inside_of_cells():
+    p, step = places(20000, 2.0), np.array([0.01, 0.0, 0.0])
+    low, middle, high = (worley(p + k * step, 2.0, seed=9) for k in (-1, 0, 1))
+    inside = (low.id == high.id) & (np.minimum.reduce([low.gap, middle.gap, high.gap]) > 0.2)
+    assert np.count_nonzero(inside) > 5000
+    np.testing.assert_allclose((low.face + high.face - 2.0 * middle.face)[inside], 0.0, atol=1e-5)
+    slope = ((high.face - low.face) / 0.04)[inside]  # over two steps of 0.01 m and two cells a metre
+    assert np.abs(slope).max() < 1.0 + 1e-4
+    # of a uniform direction one component is uniform over -1 to 1; a cell counts for many places, hence the wide bound
+    assert np.std(slope) == pytest.approx(1.0 / np.sqrt(3.0), abs=0.1)
+
+
+def test_between_two_cells_faces_have_no_step():
+    p, step = places(1000000, 2.0), 1e-5
+    one, other = worley(p, 2.0, seed=9), worley(p + [step, 0.0, 0.0], 2.0, seed=9)
+    across = one.id != other.id
+    jump = np.abs(one.face - other.face)[across]
+    assert len(jump) > 5
+    # slopes are at most 1 in a plane and 15 in an edge of 0.2 cells between two faces that lie a whole cell apart
+    assert np.all(jump < 40.0 * 2.0 * step + 1e-5)
 
 
 def test_flat_cells_do_not_depend_on_height():

@@ -19,6 +19,8 @@ LACUNARITY = wp.constant(2.03)
 STRIDE_K = wp.constant(wp.uint32(3266489917))
 STRIDE_OCTAVE = wp.constant(wp.uint32(2654435769))
 AGAIN = wp.constant(wp.uint32(747796405))
+CHAMFER = wp.constant(0.2)
+"""Width of the edge between the faces of two cells, as a difference of distances in cells."""
 HALF_DIAGONAL = wp.constant(0.70710678)
 MEAN_ABS = wp.constant(0.15569)
 """Mean of the magnitude of gradient noise (measured on 2 10^7 points; standard error 2e-5)."""
@@ -196,6 +198,9 @@ class Nearest:
     first: float
     second: float
     bits: wp.uint32
+    apart: wp.vec3
+    second_bits: wp.uint32
+    second_apart: wp.vec3
 
 
 @wp.func
@@ -209,10 +214,15 @@ def nearer(found: Nearest, seed: wp.uint32, i: int, j: int, k: int, offset: wp.v
     out = found
     if distance < found.first:
         out.second = found.first
+        out.second_bits = found.bits
+        out.second_apart = found.apart
         out.first = distance
         out.bits = h
+        out.apart = apart
     elif distance < found.second:
         out.second = distance
+        out.second_bits = h
+        out.second_apart = apart
     return out
 
 
@@ -233,6 +243,24 @@ def search(seed: wp.uint32, i: int, j: int, k: int, inside: wp.vec3, reach: int,
     return found
 
 
+@wp.func
+def random_direction(bits: wp.uint32):
+    """A unit vector, uniform over all directions."""
+    z = 2.0 * low_half(bits * AGAIN) - 1.0
+    around = 2.0 * wp.pi * high_half(bits * STRIDE_OCTAVE)
+    r = wp.sqrt(1.0 - z * z)
+    return wp.vec3(r * wp.cos(around), r * wp.sin(around), z)
+
+
+@wp.func
+def face_height(found: Nearest):
+    """Height over the plane of the nearest cell, and over the mean of both where two meet, so that it has no steps."""
+    own = wp.dot(found.apart, random_direction(found.bits))
+    next = wp.dot(found.second_apart, random_direction(found.second_bits))
+    inside = wp.clamp((found.second - found.first) / CHAMFER, 0.0, 1.0)
+    return wp.lerp(0.5 * (own + next), own, inside * inside * (3.0 - 2.0 * inside))
+
+
 @wp.kernel
 def find_cells(
     first_row: int,
@@ -241,9 +269,9 @@ def find_cells(
     is_flat: int,
     points: wp.array(dtype=wp.vec3d),
     # out
-    cell: wp.array(dtype=wp.vec3),
+    cell: wp.array(dtype=wp.vec4),
 ):
-    """Distances to the nearest two of jittered points, one a cell, and a random number of the nearest one.
+    """Distances to the nearest two of jittered points, one a cell, a random number and a face of the nearest one.
 
     Args:
         first_row: Number of the first thread.
@@ -251,7 +279,8 @@ def find_cells(
         cycles: Cells along each axis [1/m].
         is_flat: Whether z does not count: cells are columns then.
         points: Places [m], shape [N].
-        cell: Distance to the nearest and the second nearest, in cells, and a number in [0, 1), shape [N].
+        cell: Distance to the nearest and the second nearest, in cells, a number in [0, 1) and the height of the
+            nearest one's face, in cells, shape [N].
     """
     n = first_row + wp.tid()
     q = wp.cw_mul(points[n], cycles)
@@ -264,4 +293,4 @@ def find_cells(
     found = search(seed, i, j, k, inside, 1, is_flat)
     if found.second > 1.0:  # beyond the cells around a point may be nearer
         found = search(seed, i, j, k, inside, 2, is_flat)
-    cell[n] = wp.vec3(found.first, found.second, high_half(found.bits * AGAIN))
+    cell[n] = wp.vec4(found.first, found.second, high_half(found.bits * AGAIN), face_height(found))

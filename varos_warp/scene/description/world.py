@@ -191,6 +191,13 @@ class PipeSupport(Parametric):
     cradle_deg: Annotated[float, Field(ge=60.0, le=165.0)] | None = Field(default=None, examples=[120])
     """Angle over which the groove holds the pipe [degrees]: with 120 the block ends well below the pipe's axis.
     Absent: 157, up to the axis."""
+    length: Measure | None = Field(default=None, examples=[0.5])
+    """Length along the pipe at its top [m]; absent: 1.2 times the radius."""
+    batter_deg: Annotated[float, Field(ge=0.0, le=40.0)] | None = Field(default=None, examples=[12])
+    """How far its four faces lean, wider at the foot [degrees]. Absent: two upright ends, and sides that lean a
+    little."""
+
+    _written = unwritten_if_absent("path", "class_", "max_edge_m", "length", "batter_deg")
 
 
 class Bolt(Parametric):

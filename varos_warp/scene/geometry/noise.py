@@ -23,6 +23,8 @@ class Cells(NamedTuple):
     """float64 [N]: distance to the one after it."""
     id: np.ndarray
     """float64 [N]: a random number in [0, 1) that a whole cell shares."""
+    face: np.ndarray
+    """float64 [N]: height of a plane through the centre that leans at random; between two cells there is no step."""
 
     @property
     def gap(self) -> np.ndarray:
@@ -105,7 +107,7 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
         flat: Whether z does not count: points of a plane, one in each square.
         device: Where to compute.
     """
-    cell = wp.empty(len(p), dtype=wp.vec3, device=device)
+    cell = wp.empty(len(p), dtype=wp.vec4, device=device)
     arguments = {
         "seed": _bits(seed),
         "cycles": _vector(cycles_per_m),

@@ -125,23 +125,21 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
             value=height,
             remedy="Leave it out for twice the radius.",
         )
-    half, b = 0.6 * r, 0.03 * r
+    half, b = 0.6 * r if block.length is None else 0.5 * block.length, 0.03 * r
     cradle = CRADLE if block.cradle_deg is None else np.deg2rad(block.cradle_deg)
-    outline, cap = _saddle(r, height, cradle, detail)
+    batter = None if block.batter_deg is None else np.tan(np.deg2rad(block.batter_deg))
+    outline, cap = _saddle(r, height, cradle, batter, detail)
     if detail.is_grid:
         vertices, faces = slab([outline], -half, half, b, detail)
-        return outward(vertices[:, [0, 2, 1]], faces)
+        return outward(_battered(vertices[:, [0, 2, 1]], half, batter), faces)
     normals = mitred(outline)
     ends = rounded([(r, -half), (0.0, -half), (0.0, half), (r, half)], b, detail)[1:-1]
     rings = [outline - inset * normals for inset, _ in ends]
-    return loft(
-        [
-            np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
-            for ring, (_, y) in zip(rings, ends, strict=True)
-        ],
-        detail,
-        cap=cap,
-    )
+    placed = [
+        np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
+        for ring, (_, y) in zip(rings, ends, strict=True)
+    ]
+    return loft([_battered(ring, half, batter) for ring in placed], detail, cap=cap)
 
 
 def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
@@ -236,16 +234,26 @@ def _plate(walls):
 # -------------------------------------------------------------------------------------------------------------- saddles
 
 
-def _saddle(r, height, cradle, detail):
+def _battered(vertices, half, batter):
+    """Vertices [N, 3] of a support whose ends y = +-``half`` lean by a tangent; None: upright."""
+    if batter is None:
+        return vertices
+    below = vertices[:, 2].max() - vertices[:, 2]
+    return vertices * np.column_stack([np.ones(len(below)), 1.0 + batter * below / half, np.ones(len(below))])
+
+
+def _saddle(r, height, cradle, batter, detail):
     """Outline [2 n, 2] of a support, seen along the pipe, and the triangles between its lower and its upper half.
 
-    ``cradle`` is the angle that the groove holds the pipe over [rad]; beyond it goes on along its tangents.
+    ``cradle`` is the angle that the groove holds the pipe over [rad]; beyond it goes on along its tangents. The sides
+    lean by the tangent ``batter``.
     """
     ease, on = 0.5 * (np.pi - cradle), r * np.tan(0.2)
     lip, rim = r * np.cos(ease) + on * np.sin(ease), -r * np.sin(ease) + on * np.cos(ease)
     arc = np.linspace(ease - np.pi, -ease, arc_steps(r, cradle, detail, 9) + 1)
     groove = [(-lip, rim), *(r * np.column_stack([np.cos(arc), np.sin(arc)])), (lip, rim)]
-    shoulder, sole = 1.4 * r, 1.6 * r
+    shoulder = 1.4 * r
+    sole = 1.6 * r if batter is None else shoulder + batter * (height + rim)
     top = np.array([(-sole, -height), (-shoulder, rim), *groove, (shoulder, rim), (sole, -height)])
     top = rounded(top, r * np.array([0.0, 0.1, 0.06, *np.zeros(len(arc)), 0.06, 0.1, 0.0]), detail)[1:-1]
     foot = np.array([(-shoulder, rim), (-sole, -height), (sole, -height), (shoulder, rim)])

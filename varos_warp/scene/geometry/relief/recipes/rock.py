@@ -17,6 +17,10 @@ FINE_LIMIT_M = 0.018
 PALE, DARK = (0.110, 0.099, 0.084), (0.050, 0.046, 0.041)
 IRON = (0.185, 0.118, 0.066)
 CORALLINE = (0.250, 0.120, 0.125)
+FACETS = 2.3, 5.9, 14.0
+"""Faces along the size of a rock, of each generation."""
+FACET_SLOPE = 0.24
+"""How far its planes lean at most, as a tangent."""
 THICKEST_BED_M, THINNEST_BED_M = 0.25, 0.012
 
 
@@ -29,6 +33,15 @@ class Beds(NamedTuple):
     """1 in the plane between two beds to 0 inside of them, [N]."""
     tone: np.ndarray
     """A random number of the bed, 0 to 1, [N]."""
+
+
+class Facets(NamedTuple):
+    """Faces of broken rock at N places."""
+
+    height: np.ndarray
+    """Over the mean surface, in units of the rock's size, [N]."""
+    tone: np.ndarray
+    """A random number of the face, of mean 0, about -1 to 1, [N]."""
 
 
 class Rock:
@@ -45,9 +58,9 @@ class Rock:
         size, bent = sites.size, _bent(sites, look)
         beds = _wide_beds(sites, look)
         gap, id, joint = _joints(sites, bent)
-        ridges = 0.085 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
+        ridges = 0.055 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
         blocks = 0.032 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
-        h = 0.019 * beds.level - 0.012 * beds.parting + ridges + blocks - 0.022 * joint
+        h = 0.012 * beds.level - 0.008 * beds.parting + ridges + blocks + _facets(sites, look).height - 0.022 * joint
         return size * np.clip(h, -LIMIT, LIMIT)
 
     def fine(self, sites: Sites, look: Look) -> np.ndarray:
@@ -56,7 +69,7 @@ class Rock:
         least = max(10.0 / size, 14.0)
         thin = _thin_beds(sites, look)
         laminae = 0.0045 * (thin.level - thin.parting) * _laminated(sites, look)
-        knobs = 0.0075 * min(size, 1.0) * (pattern.billow(least, 5, 60, 0.55) + 0.38)
+        knobs = 0.0040 * min(size, 1.0) * (pattern.billow(least, 5, 60, 0.55) + 0.38)
         cells = pattern.moved(0.02, 9.0, 50).worley(least, 53)
         open = smoothstep(0.0, 0.3, pattern.fbm(6.0, 2, 54)) * pattern.resolved(0.25 / least)
         cracklets = 0.006 * (1.0 - smoothstep(0.0, 0.09, cells.gap)) * open
@@ -69,7 +82,7 @@ class Rock:
         beds, thin = _wide_beds(sites, look), _thin_beds(sites, look)
         joint = _joints(sites, bent)[2]
         stone = mix(DARK, PALE, smoothstep(-0.35, 0.35, bent.fbm(1.6 / size, 4, 80)))
-        stone = stone * (0.78 + 0.44 * beds.tone)[:, None] * _family(look.seed)
+        stone = stone * (0.78 + 0.44 * beds.tone + 0.3 * _facets(sites, look).tone)[:, None] * _family(look.seed)
         stone = stone * (1.0 + 0.4 * (thin.tone - 0.5) * _laminated(sites, look))[:, None]
         stone = mix(
             stone,
@@ -174,6 +187,22 @@ def _jointed(sites, bent):
     # wider than it is on a coarse mesh, and less deep by as much
     joint = (1.0 - smoothstep(0.0, shown, cells.gap)) * open * width / shown
     return cells.gap, cells.id * open + 0.5 * (1.0 - open), joint
+
+
+def _facets(sites: Sites, look: Look) -> Facets:
+    """Faces that broke along planes: large ones, and smaller ones on them."""
+    return sites.once(("rock", "facets", look.seed), lambda: _faceted(sites, sites.patterns(look.seed)))
+
+
+def _faceted(sites, plain):
+    size, height, tone = sites.size, 0.0, 0.0
+    for k, cycles in enumerate(FACETS):
+        # jagged borders, of a size that the mesh shows
+        cells = plain.moved(0.06 * size / cycles, 2.5 * cycles / size, 70 + 4 * k, 2).worley(cycles / size, 90 + k)
+        shown = plain.resolved(0.5 * size / cycles)
+        height = height + FACET_SLOPE / cycles * cells.face * shown
+        tone = tone + (cells.id - 0.5) * shown
+    return Facets(height, tone)
 
 
 def _crusts(pattern: Patterns, shape: Shape) -> np.ndarray:
