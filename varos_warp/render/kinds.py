@@ -19,6 +19,7 @@ from varos_warp.kernels.particles.draw import count_bodies, make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
 from varos_warp.kernels.particles.field_light import make_field_light_kernel
 from varos_warp.kernels.particles.gather import gather_splats
+from varos_warp.kernels.particles.over import lay_over
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
@@ -224,6 +225,7 @@ def kernels_needed(
             bodies = particle_kernels(scene, spec, view, not view.exposure.is_instant, lit_by_field(scene))
             hits += [
                 gather_splats,
+                lay_over,
                 count_bodies,
                 *([tabulate_expected] if along_camera(scene, view) else []),
                 *(kernel for kernel in bodies if kernel),
