@@ -122,6 +122,12 @@ class Launcher:
         self.load(kernel)
         wp.launch(kernel, dim=dim, inputs=in_order(kernel, arguments), device=self.device, block_dim=block_dim(kernel))
 
+    def blocks(self, kernel: wp.Kernel, dim, arguments: Mapping[str, Any]):
+        """Run a kernel whose threads work in blocks, ``dim`` of them; a block of a CPU is one thread."""
+        self.load(kernel)
+        inputs = in_order(kernel, arguments)
+        wp.launch_tiled(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=block_dim(kernel))
+
     def rows(self, kernel: wp.Kernel, dim, arguments: Mapping[str, Any], tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, in tiles on a CPU: `launch_rows`."""
         self.load(kernel)

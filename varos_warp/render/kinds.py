@@ -10,7 +10,7 @@ import warp as wp
 from varos_warp.device.compile import compiling
 from varos_warp.kernels.field.tabulate import tabulate_single_along_camera
 from varos_warp.kernels.film import denoise
-from varos_warp.kernels.film.adapt import average_tiles
+from varos_warp.kernels.film.adapt import average_tiles, find_levels, share_samples
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.film.develop import develop
 from varos_warp.kernels.film.film import BLOCK, CORRECTION_SUMS, SUMS, add_batches
@@ -237,7 +237,7 @@ def kernels_needed(
     made = [image for image in images if image]
     kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
     if "field" in names:
-        kernels += [tabulate_single_along_camera, average_tiles]
+        kernels += [tabulate_single_along_camera, average_tiles, find_levels, share_samples]
     kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if any(image.is_color for image in wanted):
         kernels += [develop, add_batches]

@@ -238,9 +238,8 @@ class RadianceRenderer:
             denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
             statistics = self.films.tile_statistics(films, taken_away if denoised else 1.0)
-            cost = [kind.cost for kind in kinds]
-            with self.launcher.aside():
-                samples = share_out(other_noise(*statistics), first, spp, cost)
+            noise = other_noise(self.launcher, *statistics)
+            (samples,) = self.launcher.fetch(share_out(self.launcher, noise, first, spp, [kind.cost for kind in kinds]))
             take(samples, first)
         return films
 
