@@ -81,6 +81,29 @@ class Launcher:
         finally:
             self.turn.acquire()
 
+    @contextmanager
+    def meanwhile(self, make: Callable[[], T]) -> Iterator[Callable[[], T]]:
+        """A ``with`` statement, within ``turn``, during which a thread uses the device whenever this one is `aside`.
+
+        Yields a function that waits for what the thread makes, and returns it.
+        """
+
+        def made_in_turn() -> T:
+            with self.turn:
+                return make()
+
+        def waited_for() -> T:
+            with self.aside():
+                return made.result()
+
+        pool = ThreadPoolExecutor(1, "meanwhile")
+        made = pool.submit(made_in_turn)
+        try:
+            yield waited_for
+        finally:
+            with self.aside():
+                pool.shutdown(cancel_futures=True)
+
     def fetch(self, *arrays: wp.array) -> list[np.ndarray]:
         """Arrays on the host, once the device has filled them; others may use a GPU until then (`aside`)."""
         if self.device == "cpu":

@@ -116,10 +116,14 @@ class RadianceRenderer:
         return self.world.water
 
     def water(self, shot: Shot) -> RadianceImage:
-        """Render A, with the bodies in the water in front."""
+        """Render A, with the bodies in the water in front: a GPU draws them while the host decides on samples."""
+        if shot.snow is None:
+            return self._water(shot, None)
+        with self.launcher.meanwhile(shot.snow) as drawn:
+            return self._water(shot, drawn)
+
+    def _water(self, shot: Shot, bodies: Callable[[], Drawn] | None) -> RadianceImage:
         view, options = shot.view, shot.options
-        # first, for the host waits for what it launches, and so for nothing else
-        bodies = None if shot.snow is None else shot.snow()
         if (taken := self.take_water(shot)) is None:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
@@ -128,7 +132,7 @@ class RadianceRenderer:
             return self._fetched_brief(taken, options.copied, options.denoise, bodies)
         else:
             image = self._fetched(taken, shot, options.layers, options.denoise)
-        return image if bodies is None else with_snow(image, bodies.on_host, options.copied is None)
+        return image if bodies is None else with_snow(image, bodies().on_host, options.copied is None)
 
     def take_water(self, shot: Shot) -> Taken | None:
         """Take the samples of A without bodies; None if it is black."""
@@ -350,12 +354,12 @@ class RadianceRenderer:
         return copied is not None and (method == "none" or self._denoises(method))
 
     def _fetched_brief(
-        self, taken: Taken, copied: Sequence[str], method: str | None, bodies: Drawn | None = None
+        self, taken: Taken, copied: Sequence[str], method: str | None, bodies: Callable[[], Drawn] | None = None
     ) -> RadianceImage:
         """The `RadianceImage` of what was taken, with what is to be ``copied``, and ``bodies`` in front, alone."""
         images = {"radiance": taken.images["radiance"]}
         images["denoised"] = images["radiance"] if method == "none" else self._device_denoiser.denoise(**_work(taken))
-        wanted = [images[name] if bodies is None else bodies.over(images[name]) for name in copied]
+        wanted = [images[name] if bodies is None else bodies().over(images[name]) for name in copied]
         fetched = self.launcher.fetch(*taken.counted, *wanted)
         known = dict(zip(copied, fetched[len(taken.counted) :], strict=True))
         return RadianceImage(**{"radiance": None, "stderr": None} | known | _facts_of_samples(taken, fetched))
