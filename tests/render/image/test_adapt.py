@@ -10,7 +10,7 @@ from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.film.adapt import DARK
 from varos_warp.render import radiance
 from varos_warp.render.image import adapt
-from varos_warp.render.image.adapt import MOST_SHARED
+from varos_warp.render.image.adapt import MOST_SHARED, brightness
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import MOST_SPP
@@ -119,10 +119,10 @@ def test_noise_is_that_of_the_worst_channel_beside_the_mean_of_the_image_where_t
     variance[0, 0, 1, 2] = [1.0, 1.0, 0.2]  # over 1, 0.25 and DARK^2
     variance[0, 1, 3, 4] = [1.0, 0.0, 0.0]  # a corner, which counts four times
     noise = other_noise(mean, variance)[0]
-    assert noise[1, 1, 2] == pytest.approx(0.2 / float(DARK) ** 2)
+    assert noise[1, 1, 2] == pytest.approx(0.2 / DARK**2)
     around = noise[1, :3, 1:4].copy()
     around[1, 1] = around[0, 0]
-    np.testing.assert_allclose(around, 0.2 / float(DARK) ** 2 / 9)
+    np.testing.assert_allclose(around, 0.2 / DARK**2 / 9)
     assert noise[0, 3, 4] == pytest.approx(0.25)
     assert noise[0, 2, 3] == pytest.approx(0.25 / 9)
     assert noise[0, 3, 3] == pytest.approx(0.25 * 2 / 9)
@@ -130,7 +130,8 @@ def test_noise_is_that_of_the_worst_channel_beside_the_mean_of_the_image_where_t
     assert np.count_nonzero(noise[1]) == 9
 
 
-def test_black_images_need_nothing():
+def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
+    np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
     black = np.zeros((1, 2, 3, 3, 3))
     assert not share_out(other_noise(black, black), 16, 64, 1.0).any()
 

@@ -12,8 +12,10 @@ wp.set_module_options({"enable_backward": False})
 
 BY_BLOCKS = {"enable_backward": False, "launch_bounds": (512, 1), "module": "unique"}
 """Options of kernels of which a block of threads sums over tiles; the number of threads is part of a module."""
-DARK = wp.constant(wp.float64(0.1))
+DARK = 0.1
 """A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
+DARK_SHARE = wp.constant(wp.float64(DARK))
+"""The same for kernels."""
 FEWEST_FIRST, PAIR = wp.constant(2), wp.constant(8)
 """Samples of a pixel whose difference shows its noise, and those of its block; where there are more they come in pairs,
 for of low-discrepancy samples halves of unlike number would claim too large an error."""
@@ -95,7 +97,7 @@ def find_levels(
             total += mean[kind, side, i / mean.shape[3], i % mean.shape[3]]
     level = wp.vec3d(sum_of_threads(total[0]), sum_of_threads(total[1]), sum_of_threads(total[2]))
     level /= wp.float64(tiles)
-    least = DARK * wp.max(level)
+    least = DARK_SHARE * wp.max(level)
     of_side = wp.vec3d(wp.float64(0.0))
     for c in range(3):
         one = wp.max(level[c], least)

@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from varos_warp.device.launcher import Launcher
-from varos_warp.kernels.film.adapt import FEWEST_FIRST, PAIR, Sharing, find_levels, noise_around, share_samples
+from varos_warp.kernels.film.adapt import DARK, FEWEST_FIRST, PAIR, Sharing, find_levels, noise_around, share_samples
 from varos_warp.kernels.film.film import IN_BLOCK
 
 FIRST_SHARE = 4
@@ -39,6 +39,11 @@ def first_samples(spp: float, least: int) -> int:
     if spp >= 2 * FEWEST_FIRST:
         of_block = PAIR * max(of_block // PAIR, 1)
     return max(of_block, least)
+
+
+def brightness(mean: np.ndarray) -> np.ndarray:
+    """What errors are relative to, per channel [3]: the mean of an image [3], or ``DARK`` of its brightest channel."""
+    return np.maximum(mean, DARK * np.max(mean))
 
 
 def other_noise(launcher: Launcher, mean: wp.array, variance: wp.array) -> wp.array:
