@@ -1,6 +1,7 @@
 """Claimed standard errors against how images with other random numbers differ."""
 
 import numpy as np
+import warp as wp
 from chance import assert_plausible
 from scipy import stats
 
@@ -94,6 +95,7 @@ def assert_honest(ratio, radiance, stderr, count=None, where=None, bias=0.0, pre
     assert_plausible(2.0 * stats.t.sf(off / error, n - 1))
 
 
-def evenly(noise, taken, spp, cost):
+def evenly(launcher, noise, taken, spp, cost):
     """In place of `varos_warp.render.image.adapt.share_out`: all tiles take as many samples."""
-    return np.broadcast_to(np.subtract(IN_BLOCK * np.asarray(spp), taken)[:, None, None, None], noise.shape)
+    more = np.subtract(IN_BLOCK * np.asarray(spp), taken)[:, None, None, None]
+    return wp.array(np.broadcast_to(more, noise.shape), dtype=int, device=launcher.device)

@@ -5,6 +5,7 @@ from collections import defaultdict
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import warp as wp
 
 from varos_warp.device.launcher import Launcher
@@ -39,3 +40,31 @@ def test_arrays_are_awaited_and_copied_without_the_turn_and_pinned_memory_is_use
         np.testing.assert_array_equal(whole, np.full((2, 3), 7))
     assert waited == [0, 1, 2, 3]
     assert sorted(len(unused) for unused in launcher._unused.values()) == [1, 1]
+
+
+def test_a_thread_uses_the_device_while_the_other_is_aside():
+    """Never both, and what fails in it is told to who waits; at the end the turn is that of the one who had it."""
+    launcher, held, asked = Launcher("cpu"), [], threading.Event()
+
+    def make():
+        held.append("thread")
+        with launcher.aside():
+            asked.set()
+        return 7
+
+    with launcher.turn, launcher.meanwhile(make) as made:
+        held.append("before")
+        with launcher.aside():
+            assert asked.wait(10.0)
+        held.append("after")
+        assert made() == made() == 7
+        assert launcher.turn.locked()
+    assert held == ["before", "thread", "after"]
+    assert not launcher.turn.locked()
+
+    with launcher.turn:
+        with pytest.raises(ZeroDivisionError), launcher.meanwhile(lambda: 1 / 0) as made:
+            made()
+        with pytest.raises(KeyError), launcher.meanwhile(lambda: held.append("left out")):
+            raise KeyError
+        assert launcher.turn.locked()

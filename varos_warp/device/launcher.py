@@ -81,6 +81,29 @@ class Launcher:
         finally:
             self.turn.acquire()
 
+    @contextmanager
+    def meanwhile(self, make: Callable[[], T]) -> Iterator[Callable[[], T]]:
+        """A ``with`` statement, within ``turn``, during which a thread uses the device whenever this one is `aside`.
+
+        Yields a function that waits for what the thread makes, and returns it.
+        """
+
+        def made_in_turn() -> T:
+            with self.turn:
+                return make()
+
+        def waited_for() -> T:
+            with self.aside():
+                return made.result()
+
+        pool = ThreadPoolExecutor(1, "meanwhile")
+        made = pool.submit(made_in_turn)
+        try:
+            yield waited_for
+        finally:
+            with self.aside():
+                pool.shutdown(cancel_futures=True)
+
     def fetch(self, *arrays: wp.array) -> list[np.ndarray]:
         """Arrays on the host, once the device has filled them; others may use a GPU until then (`aside`)."""
         if self.device == "cpu":
@@ -121,6 +144,12 @@ class Launcher:
         """Run a kernel as a whole; arguments by the names of its parameters."""
         self.load(kernel)
         wp.launch(kernel, dim=dim, inputs=in_order(kernel, arguments), device=self.device, block_dim=block_dim(kernel))
+
+    def blocks(self, kernel: wp.Kernel, dim, arguments: Mapping[str, Any]):
+        """Run a kernel whose threads work in blocks, ``dim`` of them; a block of a CPU is one thread."""
+        self.load(kernel)
+        inputs = in_order(kernel, arguments)
+        wp.launch_tiled(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=block_dim(kernel))
 
     def rows(self, kernel: wp.Kernel, dim, arguments: Mapping[str, Any], tile_rows: int | None = None):
         """Run a kernel over rows ``dim[0]``, in tiles on a CPU: `launch_rows`."""

@@ -10,7 +10,7 @@ import warp as wp
 from varos_warp.device.compile import compiling
 from varos_warp.kernels.field.tabulate import tabulate_single_along_camera
 from varos_warp.kernels.film import denoise
-from varos_warp.kernels.film.adapt import average_tiles
+from varos_warp.kernels.film.adapt import average_tiles, find_levels, share_samples
 from varos_warp.kernels.film.compare import compare_rows
 from varos_warp.kernels.film.develop import develop
 from varos_warp.kernels.film.film import BLOCK, CORRECTION_SUMS, SUMS, add_batches
@@ -19,6 +19,7 @@ from varos_warp.kernels.particles.draw import count_bodies, make_draw_kernel
 from varos_warp.kernels.particles.expected import make_expected_kernel, tabulate_expected
 from varos_warp.kernels.particles.field_light import make_field_light_kernel
 from varos_warp.kernels.particles.gather import gather_splats
+from varos_warp.kernels.particles.over import lay_over
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.transport.ambient import make_ambient_kernel
 from varos_warp.kernels.transport.camera_segment import make_camera_kernel
@@ -224,6 +225,7 @@ def kernels_needed(
             bodies = particle_kernels(scene, spec, view, not view.exposure.is_instant, lit_by_field(scene))
             hits += [
                 gather_splats,
+                lay_over,
                 count_bodies,
                 *([tabulate_expected] if along_camera(scene, view) else []),
                 *(kernel for kernel in bodies if kernel),
@@ -235,7 +237,7 @@ def kernels_needed(
     made = [image for image in images if image]
     kernels = [kind.kernel for image in made for kind in reversed(image.kinds)]
     if "field" in names:
-        kernels += [tabulate_single_along_camera, average_tiles]
+        kernels += [tabulate_single_along_camera, average_tiles, find_levels, share_samples]
     kernels += [*(kernel for image in made for kernel in image[1:] if kernel), *hits]
     if any(image.is_color for image in wanted):
         kernels += [develop, add_batches]

@@ -20,7 +20,6 @@ from varos_warp.kernels.transport.virtual_lights import VirtualLight
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.products.images.protocol import LetsThrough
 from varos_warp.products.images.radiance import RadianceImage
-from varos_warp.products.images.snow import Snow
 from varos_warp.render.field.open_water import OpenWater, unavailable
 from varos_warp.render.image.adapt import LEAST_FIRST, LEAST_SUBPATHS, first_samples, other_noise, share_out
 from varos_warp.render.image.denoise import Denoiser, check_finite, denoise_image
@@ -29,7 +28,7 @@ from varos_warp.render.image.frame import block_error, without_noise
 from varos_warp.render.kinds import ALL_ALIKE, LightKernels, SampleKind, ambient_kernels, sample_step, water_kernels
 from varos_warp.render.moments import Motion, moments_of
 from varos_warp.render.options import LAYERS, RenderOptions, resolve_integrator
-from varos_warp.render.particles.snow import with_snow
+from varos_warp.render.particles.snow import Drawn, with_snow
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import DeviceScene
@@ -69,8 +68,8 @@ class Shot(NamedTuple):
     """The scene, with what moves where it is at the frame's time."""
     motion: Motion | None = None
     """Motion of the vehicle while the shutter is open; None: it stands still, and so does all else."""
-    snow: Callable[[], Snow] | None = None
-    """Renders the bodies in the water that this image shows; None: it shows none."""
+    snow: Callable[[], Drawn] | None = None
+    """Draws the bodies in the water that this image shows; None: it shows none."""
 
     @property
     def moves(self) -> bool:
@@ -117,18 +116,23 @@ class RadianceRenderer:
         return self.world.water
 
     def water(self, shot: Shot) -> RadianceImage:
-        """Render A, with the bodies in the water in front."""
-        image = self._water(shot)
-        return image if shot.snow is None else with_snow(image, shot.snow(), shot.options.copied is None)
+        """Render A, with the bodies in the water in front: a GPU draws them while the host decides on samples."""
+        if shot.snow is None:
+            return self._water(shot, None)
+        with self.launcher.meanwhile(shot.snow) as drawn:
+            return self._water(shot, drawn)
 
-    def _water(self, shot: Shot) -> RadianceImage:
-        """Render A of water without bodies."""
+    def _water(self, shot: Shot, bodies: Callable[[], Drawn] | None) -> RadianceImage:
         view, options = shot.view, shot.options
         if (taken := self.take_water(shot)) is None:
             black = np.zeros((*view.resolution[::-1], 3), np.float32)
             image = without_noise(black, layers={layer: black.copy() for layer in options.layers})
-            return self._denoised(image, {}, options.denoise)
-        return self._fetched(taken, shot, options.layers, options.denoise)
+            image = self._denoised(image, {}, options.denoise)
+        elif self._is_brief(options.copied, options.denoise):
+            return self._fetched_brief(taken, options.copied, options.denoise, bodies)
+        else:
+            image = self._fetched(taken, shot, options.layers, options.denoise)
+        return image if bodies is None else with_snow(image, bodies().on_host, options.copied is None)
 
     def take_water(self, shot: Shot) -> Taken | None:
         """Take the samples of A without bodies; None if it is black."""
@@ -238,9 +242,8 @@ class RadianceRenderer:
             denoised = (options.denoise or self.scene.render.denoise) != "none"
             taken_away = DENOISED * max(1.0, np.sqrt(np.prod(view.resolution) / DENOISED_PIXELS))
             statistics = self.films.tile_statistics(films, taken_away if denoised else 1.0)
-            cost = [kind.cost for kind in kinds]
-            with self.launcher.aside():
-                samples = share_out(other_noise(*statistics), first, spp, cost)
+            noise = other_noise(self.launcher, *statistics)
+            (samples,) = self.launcher.fetch(share_out(self.launcher, noise, first, spp, [kind.cost for kind in kinds]))
             take(samples, first)
         return films
 
@@ -288,6 +291,8 @@ class RadianceRenderer:
         method = shot.options.denoise_b
         if (taken := self.take_ambient(shot)) is None:
             return self._denoised(without_noise(np.ones((*shot.view.resolution[::-1], 3), np.float32)), {}, method)
+        if self._is_brief(shot.options.copied, method):
+            return self._fetched_brief(taken, shot.options.copied, method)
         return self._fetched(taken, shot, (), method)
 
     def take_ambient(self, shot: Shot) -> Taken | None:
@@ -344,33 +349,39 @@ class RadianceRenderer:
         counted = [array for film in films for array in (film.lost, film.count)]
         return Taken(images, [(blocks, np.eye(3))], counted, kinds, {})
 
+    def _is_brief(self, copied: Sequence[str] | None, method: str | None) -> bool:
+        """Return whether nothing but images that are done is copied to the host."""
+        return copied is not None and (method == "none" or self._denoises(method))
+
+    def _fetched_brief(
+        self, taken: Taken, copied: Sequence[str], method: str | None, bodies: Callable[[], Drawn] | None = None
+    ) -> RadianceImage:
+        """The `RadianceImage` of what was taken, with what is to be ``copied``, and ``bodies`` in front, alone."""
+        images = {"radiance": taken.images["radiance"]}
+        images["denoised"] = images["radiance"] if method == "none" else self._device_denoiser.denoise(**_work(taken))
+        wanted = [images[name] if bodies is None else bodies().over(images[name]) for name in copied]
+        fetched = self.launcher.fetch(*taken.counted, *wanted)
+        known = dict(zip(copied, fetched[len(taken.counted) :], strict=True))
+        return RadianceImage(**{"radiance": None, "stderr": None} | known | _facts_of_samples(taken, fetched))
+
     def _fetched(self, taken: Taken, shot: Shot, wanted_layers, method: str | None) -> RadianceImage:
         """The `RadianceImage` of what was taken."""
-        images, kinds, copied = taken.images, taken.kinds, shot.options.copied
-        shape = images["radiance"].shape
-        # what a denoiser works on, still on the device
-        apart = ("correction", "base_variance") if kinds else ()
-        work = {name: images[name] for name in ("radiance", *apart)} | taken.guides
-        brief, blocks = copied and (method == "none" or self._denoises(method)), []
-        if brief:
-            denoised = images["radiance"] if method == "none" else self._device_denoiser.denoise(**work)
-            wanted = {name: images.get(name, denoised) for name in copied}
-        else:
-            wanted = work | {name: images[name] for name in ("stderr", *(() if copied else wanted_layers))}
-            blocks = [] if copied else [array for array, _ in taken.blocks]
-        fetched = iter(self.launcher.fetch(*taken.counted, *blocks, *wanted.values()))
-        counted, variances = [next(fetched) for _ in taken.counted], [next(fetched) for _ in blocks]
+        images, copied, work = taken.images, shot.options.copied, _work(taken)
+        wanted = work | {name: images[name] for name in ("stderr", *(() if copied else wanted_layers))}
+        blocks = [] if copied else [array for array, _ in taken.blocks]
+        counted = self.launcher.fetch(*taken.counted, *blocks, *wanted.values())
+        fetched = iter(counted[len(taken.counted) :])
+        variances = [next(fetched) for _ in blocks]
         on_host = dict(zip(wanted, fetched, strict=True))
-        facts = _facts_of_samples(counted, shape, kinds or [ALL_ALIKE] * (len(counted) // 2))
-        if brief:
-            return RadianceImage(**{"radiance": None, "stderr": None} | on_host | facts)
         if blocks:
-            pixels, parts = tile_pixels(*shape), zip(variances, (weights for _, weights in taken.blocks), strict=True)
+            pixels = tile_pixels(*images["radiance"].shape)
+            parts = zip(variances, (weights for _, weights in taken.blocks), strict=True)
             on_host["block_error"] = sum(
                 (added_errors(block_error(values, pixels), weights) for values, weights in parts), np.float32(0.0)
             )
         layers = {layer: on_host.pop(layer) for layer in LAYERS if layer in on_host}
-        return self._denoised(RadianceImage(**on_host, layers=layers, **facts), work, method)
+        image = RadianceImage(**on_host, layers=layers, **_facts_of_samples(taken, counted))
+        return self._denoised(image, work, method)
 
     def _denoised(self, image: RadianceImage, on_device: dict[str, wp.array], method: str | None) -> RadianceImage:
         """The image with ``denoised`` filled in, from the arrays that lie on a GPU where there is one."""
@@ -398,13 +409,19 @@ class RadianceRenderer:
             return None
 
 
-def _facts_of_samples(
-    counted: list[np.ndarray], shape: tuple[int, int], kinds: Sequence[SampleKind]
-) -> dict[str, float]:
+def _work(taken: Taken) -> dict[str, wp.array]:
+    """What a denoiser works on, still on the device."""
+    apart = ("correction", "base_variance") if taken.kinds else ()
+    return {name: taken.images[name] for name in ("radiance", *apart)} | taken.guides
+
+
+def _facts_of_samples(taken: Taken, on_host: Sequence[np.ndarray]) -> dict[str, float]:
     """How many samples were lost, which is told, and samples per pixel: as many as cost as much.
 
-    That is a mean over the image, and over the images whose sum it is.
+    That is a mean over the image, and over the images whose sum it is. ``on_host`` begins with what was counted.
     """
+    counted, shape = on_host[: len(taken.counted)], taken.images["radiance"].shape
+    kinds = taken.kinds or [ALL_ALIKE] * (len(counted) // 2)
     lost, counts = sum(int(number[0]) for number in counted[::2]), counted[1::2]
     if lost:
         warn(

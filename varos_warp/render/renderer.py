@@ -270,7 +270,7 @@ class FrameRenderer:
         images: dict[str, Any] = {}
         for letter, product in asked.items():
             if product.source is Source.PARTICLES:
-                images[letter] = bodies(view, motion, key_of(letter))
+                images[letter] = bodies(view, motion, key_of(letter)).on_host
             if product.source not in make:
                 continue
             seen, moved = product.seen_by(self.scene, view), motion if product.blurs else None

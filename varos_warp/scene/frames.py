@@ -4,6 +4,7 @@ World w and vehicle v are z up (vehicle: x right, y forward). A camera c is Open
 """
 
 import warnings
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -98,8 +99,16 @@ def pose_matrix(pose) -> np.ndarray:
 
 def camera_pose(camera, T_w_v: np.ndarray) -> np.ndarray:
     """T_w_c of a scene's camera block, on the vehicle at ``T_w_v`` [..., 4, 4] or standing in the world; as many."""
-    T_mount_c = pose_matrix(camera) @ transform(R_V_C)
+    T_mount_c = mounted(camera)
     return np.broadcast_to(T_mount_c, T_w_v.shape) if camera.mount == "world" else T_w_v @ T_mount_c
+
+
+@lru_cache(maxsize=64)
+def mounted(camera) -> np.ndarray:
+    """T_v_c of a scene's camera block, or T_w_c of one that stands in the world; not to be written to."""
+    T_mount_c = pose_matrix(camera) @ transform(R_V_C)
+    T_mount_c.setflags(write=False)
+    return T_mount_c
 
 
 def intrinsics(camera) -> np.ndarray:

@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from physics.rig import VAROS_LAMPS, VAROS_WATER
 from spread import evenly
 
+from varos_warp.device.launcher import Launcher
+from varos_warp.kernels.film.adapt import DARK
 from varos_warp.render import radiance
-from varos_warp.render.image.adapt import DARK, MOST_SHARED, brightness, other_noise, share_out
+from varos_warp.render.image import adapt
+from varos_warp.render.image.adapt import MOST_SHARED, brightness
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.render import MOST_SPP
@@ -15,6 +19,20 @@ from varos_warp.scene.geometry.parts import Part
 
 FIRST, SPP, TILES = 4, 16, (12, 16)
 RARE = 0.02
+CPU = Launcher("cpu")
+
+
+def other_noise(mean, variance):
+    """Of arrays [kind, side, rows, columns, 3], or with one channel for all."""
+    shape = np.broadcast_shapes(mean.shape, (3,))
+    tiles = [wp.array(np.broadcast_to(values, shape), dtype=wp.vec3d, device="cpu") for values in (mean, variance)]
+    return adapt.other_noise(CPU, *tiles).numpy()
+
+
+def share_out(noise, taken, spp, cost):
+    """Of numbers for each kind."""
+    on_device = wp.array(noise, dtype=wp.float64, device="cpu")
+    return adapt.share_out(CPU, on_device, *map(np.atleast_1d, (taken, spp, cost))).numpy()
 
 
 def sides(rng, count):
@@ -93,6 +111,25 @@ def test_the_share_of_a_side_does_not_follow_from_its_own_samples():
     assert not np.array_equal(before[1], after[1])
 
 
+def test_noise_is_that_of_the_worst_channel_beside_the_mean_of_the_image_where_that_is_not_dark():
+    """Seen by the other side, and no less than the mean of the tiles around."""
+    mean = np.broadcast_to([1.0, 0.5, 0.01], (1, 2, 4, 5, 3)).copy()
+    mean[:, 1] *= 2.0
+    variance = np.zeros(mean.shape)
+    variance[0, 0, 1, 2] = [1.0, 1.0, 0.2]  # over 1, 0.25 and DARK^2
+    variance[0, 1, 3, 4] = [1.0, 0.0, 0.0]  # a corner, which counts four times
+    noise = other_noise(mean, variance)[0]
+    assert noise[1, 1, 2] == pytest.approx(0.2 / DARK**2)
+    around = noise[1, :3, 1:4].copy()
+    around[1, 1] = around[0, 0]
+    np.testing.assert_allclose(around, 0.2 / DARK**2 / 9)
+    assert noise[0, 3, 4] == pytest.approx(0.25)
+    assert noise[0, 2, 3] == pytest.approx(0.25 / 9)
+    assert noise[0, 3, 3] == pytest.approx(0.25 * 2 / 9)
+    assert np.count_nonzero(noise[0]) == 4
+    assert np.count_nonzero(noise[1]) == 9
+
+
 def test_a_dark_channel_does_not_rule_and_black_images_need_nothing():
     np.testing.assert_array_equal(brightness(np.array([1.0, 0.5, 0.01])), [1.0, 0.5, DARK])
     black = np.zeros((1, 2, 3, 3, 3))
@@ -154,18 +191,6 @@ def test_the_field_takes_as_many_samples_as_asked_with_less_error_than_an_even_s
     means = [kind.mean((1, 2)) for kind in (shared, even)]
     error = np.sqrt(sum(mean.var(axis=0, ddof=1) / len(mean) for mean in means))
     assert np.all(np.abs(means[0].mean(0) - means[1].mean(0)) < 4.0 * error)
-
-
-def test_samples_are_shared_out_while_others_may_use_the_device(bright_spot, monkeypatch):
-    held = []
-
-    def noted(*arguments):
-        held.append(bright_spot.launcher.turn.locked())
-        return share_out(*arguments)
-
-    monkeypatch.setattr(radiance, "share_out", noted)
-    bright_spot.render(np.eye(4), outputs="A", spp=12)
-    assert held == [False]
 
 
 @pytest.mark.parametrize("resolution", [(1, 1), (2, 1), (9, 3)])

@@ -152,6 +152,17 @@ def test_denoising_never_touches_the_bodies():
     assert np.abs(snow.added).max() > 0
 
 
+def test_images_that_are_done_have_the_same_bodies_to_the_byte():
+    """Laid over on the device, as for a run on a GPU, or on the host, where more is kept."""
+    renderer, how = FrameRenderer(snow_scene(SMALL), "cpu"), {"outputs": "A", "integrator": "path", "spp": 4}
+    whole = renderer.render(np.eye(4), **how, denoise="none").A
+    done = renderer.render(np.eye(4), **how, denoise="none", copied=["radiance", "denoised"]).A
+    assert (done.snow, done.stderr) == (None, None)
+    np.testing.assert_array_equal(done.radiance, whole.radiance)
+    np.testing.assert_array_equal(done.denoised, whole.denoised)
+    assert np.abs(whole.layers["snow"]).max() > 0
+
+
 def test_without_bodies_an_image_has_the_bytes_of_a_scene_without_particles():
     how = {"outputs": "A", "integrator": "path", "spp": 4, "denoise": "nlm"}
     none = (

@@ -55,7 +55,8 @@ class RadianceImage:
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
     snow: Snow | None = None
-    """Bodies that ``radiance`` and ``denoised`` have in front of the water; no denoiser touches them."""
+    """Bodies that ``radiance`` and ``denoised`` have in front of the water; no denoiser touches them.
+    None on a GPU that gives away nothing but what is done (``copied``)."""
     spp: float | None = None
     """Samples per pixel, mean over the image."""
     lost_samples: int = 0

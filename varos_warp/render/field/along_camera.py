@@ -1,5 +1,6 @@
 """Tables along a camera's rays: for which cameras there are some, their nodes, and whether they are right."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -75,8 +76,9 @@ def along_camera(scene: Scene, view: Camera) -> bool:
     return True
 
 
+@lru_cache(maxsize=16)
 def as_pinhole(view: Camera) -> tuple[Camera, dict]:
-    """A camera with the rays of a pinhole, whatever its pixels, and what they depend on."""
+    """A camera with the rays of a pinhole, whatever its pixels, and what they depend on, which is not to be changed."""
     view = resized(view, *PIXELS)
     return view, view.model_dump(mode="json", exclude={"id", "f_stop", "focus_m", "vignetting", "exposure"})
 

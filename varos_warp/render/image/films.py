@@ -145,27 +145,21 @@ class Films:
             most = min(most, max(1, samples // GPU_THREADS))
         return max(most, samples // MOST_LISTED)
 
-    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> np.ndarray:
-        """Mean and variance of one sample, [2, film, side, tile row, tile column, 3].
+    def tile_statistics(self, films: Sequence[Film], denoised: float = 1.0) -> tuple[wp.array, wp.array]:
+        """Mean and variance of one sample, each vec3d [film, side, tile row, tile column].
 
         Args:
             films: Whose sum is an image.
             denoised: All but one part in so many of the correction's variance is taken away later.
         """
-        tiles = []
-        for film in films:
-            pixels = [self.buffer(*film.sums.shape[1:]) for _ in "mv"]
-            self.launcher.run(
-                pixel_statistics,
-                pixels[0].shape,
-                {"film": film, "denoised": denoised, "mean": pixels[0], "variance": pixels[1]},
-            )
-            tiles.append([self.buffer(*film.count.shape) for _ in "mv"])
-            for image, means in zip(pixels, tiles[-1], strict=True):
-                self.launcher.run(average_tiles, means.shape, {"pixels": image, "tiles": means})
-        means, variances = zip(*tiles, strict=True)
-        fetched = self.launcher.fetch(*means, *variances)
-        return np.reshape(fetched, (2, len(films), *fetched[0].shape))
+        of_tiles = [self.buffer(len(films), *films[0].count.shape) for _ in "mv"]
+        for i, film in enumerate(films):
+            mean, variance = (self.buffer(*film.sums.shape[1:]) for _ in "mv")
+            pixels = {"mean": mean, "variance": variance}
+            self.launcher.run(pixel_statistics, mean.shape, {"film": film, "denoised": denoised, **pixels})
+            tiles = dict(zip(("mean_of_tiles", "variance_of_tiles"), (array[i] for array in of_tiles), strict=True))
+            self.launcher.run(average_tiles, film.count.shape, pixels | tiles)
+        return of_tiles[0], of_tiles[1]
 
 
 def tile_pixels(height: int, width: int) -> np.ndarray:

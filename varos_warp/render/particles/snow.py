@@ -19,6 +19,7 @@ from varos_warp.kernels.particles.draw import Exposure
 from varos_warp.kernels.particles.expected import compare_expected, tabulate_expected
 from varos_warp.kernels.particles.field_light import sum_along_rays
 from varos_warp.kernels.particles.gather import gather_splats, take_mean
+from varos_warp.kernels.particles.over import lay_over
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
@@ -53,6 +54,30 @@ LAMP_NODES = 25, 23, 41
 OF_LAMPS = Kernels(tabulate_expected, compare_expected, True)
 
 
+class Drawn:
+    """The bodies that a camera sees, on the device.
+
+    Args:
+        launcher: Of the device.
+        images: By the names of `Snow`.
+    """
+
+    def __init__(self, launcher: Launcher, images: dict[str, wp.array]):
+        self.launcher, self.images = launcher, images
+
+    def over(self, image: wp.array) -> wp.array:
+        """An image [H, W] of vec3 of the water with the bodies: `Snow.over`, to the byte."""
+        shown = wp.empty_like(image)
+        bodies = {name: self.images[name] for name in ("passed", "added")}
+        self.launcher.run(lay_over, image.shape, {"image": image, **bodies, "shown": shown})
+        return shown
+
+    @functools.cached_property
+    def on_host(self) -> Snow:
+        """Their images."""
+        return Snow(**dict(zip(self.images, self.launcher.fetch(*self.images.values()), strict=True)))
+
+
 class SnowRenderer:
     """Renders the layer ``snow`` of one scene on one device."""
 
@@ -67,8 +92,8 @@ class SnowRenderer:
 
     def render(
         self, here: View, key: int, share: wp.array | None = None, following: View | None = None, whole: bool = True
-    ) -> Snow:
-        """The bodies that a camera sees.
+    ) -> Drawn:
+        """The bodies that a camera sees. The host waits for how many they are.
 
         Args:
             here: The camera.
@@ -108,7 +133,7 @@ class SnowRenderer:
         wanted = {"added": added, "passed": images["passed"]}
         wanted |= {name: images[name] for name in ("coverage", "light") if whole}
         wanted |= {"flow": images["flow"]} if whole and following is not None else {}
-        return Snow(**dict(zip(wanted, self.launcher.fetch(*wanted.values()), strict=True)))
+        return Drawn(self.launcher, wanted)
 
     # ---------------------------------------------------------------------------------------------------- what moves
 

@@ -1,6 +1,7 @@
 """The lights of all vehicles as kernels know them: where they are at a pose, and how their intensity is distributed."""
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 import warp as wp
@@ -97,10 +98,12 @@ def light_position(light: Light, T_w_v: np.ndarray) -> np.ndarray:
     return T_w_v[..., :3, :3] @ light.position + T_w_v[..., :3, 3]
 
 
+@lru_cache(maxsize=64)
 def light_axes(light: Light) -> np.ndarray:
     """Axes of a light in the vehicle [3, 3]: z outwards, of a sheet y its normal and x along the fan.
 
-    Else as of a camera, x to the right and y down: -y is the key ``up`` of a profile, made perpendicular.
+    Else as of a camera, x to the right and y down: -y is the key ``up`` of a profile, made perpendicular. Not to be
+    written to.
     """
     if light.kind == "point":
         return np.eye(3)
