@@ -46,6 +46,8 @@ class SceneSpec:
     """The field of open water is known."""
     camera_field: bool = False
     """The field of open water is also known along this camera's rays."""
+    lamps_tabled: bool = False
+    """Tables tell along this camera's rays what bodies scatter of the lamps' light in the mean."""
 
     def only(self, *names: str) -> "SceneSpec":
         """A spec with these fields, and the defaults of all others."""

@@ -171,8 +171,27 @@ class ParticleKernels(NamedTuple):
     field_light: wp.Kernel | None
 
 
-def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, field: bool) -> ParticleKernels:
-    """Kernels of bodies in the water, which the ``field`` lights; ``moves``: the vehicle does so."""
+def lamps_tabled(scene: Scene, view: Camera) -> bool:
+    """Return whether what bodies scatter of the lamps in the mean can be tabulated along a camera's rays.
+
+    It cannot where lamps change, or rays and lamps do not move together.
+    """
+    return along_camera(scene, view) and not lights_vary(scene.lights) and not any(map(radius_of, scene.lights))
+
+
+def particle_kernels(
+    scene: Scene, spec: SceneSpec, view: Camera, moves: bool, field: bool, tabled: bool
+) -> ParticleKernels:
+    """Kernels of bodies in the water.
+
+    Args:
+        scene: The scene.
+        spec: Of the scene.
+        view: The camera.
+        moves: Whether the vehicle moves while the shutter is open.
+        field: Whether the field lights them.
+        tabled: Whether there are tables of what they scatter of the lamps' light.
+    """
     moves = moves and not view.exposure.is_instant
     spec = replace(
         spec,
@@ -181,6 +200,7 @@ def particle_kernels(scene: Scene, spec: SceneSpec, view: Camera, moves: bool, f
         rolling=is_rolling(view) and (moves or lights_vary(scene.lights)),
         disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0,
         field=field,
+        lamps_tabled=tabled,
     )
     return ParticleKernels(
         make_draw_kernel(spec), make_expected_kernel(spec), make_field_light_kernel(spec) if spec.field else None
@@ -222,12 +242,13 @@ def kernels_needed(
             if image.source is Source.AMBIENT:
                 images.append(ambient_kernels(spec, seen, getattr(scene.render, image.denoise_key), moves))
         if scene.particles and sources & {Source.WATER, Source.PARTICLES}:
-            bodies = particle_kernels(scene, spec, view, not view.exposure.is_instant, lit_by_field(scene))
+            tabled = lamps_tabled(scene, view)
+            bodies = particle_kernels(scene, spec, view, not view.exposure.is_instant, lit_by_field(scene), tabled)
             hits += [
                 gather_splats,
                 lay_over,
                 count_bodies,
-                *([tabulate_expected] if along_camera(scene, view) else []),
+                *([tabulate_expected] if tabled else []),
                 *(kernel for kernel in bodies if kernel),
             ]
         if sources & {Source.FIRST_HITS, Source.NEXT_FRAME}:

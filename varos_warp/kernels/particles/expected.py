@@ -163,7 +163,7 @@ def compare_expected(
     tabulated[i] = radiance_along(table, point[0], point[1], point[2])
 
 
-@specialised("surfaces", "instances", "masks", "optics", "varies", "disks", "field")
+@specialised("surfaces", "instances", "masks", "optics", "varies", "disks", "field", "lamps_tabled")
 def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
     """What bodies add in the mean, and where rays end, specialised to ``spec``."""
     rays = make_rays(spec)
@@ -192,7 +192,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         moments: Moments,
         particles: wp.array(dtype=Particles),
         of_field: wp.array4d(dtype=wp.vec3),  # tables of `expected_of_field`, [kind, distance, row, column]
-        of_lamps: wp.array(dtype=AlongCamera),  # of `expected_of_lamps`, of each kind; empty where there is none
+        of_lamps: wp.array(dtype=AlongCamera),  # of `expected_of_lamps`, of each kind, if there are tables
         key: wp.uint32,
         first_row: int,
         # out
@@ -227,7 +227,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
                 hits[k, row, col] = hit.t
                 v = draw(sampler, SHADOW)
                 for i in range(particles.shape[0]):
-                    if of_lamps[i].radiance.shape[0] > 0:
+                    if wp.static(spec.lamps_tabled):  # long code costs even where it is not run
                         of_kind = radiance_along(of_lamps[i], across, down, hit.t)
                     else:
                         of_kind = expected_of_lamps(scene, particles[i], ray.o, ray.d, 0.0, hit.t)

@@ -24,9 +24,9 @@ from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.products.images.snow import Snow
-from varos_warp.render.field.along_camera import Kernels, Nodes, along_camera, checked, seen_at_rest
+from varos_warp.render.field.along_camera import Kernels, Nodes, checked, seen_at_rest
 from varos_warp.render.field.open_water import OpenWater
-from varos_warp.render.kinds import ParticleKernels, lit_by_field, particle_kernels
+from varos_warp.render.kinds import ParticleKernels, lamps_tabled, lit_by_field, particle_kernels
 from varos_warp.render.particles.cells import (
     TURN_RATE,
     WANDER_PERIOD_S,
@@ -40,7 +40,6 @@ from varos_warp.render.particles.splats import Seen, seen_cells, splats_by_tiles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
-from varos_warp.scene.lights.records import lights_vary, radius_of
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water.particles import ParticleLaw, particle_laws
 from varos_warp.sim.vehicle.current import Current
@@ -166,18 +165,20 @@ class SnowRenderer:
         """True if the field of open water shines on bodies."""
         return lit_by_field(self.scene) and not self.open_water.failure
 
-    def _kernels(self, here: View) -> ParticleKernels:
-        return particle_kernels(self.scene, here.world.spec, here.view, here.motion is not None, self._has_field)
+    def _kernels(self, here: View, tabled: bool = False) -> ParticleKernels:
+        moves, scene = here.motion is not None, self.scene
+        return particle_kernels(scene, here.world.spec, here.view, moves, self._has_field, tabled)
 
     def _of_lamps(self, here: View, particles: list[ParticleData]) -> wp.array:
         """What bodies scatter of the lamps' light in the mean along a camera's rays, a table of each kind.
 
-        Empty where the lamps change, or rays and lamps do not move together, or the table would not be right.
+        Empty where there cannot be tables, or one of them would not be right.
         """
         if here.view not in self._lamp_tables:
-            known = along_camera(self.scene, here.view) and not lights_vary(self.scene.lights)
-            known = known and not any(map(radius_of, self.scene.lights))
-            tables = [lamp_table(self.launcher, here, kind) if known else AlongCamera() for kind in particles]
+            known = particles if lamps_tabled(self.scene, here.view) else []
+            tables = [lamp_table(self.launcher, here, kind) for kind in known]
+            if not all(table.radiance.shape[0] for table in tables):
+                tables = []
             # kept, for the array holds no reference to those of its tables
             self._lamp_tables[here.view] = tables, wp.array(tables, dtype=AlongCamera, device=self.device)
         return self._lamp_tables[here.view][1]
@@ -220,12 +221,13 @@ class SnowRenderer:
         scene = SceneData()
         scene.assign(world.data)
         scene.lights = shutter.lights[0]
+        of_lamps = self._of_lamps(here, particles)
         self.launcher.rows(
-            self._kernels(here).expected,
+            self._kernels(here, of_lamps.shape[0] > 0).expected,
             shape,
             {
                 "of_field": self._of_field(here, shutter, particles),
-                "of_lamps": self._of_lamps(here, particles),
+                "of_lamps": of_lamps,
                 "scene": scene,
                 "camera": world.camera(view, here.T_w_v),
                 "key": wp.uint32(key),
