@@ -91,11 +91,7 @@ def peers() -> list[Method]:
 
 
 def find(names, quick: bool = False) -> list[Method]:
-    """Methods by name; where none is named all of them, or the few that a quick run has time for.
-
-    Raises:
-        InputError: There is no such method.
-    """
+    """Methods by name; where none is named all of them, or the few that a quick run has time for."""
     known = {method.name: method for method in (*OURS, *peers())}
     for name in names:
         if name not in known:
@@ -139,11 +135,7 @@ class Workshop:
         return FrameRenderer(self.bench.scene, self.device, self.bench.parts)
 
     def prepare(self, method: Method) -> tuple[Render, float]:
-        """How to render a method, and the seconds that its preparation took, compilation aside.
-
-        Raises:
-            InputError: The method does not serve this scene.
-        """
+        """How to render a method, if it serves this scene, and the seconds of its preparation, compilation aside."""
         if method.peer:
             return (lambda spp: self._peer(method, spp)), 0.0
         watch, budget = Stopwatch(), Budget(self.device)

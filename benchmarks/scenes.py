@@ -102,11 +102,7 @@ QUICK = ("open_water", "jerlov_1b")
 
 
 def find(names) -> list[BenchScene]:
-    """Scenes by name; all of them where none is named.
-
-    Raises:
-        InputError: There is no such scene.
-    """
+    """Scenes by name; all of them where none is named."""
     for name in names:
         if name not in SCENES:
             raise InputError(
@@ -121,10 +117,7 @@ def find(names) -> list[BenchScene]:
 def references(bench: BenchScene, device: str, tell: Callable[[str], None] = lambda text: None) -> dict[str, Reference]:
     """What is known of a scene: ``full``, light of all orders, and ``single``, direct and single scattering, or not.
 
-    Args:
-        bench: the scene.
-        device: where a reference is rendered that is not known yet.
-        tell: called with a line of text before something that takes long.
+    ``tell`` is called with a line of text before something that takes long.
     """
     known = {"full": _full(bench, device, tell)}
     single = REFERENCES / f"{bench.name}_single.npz"

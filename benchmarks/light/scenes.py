@@ -59,11 +59,7 @@ def _named(title: str):
 
 
 def build(name: str, resolution=RESOLUTION) -> Built:
-    """A scene by name.
-
-    Raises:
-        InputError: There is no such scene.
-    """
+    """A scene by name, or an `InputError` where there is none."""
     if name not in SCENES:
         known = ", ".join(SCENES)
         raise InputError("there is no such scene", key="--scenes", value=name, remedy=f"There are: {known}.")

@@ -202,11 +202,7 @@ def refined(render: Callable[..., RadianceImage], most: int) -> Iterator[Radianc
     """Images of 1, 2, 4 ... samples per pixel, up to ``most`` or one more; in smaller steps where they are slow.
 
     The first is not part of the others: one sample does not tell its own error, by which images are denoised. For the
-    same reason no step is of one.
-
-    Args:
-        render: Makes an image of ``spp`` samples with the random numbers of a ``frame``.
-        most: Samples per pixel.
+    same reason no step is of one. ``render`` makes an image of ``spp`` samples with the random numbers of a ``frame``.
     """
     mean = render(spp=1, frame=0)
     yield mean
@@ -267,11 +263,7 @@ class _EditedScene:
         self._solid: Any = None
 
     def reload(self) -> View:
-        """Load the scene, and do again what depends on its changes.
-
-        Raises:
-            InputError: If something is wrong with it.
-        """
+        """Load the scene and do again what depends on its changes, or raise what is wrong with it."""
         # before it is read: what is saved meanwhile is a change, also of a file for which it cannot be loaded
         self._stamps = {path: stamp_of(path) for path in (*self._stamps, self.path)}
         scene = load_scene(self.path, self.overrides)

@@ -14,11 +14,7 @@ from varos_warp.scene.frames import camera_pose, intrinsics
 
 
 class FolderScreen:
-    """Keeps ``preview.png`` in a folder up to date; it is replaced as a whole.
-
-    Raises:
-        InputError: If the folder is a dataset, which holds its own files alone.
-    """
+    """Keeps ``preview.png`` in a folder, which must be no dataset, up to date; it is replaced as a whole."""
 
     outputs = WATER
 

@@ -68,11 +68,7 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
 
 
 def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
-    """Open the viewer for a stream, or use the one that is open.
-
-    Raises:
-        InputError: If it cannot be opened: there is no display, or the program is not where programs are looked for.
-    """
+    """Open the viewer for a stream, or use the open one; refused without a display, or if the program is not found."""
     displays = {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"}
     if sys.platform.startswith("linux") and not displays & set(os.environ) and not _is_open():
         raise InputError("there is no display for the viewer Rerun", key=verb, remedy=remedy)

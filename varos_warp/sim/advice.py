@@ -160,11 +160,7 @@ def _is_half(turned: np.ndarray) -> bool:
 def on_poses(course: Trajectory, knots: Knots, motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:
     """Advice if exact poses do not say what happens, or ask for what no underwater vehicle does.
 
-    Args:
-        course: Of the scene, of exact poses.
-        knots: The poses.
-        motion: Columns of the trajectory through them.
-        last_frame_s: Time of the last frame [s].
+    ``motion`` has columns of the trajectory through the ``knots``.
     """
     times, file = knots.times * TICK_S, course.file is not None
     yield from getattr(course.stops, "messages", ())
@@ -232,11 +228,7 @@ def _on_heading(course: Trajectory, motion: dict[str, np.ndarray]) -> Iterator[s
 def on_pace(scene: Scene, course: Course, position: np.ndarray, frames: int) -> Iterator[str]:
     """Advice if ``duration_s`` ends a sequence while the vehicle still gathers speed, so that it hardly moves.
 
-    Args:
-        scene: The scene.
-        course: Its course.
-        position: Of the vehicle from the first frame to the last [n, 3] [m].
-        frames: How many there are.
+    ``position`` [n, 3] [m] is of the vehicle from the first frame to the last.
     """
     if not scene.trajectory.duration_s or frames < FEW_FRAMES:
         return

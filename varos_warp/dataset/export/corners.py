@@ -84,11 +84,7 @@ def write(job: Job) -> None:
 
 
 def boards_of(job: Job) -> list[Board]:
-    """The boards among the objects of a dataset's scene.
-
-    Raises:
-        InputError: There is none.
-    """
+    """The boards among the objects of a dataset's scene, or an `InputError` where there is none."""
     scene = scene_from_dict(job.data.meta["scene"])
     boards = [
         Board(f"objects.{i}", block) for i, block in enumerate(scene.objects) if isinstance(block, CalibrationBoard)
@@ -108,15 +104,7 @@ def boards_of(job: Job) -> list[Board]:
 
 
 class Corners:
-    """Finds where the cameras of a dataset see the corners of boards.
-
-    Args:
-        job: The export.
-        boards: The boards.
-
-    Raises:
-        InputError: If what the dataset was made of is not at hand.
-    """
+    """Finds where the cameras of a dataset see the corners of boards; refuses one whose scene's files are gone."""
 
     def __init__(self, job: Job, boards: list[Board]):
         self.data, self.boards = job.data, boards

@@ -59,11 +59,7 @@ TYPES = {
 
 
 def write(job: Job) -> None:
-    """Write ``bag/bag.mcap`` and its metadata.yaml.
-
-    Raises:
-        InputError: If rosbags is not installed.
-    """
+    """Write ``bag/bag.mcap`` and its metadata.yaml; an `InputError` says that rosbags is not installed."""
     optional("rosbags.rosbag2", "the package rosbags", "export", key="to", value="mcap")
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore

@@ -78,16 +78,10 @@ class Readiness:
 
 
 def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
-    """Read a dataset and measure.
+    """Measure the dataset in a folder, with so many runs of the odometry; absent: its first camera.
 
-    Args:
-        root: Folder of the dataset.
-        camera: Id of the camera; absent: the first.
-        seeds: Runs of the odometry.
-
-    Raises:
-        InputError: If it has no A, fewer than two frames or no poses, if a file is missing or damaged, there is no such
-            camera, or OpenCV is not installed.
+    Raises an `InputError` as `check` does, or if there is no such camera, a file is damaged, or OpenCV is not
+    installed.
     """
     data = Dataset(root)
     opencv()
@@ -114,11 +108,7 @@ def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
 
 
 def check(data: Dataset, camera: str) -> None:
-    """Refuse a dataset that cannot be measured, before anything is.
-
-    Raises:
-        InputError: It has no A, fewer than two frames, or no poses of the camera; or an image is missing.
-    """
+    """Refuse a dataset without A, of fewer than two frames, without poses of the camera, or with an image gone."""
     if WATER not in data.outputs:
         raise InputError(
             "the dataset has no A, which is what features are found in",
@@ -140,11 +130,7 @@ def check(data: Dataset, camera: str) -> None:
 
 
 def by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
-    """Measures of each frame and of the step to the next by name, as `Readiness` has them, but for the forecast.
-
-    Raises:
-        InputError: If a file cannot be read.
-    """
+    """Measures of each frame and of the step to the next, as `Readiness` has them, but for the forecast."""
     rows, view, before, last = [], View(data, camera), None, None
     for index in range(len(data)):
         gray = view.gray(index)

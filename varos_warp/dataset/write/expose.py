@@ -34,18 +34,10 @@ def expose(
 ) -> None:
     """Gains of one camera from all its rendered frames; writes the PNG whose gain is new, then the gains.
 
-    The gains come last: if it is interrupted, the next run finds the old ones and does it again.
-
-    Args:
-        layout: Of the dataset.
-        scene: The scene, which says how the letter is exposed.
-        camera: Its id.
-        letter: A, B or P.
-        frames: Numbers [N] of the frames whose EXR is there.
-        time_ns: Their times [N].
-        made: What this run rendered: its statistics are known, and its PNG are written where the gain was known.
-        has: Whether an image file is there already, and good.
-        axis_weight: Of the camera (`CameraModel`), for P.
+    The gains come last: if it is interrupted, the next run finds the old ones and does it again. Frames [N] are those
+    whose EXR is there, at times [N]; of those that this run ``made`` the statistics are known, and PNG are written
+    where the gain was known. ``has`` tells whether an image file is there and good, ``axis_weight`` is the camera's
+    (`CameraModel`), for P.
     """
     from varos_warp.device.devices import usable_cores
 

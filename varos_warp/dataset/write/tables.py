@@ -63,12 +63,7 @@ def write_readings(
 ) -> None:
     """Readings of a sensor; where they have noise, what they would be without it beside them, and its bias.
 
-    Args:
-        layout: Of the dataset.
-        name: Of the sensor, as in `READINGS`.
-        reading: ``time_ns`` int64 [N] and the quantities of `READINGS`, [N] or [N, k].
-        truth: The same without noise.
-        bias: The slowly varying part of the noise.
+    Each has ``time_ns`` int64 [N] and the quantities of `READINGS`, [N] or [N, k].
     """
 
     def write(path: Path, **parts: Samples | None) -> None:

@@ -115,11 +115,7 @@ def describe_exposure(layout: Layout, camera) -> dict:
 
 
 def lamp_gains_of(scene) -> dict[str, list[float]]:
-    """Gains of the channels of those cameras that are balanced for lamps, by their ids.
-
-    Raises:
-        InputError: If no lamp lights what is in focus, or a lamp's file cannot be read.
-    """
+    """Gains of the channels of those cameras that are balanced for lamps, by their ids."""
     rules = {camera.id: rule_of(scene, camera.id, WATER) for camera in scene.vehicle.cameras}
     return {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
 
