@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, require_known
 
 MODULES = {"mitsuba": "mitsuba", "cycles": "bpy"}
 SUFFIXES = {"mitsuba": ".xml", "cycles": ".blend"}
@@ -96,8 +96,7 @@ def export(name: str, scene, parts, camera, T_w_v, path: Path, *, spp: int = 64)
 
 def check_available(name: str) -> None:
     """Refuse a peer that is not known or not installed."""
-    if name not in MODULES:
-        raise InputError("there is no such peer", key="peer", value=name, remedy=f"There are: {', '.join(MODULES)}.")
+    require_known(name, MODULES, "there is no such peer", key="peer")
     if name not in available():
         raise InputError("is not installed", key="peer", value=name, remedy=f"Run `{INSTALL[name]}`.")
 

@@ -286,13 +286,7 @@ def with_options(error: InputError) -> InputError:
     remedy = error.remedy
     for name, option in REPAIR_KEYS.items():
         remedy = remedy.replace(name, option) if remedy and "_" in name else remedy
-    return InputError(
-        error.problem,
-        file=error.file,
-        key=REPAIR_KEYS.get(key.partition(".")[0], error.key),
-        value=error.value,
-        remedy=remedy,
-    )
+    return error.but(key=REPAIR_KEYS.get(key.partition(".")[0], error.key), remedy=remedy)
 
 
 def parse_frames(text: str | None) -> slice:

@@ -95,14 +95,7 @@ def _naming_the_original(temp: Path, root: Path) -> Iterator[None]:
     except InputError as error:
         if error.file is None or not Path(error.file).is_relative_to(temp):
             raise
-        raise InputError(
-            error.problem,
-            file=root / Path(error.file).relative_to(temp),
-            key=error.key,
-            value=error.value,
-            remedy=error.remedy,
-            line=error.line,
-        ) from error
+        raise error.but(file=root / Path(error.file).relative_to(temp)) from error
 
 
 def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run.steps import simulated
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, require_known
 from varos_warp.files import stamp_of
 from varos_warp.products.images.radiance import RadianceImage, encode_color, to_half
 from varos_warp.render.image import exposure
@@ -343,9 +343,10 @@ def smaller(camera: Camera, width: int) -> Camera:
 
 def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
     known = {camera.id: camera for camera in cameras}
-    if wanted is not None and wanted not in known:
-        raise InputError("no such camera", key="--camera", value=wanted, remedy=f"There are: {', '.join(known)}.")
-    return cameras[0] if wanted is None else known[wanted]
+    if wanted is None:
+        return cameras[0]
+    require_known(wanted, known, "no such camera", key="--camera")
+    return known[wanted]
 
 
 def _pose(viewpoint: Viewpoint, simulation, stays_open_ns: int) -> tuple[int, np.ndarray]:

@@ -115,6 +115,12 @@ def moved_by(position: np.ndarray) -> np.ndarray:
     return np.round(position[0]) if np.abs(position).max() > FAR_M else np.zeros(3)
 
 
+def frustum(rr, K: np.ndarray, width: int, height: int):
+    """A camera with OpenCV's axes and K [3, 3] for the viewer."""
+    axes = rr.ViewCoordinates.RDF
+    return rr.Pinhole(image_from_camera=K, width=width, height=height, camera_xyz=axes, image_plane_distance=0.5)
+
+
 class _Recorder:
     """Writes a dataset to a stream of Rerun, the module ``rr``."""
 
@@ -189,16 +195,7 @@ class _Recorder:
         rows = np.searchsorted(data.frames, numbers)
         indexes = [*self.times(time_ns[rows]), rr.TimeColumn("frame", sequence=numbers)]
         self.stream.send_columns(entity, indexes, self.poses(T_w_c[rows]))
-        self.fix(
-            entity,
-            rr.Pinhole(
-                image_from_camera=data.intrinsics(camera),
-                width=about["width"],
-                height=about["height"],
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.5,
-            ),
-        )
+        self.fix(entity, frustum(rr, data.intrinsics(camera), about["width"], about["height"]))
         for output in (output for output in data.outputs if OUTPUTS[output].is_color):
             gains = data.gains(output, camera)
             if all(number in gains for number in numbers):

@@ -30,17 +30,7 @@ from varos_warp.sim.companions import motions
 
 IMAGES = ""
 SENSORS = ()
-HEADER = [
-    "frame",
-    "timestamp [ns]",
-    "board",
-    "corner",
-    "u [px]",
-    "v [px]",
-    "state",
-    *xyz("board", "m"),
-    *xyz("world", "m"),
-]
+HEADER = "frame,timestamp [ns],board,corner,u [px],v [px],state".split(",") + xyz("board", "m") + xyz("world", "m")
 VISIBLE, HIDDEN, OUTSIDE, UNSEEN = "visible", "hidden", "outside", "unseen"
 """States of a corner: something is before it, or the board shows its back; its image point lies beyond the image's
 edges; it has no image point: it is behind the camera, or lens and port let no light through from there."""
@@ -211,14 +201,12 @@ def _target(board: Board) -> dict | None:
             "rowSpacingMeters": block.square_m * z,
             "colSpacingMeters": block.square_m * x,
         }
-    return (
-        None
-        if x != z
-        else {
-            "target_type": "aprilgrid",
-            "tagCols": block.columns,
-            "tagRows": block.rows,
-            "tagSize": block.tag_m * x,
-            "tagSpacing": block.spacing or SPACING,
-        }
-    )
+    if x != z:
+        return None
+    return {
+        "target_type": "aprilgrid",
+        "tagCols": block.columns,
+        "tagRows": block.rows,
+        "tagSize": block.tag_m * x,
+        "tagSpacing": block.spacing or SPACING,
+    }

@@ -168,10 +168,7 @@ def _told_of(version: Version) -> Iterator[None]:
     except InputError as error:
         if str(error.file) in [change.where for change in version.changes]:
             raise
-        problem = f"in version {version.name}: {error.problem}"
-        raise InputError(
-            problem, file=error.file, key=error.key, value=error.value, remedy=error.remedy, line=error.line
-        ) from error
+        raise error.but(problem=f"in version {version.name}: {error.problem}") from error
 
 
 def check(scene: Scene, device: str) -> None:
