@@ -146,9 +146,8 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path(__file__).parent / "results" / "soak_cpu")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        result = soak(
-            options.frames, options.size, options.device, Path(folder) / "soak", integrator=options.integrator
-        )
+        out = Path(folder) / "soak"
+        result = soak(options.frames, options.size, options.device, out, integrator=options.integrator)
     save(options.out.with_suffix(".json"), result)
     chart(result, options.out.with_suffix(".png"))
     print(json.dumps({key: value for key, value in result.items() if key != "samples"}, indent=1))

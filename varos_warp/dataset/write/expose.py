@@ -66,13 +66,7 @@ def expose(
         of_frames = [exposure.as_gain(gain) for gain in gains.tolist()]
         list(pool.map(write, frames, of_frames))
     rows = [exposure_row(gain, known) for gain, known in zip(of_frames, found, strict=True)]
-    files.write_csv(
-        table,
-        [TIME, *exposure_columns(rule)],
-        time_ns,
-        frames,
-        *zip(*rows, strict=True),
-    )
+    files.write_csv(table, [TIME, *exposure_columns(rule)], time_ns, frames, *zip(*rows, strict=True))
 
 
 def twin_gains(

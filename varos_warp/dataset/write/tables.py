@@ -14,10 +14,7 @@ from varos_warp.dataset.write.texts import describe_camera, light_pose
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Samples, xyz
 from varos_warp.products.sensors.registry import BY_ID, mounted
-from varos_warp.scene.frames import (
-    camera_pose,
-    euler_angles,
-)
+from varos_warp.scene.frames import camera_pose, euler_angles
 from varos_warp.scene.optics.shutter import in_ns, row_offsets_s
 
 

@@ -29,13 +29,7 @@ from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES, SlopeBlend
 from varos_warp.scene.file.load import scene_to_dict
-from varos_warp.scene.frames import (
-    R_V_C,
-    intrinsics,
-    opencv_intrinsics,
-    pose_matrix,
-    transform,
-)
+from varos_warp.scene.frames import R_V_C, intrinsics, opencv_intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
