@@ -145,16 +145,12 @@ def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:
                 f"the leg to it takes {need:.3g}, more than {name} = {limit:.3g}; expect overshoot "
                 "(lower the speed, max_acceleration or max_angular_speed_deg)"
             )
-    if _is_half(leg.turn):
+    if isclose(float(np.linalg.norm(leg.turn)), pi, rel_tol=1e-9):
         axis = ", ".join(f"{x:.3f}" for x in leg.turn / float(np.linalg.norm(leg.turn)) + 0.0)
         yield (
             f"exactly half a turn, both ways are equally short; turns about ({axis}) in vehicle axes "
             "(+180 and -180 deg turn opposite ways)"
         )
-
-
-def _is_half(turned: np.ndarray) -> bool:
-    return isclose(float(np.linalg.norm(turned)), pi, rel_tol=1e-9)
 
 
 def on_poses(course: Trajectory, knots: Knots, motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:

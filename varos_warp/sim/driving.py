@@ -67,14 +67,10 @@ def prepare(scene: Scene, parts: list | None) -> None:
         for sensor, block in mounted(scene.vehicle):
             check_rate(block.rate_hz, f"vehicle.{sensor.key}.rate_hz")
         if isinstance(scene.trajectory.pattern, HullFollowing):
-            _find_course(scene, parts)
+            from varos_warp.scene.geometry.course import find_course  # nor elsewhere but where one is followed
+
+            find_course(scene, parts)
         read_course(scene)
-
-
-def _find_course(scene: Scene, parts: list | None) -> None:
-    from varos_warp.scene.geometry.course import find_course  # nor elsewhere but where one is followed
-
-    find_course(scene, parts)
 
 
 def _rows(scene: Scene, frames: int) -> int:

@@ -220,12 +220,16 @@ def _openvins(job: Job, chain: dict[str, dict], imu: dict) -> None:
 # --------------------------------------------------------------------------------------------------------------- YAML
 
 
-class _Dumper(yaml.SafeDumper):
-    """A key a line, as EuRoC's and Kalibr's own files, with lists of numbers in brackets."""
+class NoAliases(yaml.SafeDumper):
+    """A matrix that stands twice is written twice: OpenCV's reader knows no aliases."""
 
     def ignore_aliases(self, data):
-        """A matrix that stands twice is written twice: OpenCV's reader knows no aliases."""
+        """None are made."""
         return True
+
+
+class _Dumper(NoAliases):
+    """A key a line, as EuRoC's and Kalibr's own files, with lists of numbers in brackets."""
 
     def increase_indent(self, flow=False, indentless=False):
         """Rows of a matrix are indented: OpenCV's reader does not know them otherwise."""

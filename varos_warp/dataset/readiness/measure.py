@@ -1,6 +1,5 @@
 """Everything that readiness tells of one dataset."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -142,12 +141,8 @@ def by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
                 rows[-1] |= _between(before, now, data, index - 1, camera)
         rows.append(row)
         before, last = now, gray
-    return {name: [row.get(name) for row in rows] for name in _names(rows)}
-
-
-def _names(rows: Iterable[dict[str, float | None]]) -> list[str]:
-    """List all measures of which any frame has a value."""
-    return list(dict.fromkeys(name for row in rows for name, value in row.items() if value is not None))
+    known = dict.fromkeys(name for row in rows for name, value in row.items() if value is not None)
+    return {name: [row.get(name) for row in rows] for name in known}
 
 
 def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints]) -> dict[str, float | None]:
