@@ -23,20 +23,11 @@ SECONDS, QUICK_SECONDS = 150.0, 25.0
 
 
 def run(names=(), method_names=(), device="auto", quick=False, seconds=None, out=Path("bench"), quiet=False) -> dict:
-    """Measure, write and draw; returns what bench.json holds.
+    """Measure scenes by methods (none named: all, a few if ``quick``), write and draw; returns what bench.json holds.
 
-    Args:
-        names: of scenes; none: all, or two if ``quick``.
-        method_names: none: all, or a few if ``quick``.
-        device: auto, cpu or cuda:N.
-        quick: to see it work.
-        seconds: for each scene.
-        out: folder for the results; of those of an earlier run there by the same code on the same machine, the scenes
-            that are measured anew are replaced, of others all.
-        quiet: no lines of progress.
-
-    Raises:
-        InputError: There is no such scene, method or device.
+    ``seconds`` are for each scene. Of the results of an earlier run in ``out`` by the same code on the same machine,
+    the scenes that are measured anew are replaced, of others all. An InputError tells that there is no such scene,
+    method or device.
     """
     seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
     if seconds <= 0.0:

@@ -15,12 +15,8 @@ def single_scattering_image(scene: Scene, nodes: int = 16, points: int = 2) -> n
     """Radiance [H, W, 3] of the first camera, a pinhole, of what its lights send through water without surfaces.
 
     Integral of sigma_s p(cos) I exp(-sigma_t (t + d)) / d^2 along the ray, in the equiangular variable (Kulla and
-    Fajardo 2012), by Gauss-Legendre in pieces with ends where the ray crosses the cone.
-
-    Args:
-        scene: without surfaces.
-        nodes: of a piece.
-        points: Gauss points across a pixel, in either direction.
+    Fajardo 2012), by Gauss-Legendre in pieces with ends where the ray crosses the cone, and ``points`` across a pixel
+    each way.
     """
     view = scene.vehicle.cameras[0]
     width, height = view.resolution

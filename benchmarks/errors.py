@@ -44,14 +44,8 @@ def relative_rmse(images: np.ndarray, reference: Reference) -> tuple[np.ndarray,
 
     With e the error of a pixel and s the standard error of the reference, d = image - mean has E[d^2] = e^2 + s^2, and
     the mean of d^2 - s^2 over n pixels has the standard error sqrt(sum(4 e^2 s^2 + 2 s^4)) / n by the reference's
-    (normal) noise alone.
-
-    Args:
-        images: [k, H, W, 3], renderings with different random numbers.
-        reference: of the same size.
-
-    Returns:
-        The error per channel [3], 0 where noise exceeds it, and its upper limit [3] of `SIGMAS`.
+    (normal) noise alone. Of images [k, H, W, 3]: the error per channel [3], 0 where noise exceeds it, and its upper
+    limit [3] of `SIGMAS`.
     """
     known, mean, s2 = reference.known, reference.mean, reference.stderr[reference.known] ** 2
     squares = np.mean((np.asarray(images, float) - mean)[:, known] ** 2, axis=0)

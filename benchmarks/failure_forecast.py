@@ -52,32 +52,11 @@ def make(out: Path) -> None:
     """Render every scene in every water, 12 frames of 2 samples, denoised; what is there is kept."""
     for name, changes in SCENES.items():
         scene = ROOT / "varos_warp" / "data" / "templates" / f"{name}.yaml"
+        sweep = [sys.executable, "-m", "varos_warp", "sweep", str(scene), "-o", str(out / name)]
+        waters = ["--over", f"water.jerlov.type={','.join(WATERS)}"]
         words = [f"--set={change}" for change in (*COMMON, *changes)]
-        subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "varos_warp",
-                "sweep",
-                str(scene),
-                "-o",
-                str(out / name),
-                "--over",
-                f"water.jerlov.type={','.join(WATERS)}",
-                *words,
-                "--outputs",
-                "A",
-                "--frames",
-                "0:12",
-                "--spp",
-                "2",
-                "--integrator",
-                "path",
-                "--seed",
-                "1",
-            ],
-            check=True,
-        )
+        how = "--outputs A --frames 0:12 --spp 2 --integrator path --seed 1".split()
+        subprocess.run([*sweep, *waters, *words, *how], check=True)
 
 
 def table(out: Path) -> None:

@@ -57,11 +57,7 @@ class Look:
 
 
 def look_of(pixels: np.ndarray) -> Look:
-    """Statistics of a picture, linear float [H, W, 3] with white at 1.
-
-    Raises:
-        ValueError: If it is smaller than 64 pixels, or black.
-    """
+    """Statistics of a picture, linear float [H, W, 3] with white at 1, neither black nor smaller than 64 pixels."""
     luminance = pixels @ LUMINANCE
     if min(luminance.shape) < SMALLEST or not luminance.any():
         raise ValueError(f"is black, or smaller than {SMALLEST} x {SMALLEST} pixels")
@@ -107,11 +103,7 @@ def gradient_moments(luminance: np.ndarray) -> tuple[float, float]:
 
 
 def read_picture(path: Path, gain: float = 1.0) -> np.ndarray:
-    """Linear float [H, W, 3] of a file; ``gain`` makes that of an EXR white at 1, and what is brighter is clipped.
-
-    Raises:
-        OSError: If it cannot be read.
-    """
+    """Linear float [H, W, 3] of a file; ``gain`` makes that of an EXR white at 1, and what is brighter is clipped."""
     if path.suffix.lower() == ".exr":
         channels = read_exr(path)
         return np.clip(gain * np.stack([channels[c] for c in "RGB"], -1).astype(float), 0.0, 1.0)

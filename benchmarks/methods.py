@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.machine import Budget, Stopwatch
 from benchmarks.scenes import BenchScene
-from varos_warp.errors import InputError
+from varos_warp.errors import require_known
 from varos_warp.render.renderer import FrameRenderer
 
 LADDER = (1, 4, 16, 64, 256, 1024)
@@ -91,17 +91,10 @@ def peers() -> list[Method]:
 
 
 def find(names, quick: bool = False) -> list[Method]:
-    """Methods by name; where none is named all of them, or the few that a quick run has time for.
-
-    Raises:
-        InputError: There is no such method.
-    """
+    """Methods by name; where none is named all of them, or the few that a quick run has time for."""
     known = {method.name: method for method in (*OURS, *peers())}
     for name in names:
-        if name not in known:
-            raise InputError(
-                "there is no such method", key="--methods", value=name, remedy=f"There are: {', '.join(known)}."
-            )
+        require_known(name, known, "there is no such method", key="--methods")
     return [known[name] for name in dict.fromkeys(names or (QUICK if quick else known))]
 
 
@@ -139,11 +132,7 @@ class Workshop:
         return FrameRenderer(self.bench.scene, self.device, self.bench.parts)
 
     def prepare(self, method: Method) -> tuple[Render, float]:
-        """How to render a method, and the seconds that its preparation took, compilation aside.
-
-        Raises:
-            InputError: The method does not serve this scene.
-        """
+        """How to render a method, if it serves this scene, and the seconds of its preparation, compilation aside."""
         if method.peer:
             return (lambda spp: self._peer(method, spp)), 0.0
         watch, budget = Stopwatch(), Budget(self.device)

@@ -108,14 +108,10 @@ def seconds_to(rows: list[dict], target: float, device: str) -> str:
         if error <= target:
             if before is None:
                 return f"< {at:.2g}" if error < target else f"{at:.2g}"
-            share = _log_share(before[1], error, target)
+            share = log(before[1] / target) / log(before[1] / error)
             return f"{before[0] * (at / before[0]) ** share:.2g}"
         before = (at, error)
     return f"> {before[0]:.2g}"
-
-
-def _log_share(start: float, end: float, target: float) -> float:
-    return log(start / target) / log(start / end)
 
 
 def _targets(rows: list[dict], device: str) -> str:

@@ -29,6 +29,11 @@ STEREO = (
     "vehicle.cameras=[{id: L0, position: [-0.1, 0, 0], resolution: [40, 24]}, {id: R0, position: [0.1, 0, 0], "
     "resolution: [40, 24], f_stop: 0}]"
 )
+METAL = [
+    "--set=water={jerlov: {type: 1C}}",
+    "--set=materials.steel={kind: metal, base: [0.56, 0.57, 0.58], roughness: 0.3}",
+]
+PREPROCESS = "-o out.ply --vertices 2000 --shrinkwrap 129 --region 850,270,930,350 --device cpu -q"
 
 JOBS = {
     "demo": ["run", DEMO, "-o", "out", "--frames", "0:2", *ALL],
@@ -36,38 +41,12 @@ JOBS = {
     "path": ["run", DEMO, "-o", "out", "--frames", "3", *ALL, "--integrator", "path", "--denoise", "nlm"],
     "reference": ["render", DEMO, "-o", "out", "--frames", "3", *ALL, "--integrator", "reference"],
     "green": ["render", DEMO, "-o", "out", "--frames", "5", *ALL, "--set", GREEN],
-    "metal": [
-        "render",
-        DEMO,
-        "-o",
-        "out",
-        "--frames",
-        "5",
-        *ALL,
-        "--set",
-        "water={jerlov: {type: 1C}}",
-        "--set",
-        "materials.steel={kind: metal, base: [0.56, 0.57, 0.58], roughness: 0.3}",
-    ],
+    "metal": ["render", DEMO, "-o", "out", "--frames", "5", *ALL, *METAL],
     "stereo": ["run", DEMO, "-o", "out", "--frames", "7:9", "--device", "cpu", "-q", "--spp", "2", "--set", STEREO],
     "munkholmen": ["run", f"{MUNKHOLMEN}/scene.yaml", "-o", "out", "--frames", "120", *ALL],
     "simulate": ["simulate", f"{MUNKHOLMEN}/scene.yaml", "-o", "out", "-q"],
     "info": ["info", DEMO, "--json"],
-    "preprocess": [
-        "preprocess",
-        f"{MUNKHOLMEN}/meshes/munkholmen_seabed.dae",
-        "-o",
-        "out.ply",
-        "--vertices",
-        "2000",
-        "--shrinkwrap",
-        "129",
-        "--region",
-        "850,270,930,350",
-        "--device",
-        "cpu",
-        "-q",
-    ],
+    "preprocess": ["preprocess", f"{MUNKHOLMEN}/meshes/munkholmen_seabed.dae", *PREPROCESS.split()],
 }
 """Commands by name; each is run in a folder of its own."""
 AFTER = {

@@ -23,16 +23,7 @@ MUNKHOLMEN = ROOT / "examples" / "munkholmen" / "scene.yaml"
 
 
 def measure(scene, frames: int, workers: int, device: str, out: Path, step: int = 1) -> dict:
-    """One run.
-
-    Args:
-        scene: The scene.
-        frames: How many of its frames.
-        workers: Processes; 0: none, all in this one.
-        device: As `produce` has it.
-        out: Folder to make.
-        step: Every so many-th frame.
-    """
+    """One run, of every ``step``-th frame, with so many workers; 0: none, all in this process."""
     summary = produce(
         scene, out, device=device, frames=slice(0, step * frames, step), workers=workers or None, quiet=True
     )

@@ -13,7 +13,7 @@ from benchmarks.errors import Reference
 from benchmarks.light import scenes as unlike
 from benchmarks.light.scenes import Built
 from varos_warp.cache import cached
-from varos_warp.errors import InputError
+from varos_warp.errors import require_known
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
@@ -102,16 +102,9 @@ QUICK = ("open_water", "jerlov_1b")
 
 
 def find(names) -> list[BenchScene]:
-    """Scenes by name; all of them where none is named.
-
-    Raises:
-        InputError: There is no such scene.
-    """
+    """Scenes by name; all of them where none is named."""
     for name in names:
-        if name not in SCENES:
-            raise InputError(
-                "there is no such scene", key="SCENE-NAMES", value=name, remedy=f"There are: {', '.join(SCENES)}."
-            )
+        require_known(name, SCENES, "there is no such scene", key="SCENE-NAMES")
     return [SCENES[name] for name in dict.fromkeys(names or SCENES)]
 
 
@@ -121,10 +114,7 @@ def find(names) -> list[BenchScene]:
 def references(bench: BenchScene, device: str, tell: Callable[[str], None] = lambda text: None) -> dict[str, Reference]:
     """What is known of a scene: ``full``, light of all orders, and ``single``, direct and single scattering, or not.
 
-    Args:
-        bench: the scene.
-        device: where a reference is rendered that is not known yet.
-        tell: called with a line of text before something that takes long.
+    ``tell`` is called with a line of text before something that takes long.
     """
     known = {"full": _full(bench, device, tell)}
     single = REFERENCES / f"{bench.name}_single.npz"

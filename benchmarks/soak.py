@@ -93,15 +93,7 @@ def growth(samples: list[dict]) -> dict[str, float]:
 
 
 def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -> dict:
-    """Run, and return the samples and what they say.
-
-    Args:
-        frames: How many.
-        size: Width and height [px].
-        device: ``cpu`` or ``cuda:N``.
-        out: Folder of the dataset.
-        **render: Keys of the scene's block of that name.
-    """
+    """Run, with keys of the scene's block ``render``, and return the samples and what they say."""
     scene = small_scene(frames, size, **render)
     before, watch = threading.active_count(), Stopwatch()
     renderer = Watched(scene, device, max(1, frames // SAMPLES))
@@ -154,9 +146,8 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path(__file__).parent / "results" / "soak_cpu")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        result = soak(
-            options.frames, options.size, options.device, Path(folder) / "soak", integrator=options.integrator
-        )
+        out = Path(folder) / "soak"
+        result = soak(options.frames, options.size, options.device, out, integrator=options.integrator)
     save(options.out.with_suffix(".json"), result)
     chart(result, options.out.with_suffix(".png"))
     print(json.dumps({key: value for key, value in result.items() if key != "samples"}, indent=1))

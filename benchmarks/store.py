@@ -10,12 +10,7 @@ from varos_warp.dataset.files import read_json, write_bytes, write_json
 
 @dataclass
 class Store:
-    """``bench.json`` with facts and all rows, and ``A.csv`` with the rows, written anew with every row.
-
-    Args:
-        folder: where they are written.
-        facts: about the machine; they stand in every row of the CSV file, too.
-    """
+    """``bench.json`` with facts and all rows, and ``A.csv`` with the rows and facts, written anew with every row."""
 
     folder: Path
     facts: dict

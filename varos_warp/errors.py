@@ -14,6 +14,8 @@ from types import ModuleType
 from typing import Any
 
 PACKAGE = str(Path(__file__).parent)
+PARTS = ("problem", "file", "key", "value", "remedy", "line")
+"""What an `InputError` is made of."""
 
 
 class InputError(ValueError):
@@ -32,11 +34,13 @@ class InputError(ValueError):
         self.problem, self.file, self.key, self.value, self.remedy, self.line = problem, file, key, value, remedy, line
         super().__init__(self.message)
 
+    def but(self, **parts: Any) -> "InputError":
+        """This error with some other parts, by the names of the arguments."""
+        return InputError(**{name: getattr(self, name) for name in PARTS} | parts)
+
     def at(self, key: str) -> "InputError":
         """This error with another key; with none if ``key`` is empty."""
-        return InputError(
-            self.problem, file=self.file, key=key or None, value=self.value, remedy=self.remedy, line=self.line
-        )
+        return self.but(key=key or None)
 
     @property
     def message(self) -> str:
@@ -52,6 +56,17 @@ def did_you_mean(word: str, known: Iterable[str]) -> str | None:
     names = list(known)
     near = same_name(word, names) or next(iter(difflib.get_close_matches(word, names, 1)), None)
     return f"Did you mean '{near}'?" if near else None
+
+
+def require_known(name: str, known: Iterable[str], problem: str, near: bool = False, **where: Any) -> None:
+    """Refuse a name that is none of those known; the remedy is all of them, or one that is much like it if ``near``.
+
+    Raises:
+        InputError: With the ``problem``, and ``where`` it is.
+    """
+    if name not in (names := list(known)):
+        alike = did_you_mean(name, names) if near else None
+        raise InputError(problem, value=name, remedy=alike or f"There are: {', '.join(names) or 'none'}.", **where)
 
 
 def same_name(word: str, known: Iterable[str]) -> str | None:

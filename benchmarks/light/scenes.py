@@ -25,7 +25,7 @@ from benchmarks.light.shapes import (
     spot,
     water,
 )
-from varos_warp.errors import InputError
+from varos_warp.errors import require_known
 from varos_warp.scene.description import Scene
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry.build import build_parts
@@ -59,14 +59,8 @@ def _named(title: str):
 
 
 def build(name: str, resolution=RESOLUTION) -> Built:
-    """A scene by name.
-
-    Raises:
-        InputError: There is no such scene.
-    """
-    if name not in SCENES:
-        known = ", ".join(SCENES)
-        raise InputError("there is no such scene", key="--scenes", value=name, remedy=f"There are: {known}.")
+    """A scene by name, or an `InputError` where there is none."""
+    require_known(name, SCENES, "there is no such scene", key="--scenes")
     return SCENES[name][1](resolution)
 
 

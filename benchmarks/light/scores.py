@@ -147,14 +147,9 @@ def spread_over_claimed(images: np.ndarray, stderr: np.ndarray) -> np.ndarray:
 
 
 def as_normal(difference, a, b, n_a: int, n_b: int) -> np.ndarray:
-    """``difference`` in standard errors, as a normal number of the same chance (Welch's t for few images).
+    """``difference`` of two means in standard errors, as a normal number of the same chance (Welch's t for few images).
 
-    Args:
-        difference: Of two means.
-        a: Standard error of the one, of ``n_a`` images.
-        b: Of the other, of ``n_b``.
-        n_a: Number of images.
-        n_b: Number of images.
+    a and b are the standard errors of the means, of so many images.
     """
     variance = a**2 + b**2
     with np.errstate(divide="ignore", invalid="ignore"):

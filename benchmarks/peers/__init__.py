@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, require_known
 
 MODULES = {"mitsuba": "mitsuba", "cycles": "bpy"}
 SUFFIXES = {"mitsuba": ".xml", "cycles": ".blend"}
@@ -59,26 +59,13 @@ def render(
     seed: int = 0,
     variant: str | None = None,
 ) -> PeerImage:
-    """Image A of one camera for the vehicle at ``T_w_v`` [4, 4], by another renderer.
+    """Image A of one camera for the vehicle at ``T_w_v`` [4, 4], by another renderer, ``mitsuba`` or ``cycles``.
 
-    Args:
-        name: ``mitsuba`` or ``cycles``.
-        scene: the scene.
-        parts: its geometry, from ``build_parts``.
-        camera: a camera, of the scene or not.
-        T_w_v: pose of the vehicle in the world.
-        spp: samples per pixel.
-        max_scatterings: most scatterings on a path; bounded only where ``max_bounces`` is 0, or 0.
-        max_bounces: most reflections on a path; bounded only where ``max_scatterings`` is 0, or 0.
-        max_events: most of both together; 1 is direct light and single scattering.
-        threads: CPU threads; absent: all.
-        denoise: Open Image Denoise on colour alone, within the time.
-        seed: of the random numbers.
-        variant: of Mitsuba; absent: ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no LLVM.
-
-    Raises:
-        InputError: the peer is not installed, or cannot render this scene.
-        RuntimeError: it broke down.
+    ``max_scatterings`` and ``max_bounces`` are bounds where the other is 0, or 0; ``max_events`` is one of both
+    together: 1 is direct light and single scattering. Absent ``threads`` are all; ``denoise`` is Open Image Denoise on
+    colour alone, within the time; the ``variant`` of Mitsuba is ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no
+    LLVM. An InputError says that the peer is not installed, or cannot render this scene, a RuntimeError that it broke
+    down.
     """
     check_available(name)
     from benchmarks.peers.plain import plain_scene
@@ -109,8 +96,7 @@ def export(name: str, scene, parts, camera, T_w_v, path: Path, *, spp: int = 64)
 
 def check_available(name: str) -> None:
     """Refuse a peer that is not known or not installed."""
-    if name not in MODULES:
-        raise InputError("there is no such peer", key="peer", value=name, remedy=f"There are: {', '.join(MODULES)}.")
+    require_known(name, MODULES, "there is no such peer", key="peer")
     if name not in available():
         raise InputError("is not installed", key="peer", value=name, remedy=f"Run `{INSTALL[name]}`.")
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from benchmarks import peers
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, require_known
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.sim.trajectory import simulate
@@ -52,10 +52,7 @@ def agree(
     known = {":".join(case): case for case in CASES}
     for key, names, there_are in (("--only", only, known), ("--light", light, TOLERANCE)):
         for name in names or ():
-            if name not in there_are:
-                raise InputError(
-                    "there is no such case", key=key, value=name, remedy=f"There are: {', '.join(there_are)}."
-                )
+            require_known(name, there_are, "there is no such case", key=key)
     for name in peer or ():
         peers.check_available(name)
     measure(seconds, output or RESULTS, [known[name] for name in only or known], peer, light or tuple(TOLERANCE))

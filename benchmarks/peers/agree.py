@@ -169,12 +169,8 @@ class Case:
 def measure(seconds: float, output: Path = RESULTS, cases=CASES, others=None, lights=tuple(TOLERANCE)) -> None:
     """Print a table in Markdown, a line for each program, and put the rows into ``output``, in place of older ones.
 
-    Args:
-        seconds: of CPU for each peer, scene and water, for light of all orders; less for one event.
-        output: a JSON file.
-        cases: names of scenes and waters.
-        others: names of peers; absent: all that are installed.
-        lights: ``one event``, ``all`` or both.
+    ``seconds`` are of CPU for each peer, scene and water, for light of all orders; less for one event. Absent
+    ``others`` are all peers that are installed.
     """
     programs = (*OURS, *(others or peers.available()))
     print(*HEADER, sep="\n")

@@ -27,11 +27,7 @@ SENSOR_MM = 36.0
 def build_cycles(
     plain: PlainScene, *, spp: int = 64, seed: int = 0, threads: int | None = None, denoise: bool = False
 ) -> None:
-    """Replace what Blender holds by this scene, ready to be rendered on the CPU.
-
-    Raises:
-        InputError: an image of fewer than 4 pixels a side, or a cone wider than a half space.
-    """
+    """Replace what Blender holds by this scene, ready for the CPU; refuses cones beyond a half space, tiny images."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for mesh in plain.meshes:
         _add_mesh(mesh)

@@ -28,11 +28,7 @@ LEAST_EXCESS, MOST_BACKSCATTER = 1e-3, 0.499
 
 
 def lobes_of(phase: PhaseFunction) -> tuple[Lobe, ...]:
-    """A phase function as a sum of lobes, exactly.
-
-    Raises:
-        InputError: It is a table, or Cycles would clamp its parameters.
-    """
+    """A phase function as a sum of lobes, exactly; refuses a table, or parameters that Cycles would clamp."""
     if isinstance(phase, HenyeyGreenstein):
         return (Lobe(1.0, HENYEY_GREENSTEIN, g=phase.g),)
     if isinstance(phase, FournierForand):

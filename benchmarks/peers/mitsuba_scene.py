@@ -24,14 +24,8 @@ MASK_HALF_ANGLE = np.radians(80.0)
 def write_mitsuba(plain: PlainScene, folder: Path, spp: int = 64, called: str | None = None) -> dict:
     """Dictionary for ``mitsuba.load_dict``; meshes (PLY) and light masks (EXR) are written into ``folder``.
 
-    Args:
-        plain: the scene.
-        folder: where the files go; exists.
-        spp: samples per pixel.
-        called: what the dictionary calls the folder; absent: its path.
-
-    Raises:
-        InputError: pixels that are not square, or a soft edge that no mask of 4096 pixels holds.
+    The dictionary calls it by its path, or as it is ``called``. Pixels that are not square, or a soft edge that no mask
+    of 4096 pixels holds, are refused.
     """
     scene = {"type": "scene", "integrator": _integrator(plain), "sensor": _sensor(plain, spp)}
     called = str(folder) if called is None else called

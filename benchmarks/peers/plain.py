@@ -28,19 +28,10 @@ def plain_scene(
     max_bounces: int | None = None,
     max_events: int | None = None,
 ) -> PlainScene:
-    """A scene as a camera sees it from the vehicle's pose ``T_w_v`` [4, 4].
+    """A scene as a camera sees it from the vehicle's pose ``T_w_v`` [4, 4]; copies are expanded.
 
-    Args:
-        scene: gives the water and the lights.
-        parts: its geometry; copies are expanded.
-        camera: a camera, of the scene or not.
-        T_w_v: pose of the vehicle in the world.
-        max_scatterings: most scatterings on a path; None: no bound.
-        max_bounces: most reflections on a path; None: no bound.
-        max_events: most scatterings and reflections together; 1 is direct light and single scattering.
-
-    Raises:
-        InputError: the peers cannot render the camera, a material or the phase function, or count paths in that way.
+    Bounds are as in `benchmarks.peers.render`. An InputError tells what the peers cannot render, such as a material, or
+    count.
     """
     if camera.port is not None or camera.distortion is not None:
         raise InputError(

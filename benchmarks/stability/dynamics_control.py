@@ -177,11 +177,4 @@ def saturation() -> Measured:
     return forces, {"largest lag [m]": [a for a, _ in made], "from the goal at the end [m]": [b for _, b in made]}
 
 
-SWEEPS: Sweeps = (
-    actuator_frequency,
-    actuator_damping,
-    lqr_weights,
-    lqr_actuator,
-    sample_rate,
-    saturation,
-)
+SWEEPS: Sweeps = (actuator_frequency, actuator_damping, lqr_weights, lqr_actuator, sample_rate, saturation)

@@ -48,11 +48,8 @@ TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what 
 def write_page(results: dict, said: dict, groups: dict[str, str], page: Path):
     """Write ``page`` and its figures into ``images`` beside it.
 
-    Args:
-        results: key of a sweep -> its record, with ``group``, ``commit``, ``machine`` and ``seconds``.
-        said: key of a sweep -> what map.yaml says of it.
-        groups: key of a group -> its title, in the order of the page.
-        page: path of the Markdown file.
+    Of records by key of a sweep, with ``group``, ``commit``, ``machine`` and ``seconds``, and what map.yaml says of
+    each; by the titles of groups, in their order.
     """
     text = [HEAD]
     for group, title in groups.items():

@@ -5,13 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.light import many_seeds, moving, moving_scenes, scores
+from benchmarks.light import many_seeds, scores
 from benchmarks.light.scenes import SCENES, build
 from benchmarks.light.scores import Estimate
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.sim.companions import companions
-from varos_warp.sim.poses import poses_of_moving
 
 N, SHAPE = 20, (40, 48, 3)
 TRUTH = 1.0 + np.arange(48)[None, :, None] / 48 * np.ones(SHAPE)
@@ -145,27 +143,3 @@ def test_batches_weigh_by_their_samples():
     mean, stderr = Estimate(None, np.array([1.0, 1.0, 8.0])).of(values.T)
     assert mean.std() == pytest.approx(10**-0.5, rel=0.02)
     assert np.sqrt((stderr**2).mean()) == pytest.approx(10**-0.5, rel=0.02)
-
-
-@pytest.mark.parametrize(("place", "kind"), [("facing_lamp", "vehicles"), ("world_camera", "object")])
-def test_what_moves_is_where_the_instants_have_it(place, kind):
-    """By splines and simulations in the scene, in closed form for its instants."""
-    case, offset_s = moving_scenes.make(place, kind), np.array([-0.1, 0.0, 0.07])
-    time_ns = np.rint(1e9 * (moving_scenes.NOW_S + offset_s)).astype(np.int64)
-    got = poses_of_moving(case.parts(), time_ns, companions(case.scene))
-    expected = case.others | ({"thing": case.thing} if case.thing else {})
-    assert set(got) == set(expected)
-    assert got
-    for key, course in expected.items():
-        np.testing.assert_allclose(got[key], course.at(offset_s), atol=1e-9)
-
-
-def test_moving_things_are_held_against_instants(tmp_path, capsys):
-    """A strobe and a rolling shutter: rows of all parts add up to the exposure."""
-    kept = tmp_path / "moving.json"
-    words = "--scenes open --kinds strobe --integrators path --seeds 4 --spp 2 --instants 3 --truth-spp 2"
-    moving.main([*words.split(), "--resolution", "24x16", "--denoise", "none", "--json", str(kept)])
-    (row,) = json.loads(kept.read_text())["rows"]
-    assert np.abs(row["mean_z"]).max() < 5.0
-    assert max(row["mean_off_stderr"]) < 30.0
-    assert "open" in capsys.readouterr().out

@@ -60,9 +60,8 @@ PANELS = {"scenes": "Scene files", "jobs": "Make a dataset", "datasets": "Use a 
 def verb(function: Callable, goes_on: bool = False) -> Callable:
     """Register a command; bad input becomes one message and status 2, an interruption status 130.
 
-    Args:
-        function: What it does; of a parameter that is a dataclass the command line has the fields.
-        goes_on: Whether, given again, it goes on where it was interrupted.
+    Of a parameter that is a dataclass the command line has the fields; a verb that ``goes_on`` says so when
+    interrupted.
     """
     parameters = inspect.signature(function).parameters.values()
     groups = {p.name: p.annotation for p in parameters if dataclasses.is_dataclass(p.annotation)}

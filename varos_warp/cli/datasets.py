@@ -66,11 +66,7 @@ def report(
 
 
 def _check_page(out: Path) -> None:
-    """Refuse what is no name of an HTML file, and one in a folder that is not there.
-
-    Raises:
-        InputError: Before anything is read.
-    """
+    """Refuse what is no name of an HTML file, and one in a folder that is not there, before anything is read."""
     if out.is_dir() or out.suffix.lower() not in (".html", ".htm"):
         page = out / "report.html" if out.is_dir() or not out.suffix else out.with_suffix(".html")
         raise InputError(

@@ -142,11 +142,7 @@ class PreviewOptions:
     ] = None
 
     def parsed(self) -> dict:
-        """Fields of `Viewpoint`.
-
-        Raises:
-            InputError: If both a frame and a time are given.
-        """
+        """Fields of `Viewpoint`; refuses both a frame and a time."""
         if self.frame is not None and self.time is not None:
             raise InputError("cannot be given together", key="--frame and --time", remedy="Give one of them.")
         return {"frame": self.frame or 0, "time_s": self.time, "camera": self.camera, "width": self.width}
@@ -206,11 +202,7 @@ class Repair:
     ] = None
 
     def parsed(self) -> dict:
-        """Arguments of `preprocess_meshes`.
-
-        Raises:
-            InputError: If one is not what its help says.
-        """
+        """Arguments of `preprocess_meshes`; refuses one that is not what its help says."""
         if not (math.isfinite(self.scale) and self.scale > 0.0):
             raise InputError("is not above 0", key="--scale", value=self.scale, remedy="For example 0.001.")
         check_choice("--up-axis", self.up_axis, (None, "x", "y", "z"))
@@ -230,11 +222,7 @@ class Repair:
 
 
 def parse_keys(option: str, given: list[str]) -> dict:
-    """Return what options ``KEY=VALUE`` give as one block; the values are YAML.
-
-    Raises:
-        InputError: An option is not of that form.
-    """
+    """Return what options ``KEY=VALUE`` give as one block; the values are YAML."""
     import yaml
 
     from varos_warp.scene import plain_yaml
@@ -298,13 +286,7 @@ def with_options(error: InputError) -> InputError:
     remedy = error.remedy
     for name, option in REPAIR_KEYS.items():
         remedy = remedy.replace(name, option) if remedy and "_" in name else remedy
-    return InputError(
-        error.problem,
-        file=error.file,
-        key=REPAIR_KEYS.get(key.partition(".")[0], error.key),
-        value=error.value,
-        remedy=remedy,
-    )
+    return error.but(key=REPAIR_KEYS.get(key.partition(".")[0], error.key), remedy=remedy)
 
 
 def parse_frames(text: str | None) -> slice:
@@ -372,10 +354,6 @@ def parse_shrinkwrap(text: str) -> int | str | None:
 
 
 def check_choice(key: str, value, known: tuple) -> None:
-    """Refuse what is none of the known words.
-
-    Raises:
-        InputError: If it is none.
-    """
+    """Refuse what is none of the known words."""
     if value not in known:
         raise InputError("is unknown", key=key, value=value, remedy=f"Use one of {', '.join(filter(None, known))}.")

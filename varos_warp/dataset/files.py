@@ -372,11 +372,7 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def channels_of(path: Path, channels: dict[str, np.ndarray], *names: str) -> list[np.ndarray]:
-    """Channels of an EXR that have these names, in their order.
-
-    Raises:
-        InputError: There is no such channel.
-    """
+    """Channels of an EXR that have these names, in their order; an `InputError` where there is no such."""
     if missing := [name for name in names if name not in channels]:
         raise InputError(f"has no channel {missing[0]}", file=path, remedy="`run` again to make it anew.")
     return [channels[name] for name in names]

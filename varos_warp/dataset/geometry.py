@@ -10,16 +10,10 @@ from varos_warp.scene.file.load import scene_from_dict
 
 
 def rebuilt(data: Dataset, scene_dir: str | Path = ".") -> tuple[Scene, list]:
-    """The scene of a dataset, and everything solid in it, as ``build_parts`` makes it; once for each ``data``.
+    """The scene of a dataset and everything solid in it, as ``build_parts`` makes it; once for each ``data``.
 
-    Where its own vehicle was the poses of the dataset tell: of a recorded course the file is not needed.
-
-    Args:
-        data: The dataset.
-        scene_dir: Folder of its scene file, to which the files in it are relative.
-
-    Raises:
-        InputError: If a file that it names is not at hand, or not as it was when the dataset was made.
+    Files are those in ``scene_dir``; an `InputError` names one that is not at hand, or not as it was. Where its own
+    vehicle was the poses of the dataset tell: of a recorded course the file is not needed.
     """
     return data._once(("geometry", str(scene_dir)), lambda: _rebuilt(data, scene_dir))
 

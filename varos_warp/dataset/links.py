@@ -7,12 +7,9 @@ from varos_warp.errors import InputError
 
 
 def refuse_links_out(root: Path) -> None:
-    """Refuse a folder with a link that leads out of it, or with a pipe or device, which would be read without end.
+    """Refuse a folder with a link that leads out of it, or a pipe or device, which would be read without end.
 
     Who reads or completes a dataset from elsewhere would otherwise read files of their own, or write to them.
-
-    Raises:
-        InputError: Naming the first such entry.
     """
     home, left = root.resolve(), [root]
     while left:

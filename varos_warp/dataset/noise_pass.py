@@ -95,14 +95,7 @@ def _naming_the_original(temp: Path, root: Path) -> Iterator[None]:
     except InputError as error:
         if error.file is None or not Path(error.file).is_relative_to(temp):
             raise
-        raise InputError(
-            error.problem,
-            file=root / Path(error.file).relative_to(temp),
-            key=error.key,
-            value=error.value,
-            remedy=error.remedy,
-            line=error.line,
-        ) from error
+        raise error.but(file=root / Path(error.file).relative_to(temp)) from error
 
 
 def noise_of(data: Dataset) -> tuple[NoiseProfile, int] | None:
@@ -117,11 +110,7 @@ def is_repeatable(data: Dataset) -> bool:
 
 
 def noisy_pixels(data: Dataset, profile: NoiseProfile, seed: int, frame: int, camera: str) -> np.ndarray:
-    """Pixels uint8 [H, W, 3] of A as a profile and its seed make them from the frame's linear radiance.
-
-    Raises:
-        InputError: If its EXR or its gain cannot be read.
-    """
+    """Pixels uint8 [H, W, 3] of A as a profile and its seed make them from the frame's linear radiance."""
     linear, gain = data.linear(WATER, frame, camera), data.gain(WATER, frame, camera)
     rng, open_s = image_noise.frame_generator(seed, frame, camera), exposure_s(data.camera(camera))
     return noisy_color(profile.camera, linear, gain, data.camera_model(camera), open_s, rng, data.color_matrix(camera))
@@ -207,11 +196,7 @@ def _refuse_exposures(data: Dataset, model: CameraNoise) -> None:
 
 
 def _link(data: Dataset, profile: NoiseProfile, temp: Path, record: Record) -> None:
-    """Everything that stays as it is, with its checksum, and A under its name for what is clean.
-
-    Raises:
-        InputError: If a file is not as its checksum says.
-    """
+    """Link what stays as it is, and A to its name for what is clean; an `InputError` where a checksum differs."""
     known = read_checksums(data.root)
     left_out = {data.root / name for name in ANEW}
     left_out |= {data.layout.sensor(name) for name in profile.of_sensors}

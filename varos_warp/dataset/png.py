@@ -25,11 +25,7 @@ ALONE = 16
 
 
 def encode(pixels: np.ndarray) -> bytes:
-    """The file of uint8 or uint16 [H, W] or [H, W, 3].
-
-    Raises:
-        ValueError: If the pixels are anything else, or there are none.
-    """
+    """The file of uint8 or uint16 [H, W] or [H, W, 3]; a ValueError if the pixels are anything else, or none."""
     fits = pixels.size > 0 and pixels.ndim >= 2 and pixels.shape[2:] in ((), (3,))
     if not fits or pixels.dtype.newbyteorder("=") not in (np.uint8, np.uint16):
         raise ValueError(f"a PNG holds uint8 or uint16 [H, W] or [H, W, 3], not {pixels.dtype} {list(pixels.shape)}")
@@ -78,12 +74,7 @@ def has_three_channels_of_16_bits(path: Path) -> bool:
 
 
 def decode(path: Path) -> np.ndarray:
-    """Pixels uint16 [H, W, 3] of a file, if `has_three_channels_of_16_bits`.
-
-    Raises:
-        ValueError: If it is damaged, or filtered otherwise.
-        InputError: If it has more pixels than the limit.
-    """
+    """Pixels uint16 [H, W, 3] of a file, if `has_three_channels_of_16_bits`; a ValueError if it is damaged."""
     chunks = list(_chunks(path.read_bytes()))
     width, height = struct.unpack(">II", chunks[0][1][:8])
     check_limit("TEXTURE_PIXELS", width * height, file=path)

@@ -16,7 +16,7 @@ import numpy as np
 
 from varos_warp.dataset.progress import Console
 from varos_warp.dataset.run.steps import simulated
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, require_known
 from varos_warp.files import stamp_of
 from varos_warp.products.images.radiance import RadianceImage, encode_color, to_half
 from varos_warp.render.image import exposure
@@ -202,11 +202,7 @@ def refined(render: Callable[..., RadianceImage], most: int) -> Iterator[Radianc
     """Images of 1, 2, 4 ... samples per pixel, up to ``most`` or one more; in smaller steps where they are slow.
 
     The first is not part of the others: one sample does not tell its own error, by which images are denoised. For the
-    same reason no step is of one.
-
-    Args:
-        render: Makes an image of ``spp`` samples with the random numbers of a ``frame``.
-        most: Samples per pixel.
+    same reason no step is of one. ``render`` makes an image of ``spp`` samples with the random numbers of a ``frame``.
     """
     mean = render(spp=1, frame=0)
     yield mean
@@ -267,11 +263,7 @@ class _EditedScene:
         self._solid: Any = None
 
     def reload(self) -> View:
-        """Load the scene, and do again what depends on its changes.
-
-        Raises:
-            InputError: If something is wrong with it.
-        """
+        """Load the scene and do again what depends on its changes, or raise what is wrong with it."""
         # before it is read: what is saved meanwhile is a change, also of a file for which it cannot be loaded
         self._stamps = {path: stamp_of(path) for path in (*self._stamps, self.path)}
         scene = load_scene(self.path, self.overrides)
@@ -351,9 +343,10 @@ def smaller(camera: Camera, width: int) -> Camera:
 
 def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
     known = {camera.id: camera for camera in cameras}
-    if wanted is not None and wanted not in known:
-        raise InputError("no such camera", key="--camera", value=wanted, remedy=f"There are: {', '.join(known)}.")
-    return cameras[0] if wanted is None else known[wanted]
+    if wanted is None:
+        return cameras[0]
+    require_known(wanted, known, "no such camera", key="--camera")
+    return known[wanted]
 
 
 def _pose(viewpoint: Viewpoint, simulation, stays_open_ns: int) -> tuple[int, np.ndarray]:

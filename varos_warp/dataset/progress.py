@@ -12,15 +12,7 @@ LINE_SECONDS = 15.0
 
 
 class Progress:
-    """Counts steps of a job; use it in a ``with`` statement.
-
-    Args:
-        label: What is counted.
-        total: Steps of the whole job.
-        unit: Of one step, in the plural.
-        quiet: Say nothing.
-        also: Told of the steps, too.
-    """
+    """Counts steps of a job, ``unit`` in the plural, and tells ``also``; use it in a ``with`` statement."""
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from varos_warp.dataset import files
-from varos_warp.dataset.view import moved_by, open_viewer
+from varos_warp.dataset.view import frustum, moved_by, open_viewer
 from varos_warp.errors import InputError, optional
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import AMBIENT, WATER
@@ -14,11 +14,7 @@ from varos_warp.scene.frames import camera_pose, intrinsics
 
 
 class FolderScreen:
-    """Keeps ``preview.png`` in a folder up to date; it is replaced as a whole.
-
-    Raises:
-        InputError: If the folder is a dataset, which holds its own files alone.
-    """
+    """Keeps ``preview.png`` in a folder, which must be no dataset, up to date; it is replaced as a whole."""
 
     outputs = WATER
 
@@ -72,13 +68,7 @@ class RerunScreen:
             rr.Transform3D(
                 translation=T[:3, 3] - origin, quaternion=Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
             ),
-            rr.Pinhole(
-                image_from_camera=intrinsics(camera),
-                width=camera.resolution[0],
-                height=camera.resolution[1],
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.5,
-            ),
+            frustum(rr, intrinsics(camera), *camera.resolution),
         )
         self.tell("")
 

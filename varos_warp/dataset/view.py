@@ -68,11 +68,7 @@ def view(root, save: str | Path | None = None, frames: slice = slice(None), quie
 
 
 def open_viewer(stream, blueprint, verb: str, remedy: str) -> None:
-    """Open the viewer for a stream, or use the one that is open.
-
-    Raises:
-        InputError: If it cannot be opened: there is no display, or the program is not where programs are looked for.
-    """
+    """Open the viewer for a stream, or use the open one; refused without a display, or if the program is not found."""
     displays = {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"}
     if sys.platform.startswith("linux") and not displays & set(os.environ) and not _is_open():
         raise InputError("there is no display for the viewer Rerun", key=verb, remedy=remedy)
@@ -117,6 +113,12 @@ def local_origin(data: Dataset) -> np.ndarray:
 def moved_by(position: np.ndarray) -> np.ndarray:
     """Whole metres [3] near the first of the positions [N, 3], or zero where all are near enough."""
     return np.round(position[0]) if np.abs(position).max() > FAR_M else np.zeros(3)
+
+
+def frustum(rr, K: np.ndarray, width: int, height: int):
+    """A camera with OpenCV's axes and K [3, 3] for the viewer."""
+    axes = rr.ViewCoordinates.RDF
+    return rr.Pinhole(image_from_camera=K, width=width, height=height, camera_xyz=axes, image_plane_distance=0.5)
 
 
 class _Recorder:
@@ -193,16 +195,7 @@ class _Recorder:
         rows = np.searchsorted(data.frames, numbers)
         indexes = [*self.times(time_ns[rows]), rr.TimeColumn("frame", sequence=numbers)]
         self.stream.send_columns(entity, indexes, self.poses(T_w_c[rows]))
-        self.fix(
-            entity,
-            rr.Pinhole(
-                image_from_camera=data.intrinsics(camera),
-                width=about["width"],
-                height=about["height"],
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=0.5,
-            ),
-        )
+        self.fix(entity, frustum(rr, data.intrinsics(camera), about["width"], about["height"]))
         for output in (output for output in data.outputs if OUTPUTS[output].is_color):
             gains = data.gains(output, camera)
             if all(number in gains for number in numbers):

@@ -145,7 +145,7 @@ def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:
                 f"the leg to it takes {need:.3g}, more than {name} = {limit:.3g}; expect overshoot "
                 "(lower the speed, max_acceleration or max_angular_speed_deg)"
             )
-    if _is_half(leg.turn):
+    if isclose(float(np.linalg.norm(leg.turn)), pi, rel_tol=1e-9):
         axis = ", ".join(f"{x:.3f}" for x in leg.turn / float(np.linalg.norm(leg.turn)) + 0.0)
         yield (
             f"exactly half a turn, both ways are equally short; turns about ({axis}) in vehicle axes "
@@ -153,18 +153,10 @@ def _on_leg(leg: Leg, body: Sphere) -> Iterator[str]:
         )
 
 
-def _is_half(turned: np.ndarray) -> bool:
-    return isclose(float(np.linalg.norm(turned)), pi, rel_tol=1e-9)
-
-
 def on_poses(course: Trajectory, knots: Knots, motion: dict[str, np.ndarray], last_frame_s: float) -> Iterator[str]:
     """Advice if exact poses do not say what happens, or ask for what no underwater vehicle does.
 
-    Args:
-        course: Of the scene, of exact poses.
-        knots: The poses.
-        motion: Columns of the trajectory through them.
-        last_frame_s: Time of the last frame [s].
+    ``motion`` has columns of the trajectory through the ``knots``.
     """
     times, file = knots.times * TICK_S, course.file is not None
     yield from getattr(course.stops, "messages", ())
@@ -232,11 +224,7 @@ def _on_heading(course: Trajectory, motion: dict[str, np.ndarray]) -> Iterator[s
 def on_pace(scene: Scene, course: Course, position: np.ndarray, frames: int) -> Iterator[str]:
     """Advice if ``duration_s`` ends a sequence while the vehicle still gathers speed, so that it hardly moves.
 
-    Args:
-        scene: The scene.
-        course: Its course.
-        position: Of the vehicle from the first frame to the last [n, 3] [m].
-        frames: How many there are.
+    ``position`` [n, 3] [m] is of the vehicle from the first frame to the last.
     """
     if not scene.trajectory.duration_s or frames < FEW_FRAMES:
         return

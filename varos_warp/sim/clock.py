@@ -17,11 +17,7 @@ HIGHEST_RATE_HZ = 10_000.0
 
 
 def check_rate(rate_hz: float, key: str) -> None:
-    """Refuse a rate that gives less than one sample in the longest sequence, or more than anyone has asked for.
-
-    Raises:
-        InputError: It is such a rate.
-    """
+    """Refuse a rate that gives less than one sample in the longest sequence, or more than anyone has asked for."""
     if rate_hz * LONGEST_S < 1.0:
         raise InputError(
             "is less than a sample a day",
@@ -34,11 +30,7 @@ def check_rate(rate_hz: float, key: str) -> None:
 
 
 def check_length(seconds: float, key: str, what: str) -> None:
-    """Refuse a sequence that would last longer than `LONGEST_S`, by the ``key`` of the scene that makes it so long.
-
-    Raises:
-        InputError: It lasts longer.
-    """
+    """Refuse a sequence longer than `LONGEST_S`, by the ``key`` of the scene that makes it so long."""
     if not seconds <= LONGEST_S:
         raise InputError(
             f"{what} {seconds:.6g} s, more than the {LONGEST_S} s that can be simulated at {TICK_RATE_HZ} Hz",
@@ -74,11 +66,7 @@ def samples_until(end_ns: int, rate_hz: float) -> int:
 
 
 def select(frames: slice, count: int) -> list[int]:
-    """Numbers of the frames that a slice names.
-
-    Raises:
-        InputError: If there are none.
-    """
+    """Numbers of the frames that a slice names; refuses one that names none."""
     chosen = list(range(count))[frames]
     if not chosen:
         words = ":".join("" if end is None else str(end) for end in (frames.start, frames.stop, frames.step))

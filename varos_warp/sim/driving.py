@@ -60,25 +60,17 @@ def keys_of(scene: Scene) -> Iterator[None]:
 
 
 def prepare(scene: Scene, parts: list | None) -> None:
-    """Refuse what is too long or too often, and find or read the course that the scene speaks of.
-
-    Raises:
-        InputError: As `trajectory.simulate` does.
-    """
+    """Refuse what is too long or too often, and find or read the course that the scene speaks of."""
     with keys_of(scene):
         check_length(scene.trajectory.duration_s or 0.0, "trajectory.duration_s", "the sequence lasts")
         check_rate(scene.render.frame_rate_hz, "render.frame_rate_hz")
         for sensor, block in mounted(scene.vehicle):
             check_rate(block.rate_hz, f"vehicle.{sensor.key}.rate_hz")
         if isinstance(scene.trajectory.pattern, HullFollowing):
-            _find_course(scene, parts)
+            from varos_warp.scene.geometry.course import find_course  # nor elsewhere but where one is followed
+
+            find_course(scene, parts)
         read_course(scene)
-
-
-def _find_course(scene: Scene, parts: list | None) -> None:
-    from varos_warp.scene.geometry.course import find_course  # nor elsewhere but where one is followed
-
-    find_course(scene, parts)
 
 
 def _rows(scene: Scene, frames: int) -> int:
@@ -150,16 +142,10 @@ def _follow_waypoints(scene: Scene, tell: Callable[[float], None]) -> Driven:
 def _fly(
     flight: Flight, *, rows: int | None, rows_after: Callable[[int], int], tell: Callable[[int], None]
 ) -> np.ndarray:
-    """The loop over a flight.
+    """The loop over a flight from its first tick: a row of `COLUMNS` for each.
 
-    Args:
-        flight: At its first tick.
-        rows: How many ticks to simulate; None to go on until the course ends.
-        rows_after: Ticks to simulate in all when the course ends at this one.
-        tell: Called with the tick.
-
-    Returns:
-        A row of `COLUMNS` for each tick.
+    It goes on for so many ``rows``, or where that is None until the course ends, and then for ``rows_after`` in all;
+    ``tell`` is called with the tick.
     """
     log = array("d")
     while rows is None or flight.tick < rows:

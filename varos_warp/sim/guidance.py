@@ -355,15 +355,9 @@ def at_rest(position: np.ndarray, attitude: Rotation) -> Window:
 
 
 def add_leg(before: Window, leg: Leg, ticks: np.ndarray, h: float = TICK_S) -> Window:
-    """The reference with a leg, on top of what earlier ones contribute.
+    """The reference with a leg, on top of what earlier ones contribute; ``ticks`` [n] are since the leg started.
 
     Rates: with E = exp(w phi), omega <- E'omega + dw phi and alpha <- E'alpha + ddw phi + (E'omega) x (dw phi).
-
-    Args:
-        before: The earlier ones at these ticks.
-        leg: The leg.
-        ticks: Since the leg started [n].
-        h: Length of a tick [s].
     """
     rows = np.minimum(np.arange(len(ticks)), len(before.position) - 1)
     w, rate, acceleration = (value[:, None] for value in leg.weight(ticks * h))

@@ -41,11 +41,7 @@ RATES = ((1, ("velocity", "angular_velocity")), (2, ("acceleration", "angular_ac
 
 
 def pose_times(poses: Sequence[description.Pose | Stop]) -> np.ndarray:
-    """Times of the poses [n] in ticks; those within a microtick of a tick are on it.
-
-    Raises:
-        InputError: They do not increase.
-    """
+    """Times of the poses [n] in ticks, which must increase; those within a microtick of a tick are on it."""
     times = np.array([pose.time_s for pose in poses]) * TICK_RATE_HZ
     times = np.where(np.abs(times - np.round(times)) < 1e-6, np.round(times), times)
     backward = np.flatnonzero(np.diff(times) <= 0.0)
@@ -73,11 +69,7 @@ class Knots:
 
     @classmethod
     def of(cls, poses: Sequence[description.Pose | Stop]) -> "Knots":
-        """Knots from the poses of blocks, or of a recorded course.
-
-        Raises:
-            InputError: Their times do not increase.
-        """
+        """Knots from the poses of blocks, whose times must increase, or of a recorded course."""
         if isinstance(poses, RecordedCourse):
             return cls(poses.time_ns / TICK_NS, poses.position, poses.attitude)
         return cls(
@@ -104,9 +96,7 @@ def poses_along(stops: Sequence[Stop], time_ns: np.ndarray) -> np.ndarray:
 def courses_of_moving(parts: Sequence, others: Mapping[str, Callable] | None = None) -> dict[str, Callable]:
     """Poses [N, 4, 4] of all that moves as functions of times int64 [N] [ns], by name: along paths, or as others.
 
-    Args:
-        parts: Everything solid.
-        others: Other vehicles, as `companions.companions` has them; of their bodies parts do not know where they are.
+    Of the bodies of ``others``, as `companions.companions` has them, parts do not know where they are.
     """
     along = {part.name: partial(poses_along, part.path) for part in parts if isinstance(part, Moving) and part.path}
     return along | dict(others or {})
@@ -176,14 +166,10 @@ def _attitude_splines(
 def _run_out(columns: dict[str, np.ndarray], rows: np.ndarray, seconds: np.ndarray, fading: np.ndarray) -> None:
     """Brake after the last pose, and gather speed before the first, which is the same backwards in time; in place.
 
-    At the end of the course the rates are w and alpha (v and a). After it the vehicle turns by A(t) about alpha and
-    by W(t) about w: both axes are fixed, and the rates and accelerations follow exactly.
-
-    Args:
-        columns: At ``rows`` they hold the state at the nearest end of the course.
-        rows: bool [N], those off the course.
-        seconds: Time since the end of the course, negative before its beginning [N].
-        fading: Time in which the acceleration at the beginning and at the end of the course fades away [2] [s].
+    At the end of the course, whose state the ``rows`` off it (bool [N]) hold, the rates are w and alpha (v and a).
+    After it, at ``seconds`` [N] from there, the vehicle turns by A(t) about alpha and by W(t) about w: both axes are
+    fixed, and the rates and accelerations follow exactly. ``fading`` [2] [s] is the time in which the acceleration at
+    the beginning and at the end fades away.
     """
     after, sign = np.abs(seconds[rows, None]), np.sign(seconds[rows, None])
     T, x = REST_S, (after / REST_S).clip(max=1.0)

@@ -105,42 +105,37 @@ def _color(number: int) -> list[int]:
 
 def instance(image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
     """An annotation of what is seen of an object, with our own keys of all of it, and of its pose."""
-    hidden = (
-        {} if label.whole is None else {"amodal_bbox": box_of(label.whole, size[1]), "amodal_area": len(label.whole)}
-    )
-    return {
-        "image_id": image,
-        "category_id": categories[label.thing.category],
-        "bbox": box_of(label.visible, size[1]),
-        "area": len(label.visible),
-        "iscrowd": 0,
-        "segmentation": run_lengths(label.visible, size),
-        **hidden,
-        **_own_keys(label),
-    }
+    whole = label.whole
+    more = {} if whole is None else {"amodal_bbox": box_of(whole, size[1]), "amodal_area": len(whole)}
+    return _annotation(image, label, label.visible, size, categories, more)
 
 
 def amodal(image: int, label: Label, size: tuple[int, int], categories: dict[str, int]) -> dict:
     """An annotation of all of an object, with our own keys of what is seen of it."""
     seen = box_of(label.visible, size[1]) if len(label.visible) else None
+    more = {"visible_bbox": seen, "visible_area": len(label.visible)}
+    return _annotation(image, label, label.whole, size, categories, more)
+
+
+def _annotation(
+    image: int, label: Label, pixels, size: tuple[int, int], categories: dict[str, int], more: dict
+) -> dict:
+    """An annotation of some pixels of an object; what COCO has no keys for comes last."""
+    share = {} if label.share is None else {"visible_share": label.share}
+    pose = {} if label.T_c_o is None else {"T_c_o": label.T_c_o.tolist()}
     return {
         "image_id": image,
         "category_id": categories[label.thing.category],
-        "bbox": box_of(label.whole, size[1]),
-        "area": len(label.whole),
+        "bbox": box_of(pixels, size[1]),
+        "area": len(pixels),
         "iscrowd": 0,
-        "segmentation": run_lengths(label.whole, size),
-        "visible_bbox": seen,
-        "visible_area": len(label.visible),
-        **_own_keys(label),
+        "segmentation": run_lengths(pixels, size),
+        **more,
+        **share,
+        "object": label.thing.number,
+        "key": label.thing.key,
+        **pose,
     }
-
-
-def _own_keys(label: Label) -> dict:
-    """What COCO has no keys for."""
-    share = {} if label.share is None else {"visible_share": label.share}
-    pose = {} if label.T_c_o is None else {"T_c_o": label.T_c_o.tolist()}
-    return {**share, "object": label.thing.number, "key": label.thing.key, **pose}
 
 
 def _panoptic(job: Job, labels: Labels, camera: str, frame: int, image: int, name: str) -> dict:

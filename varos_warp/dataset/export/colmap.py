@@ -84,14 +84,10 @@ CREATE UNIQUE INDEX index_name ON images(name);
 
 
 def database(cameras: Iterable[tuple], images: list[tuple[int, str, int]]) -> bytes:
-    """A database of COLMAP without features.
+    """A database of COLMAP without features, of the cameras' numbers, models, sizes and parameters, and images.
 
-    Each camera is a rig and each image a frame of it, with the same numbers: that is what COLMAP takes a model without
-    rigs.txt and frames.txt for.
-
-    Args:
-        cameras: Number, number of the model, width, height and parameters (float64, little-endian) of each.
-        images: Number, name and number of the camera of each.
+    Each camera, whose parameters are float64, little-endian, is a rig and each image (number, name, camera) a frame of
+    it, with the same numbers: that is what COLMAP takes a model without rigs.txt and frames.txt for.
     """
     with closing(sqlite3.connect(":memory:")) as tables:
         tables.executescript(TABLES)

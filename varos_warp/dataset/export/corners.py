@@ -30,17 +30,7 @@ from varos_warp.sim.companions import motions
 
 IMAGES = ""
 SENSORS = ()
-HEADER = [
-    "frame",
-    "timestamp [ns]",
-    "board",
-    "corner",
-    "u [px]",
-    "v [px]",
-    "state",
-    *xyz("board", "m"),
-    *xyz("world", "m"),
-]
+HEADER = "frame,timestamp [ns],board,corner,u [px],v [px],state".split(",") + xyz("board", "m") + xyz("world", "m")
 VISIBLE, HIDDEN, OUTSIDE, UNSEEN = "visible", "hidden", "outside", "unseen"
 """States of a corner: something is before it, or the board shows its back; its image point lies beyond the image's
 edges; it has no image point: it is behind the camera, or lens and port let no light through from there."""
@@ -84,11 +74,7 @@ def write(job: Job) -> None:
 
 
 def boards_of(job: Job) -> list[Board]:
-    """The boards among the objects of a dataset's scene.
-
-    Raises:
-        InputError: There is none.
-    """
+    """The boards among the objects of a dataset's scene, or an `InputError` where there is none."""
     scene = scene_from_dict(job.data.meta["scene"])
     boards = [
         Board(f"objects.{i}", block) for i, block in enumerate(scene.objects) if isinstance(block, CalibrationBoard)
@@ -108,15 +94,7 @@ def boards_of(job: Job) -> list[Board]:
 
 
 class Corners:
-    """Finds where the cameras of a dataset see the corners of boards.
-
-    Args:
-        job: The export.
-        boards: The boards.
-
-    Raises:
-        InputError: If what the dataset was made of is not at hand.
-    """
+    """Finds where the cameras of a dataset see the corners of boards; refuses one whose scene's files are gone."""
 
     def __init__(self, job: Job, boards: list[Board]):
         self.data, self.boards = job.data, boards
@@ -223,14 +201,12 @@ def _target(board: Board) -> dict | None:
             "rowSpacingMeters": block.square_m * z,
             "colSpacingMeters": block.square_m * x,
         }
-    return (
-        None
-        if x != z
-        else {
-            "target_type": "aprilgrid",
-            "tagCols": block.columns,
-            "tagRows": block.rows,
-            "tagSize": block.tag_m * x,
-            "tagSpacing": block.spacing or SPACING,
-        }
-    )
+    if x != z:
+        return None
+    return {
+        "target_type": "aprilgrid",
+        "tagCols": block.columns,
+        "tagRows": block.rows,
+        "tagSize": block.tag_m * x,
+        "tagSpacing": block.spacing or SPACING,
+    }

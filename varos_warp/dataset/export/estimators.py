@@ -28,12 +28,7 @@ NOISE_FREE = {
 
 
 def write(job: Job, T_b_c: dict[str, np.ndarray]) -> None:
-    """Write the settings of all of them.
-
-    Args:
-        job: With readings of the IMU, whose axes are the body's.
-        T_b_c: Pose of each camera on the body, by its id, in the order of their folders.
-    """
+    """Write the settings of all, with poses [4, 4] of the cameras on the IMU by id, in the order of their folders."""
     spheres = [camera for camera in T_b_c if kalibr_camera(job, camera).model == "ds"]
     if orb_slam3 := not set(spheres) & set(list(T_b_c)[:2]):
         _orb_slam3(job, T_b_c)
@@ -225,12 +220,16 @@ def _openvins(job: Job, chain: dict[str, dict], imu: dict) -> None:
 # --------------------------------------------------------------------------------------------------------------- YAML
 
 
-class _Dumper(yaml.SafeDumper):
-    """A key a line, as EuRoC's and Kalibr's own files, with lists of numbers in brackets."""
+class NoAliases(yaml.SafeDumper):
+    """A matrix that stands twice is written twice: OpenCV's reader knows no aliases."""
 
     def ignore_aliases(self, data):
-        """A matrix that stands twice is written twice: OpenCV's reader knows no aliases."""
+        """None are made."""
         return True
+
+
+class _Dumper(NoAliases):
+    """A key a line, as EuRoC's and Kalibr's own files, with lists of numbers in brackets."""
 
     def increase_indent(self, flow=False, indentless=False):
         """Rows of a matrix are indented: OpenCV's reader does not know them otherwise."""

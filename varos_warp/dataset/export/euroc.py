@@ -42,15 +42,8 @@ def write(job: Job) -> None:
     has_imu = "imu0" in job.data.recorded
     body = np.array(job.data.meta["sensors"]["imu0"]["T_v_s"]) if has_imu else np.eye(4)  # T_v_B
     T_B_c = {camera: inverse(body) @ np.array(job.data.camera(camera)["T_v_c"]) for camera in job.cameras}
-    write_yaml(
-        job,
-        "mav0/body.yaml",
-        {
-            "comment": "varos_warp: B is the IMU"
-            if has_imu
-            else "varos_warp: B is the vehicle, x right, y forward, z up"
-        },
-    )
+    words = "the IMU" if has_imu else "the vehicle, x right, y forward, z up"
+    write_yaml(job, "mav0/body.yaml", {"comment": f"varos_warp: B is {words}"})
     for number, camera in enumerate(job.cameras):
         _camera(job, f"mav0/cam{number}", camera, T_B_c[camera])
     _depth_gauge(job, body)
@@ -59,7 +52,8 @@ def write(job: Job) -> None:
         _ground_truth(job, states["time_ns"], job.data.poses("vehicle")[1], states["velocity"])
         return
     _imu(job)
-    _ground_truth(job, *_imu_course(job, body), job.data.imu_bias())
+    time_ns, T_w_s = job.data.poses("imu0")
+    _ground_truth(job, time_ns, T_w_s, job.data.motion_at(time_ns).velocity_of(body[:3, 3]), job.data.imu_bias())
     estimators.write(job, T_B_c)
 
 
@@ -71,21 +65,25 @@ def _camera(job: Job, folder: str, camera: str, T_B_c: np.ndarray) -> None:
     job.link_images(camera, (f"{folder}/data/{t}.png" for t in time_ns))
     files.write_csv(job.out / folder / "data.csv", [TIME, "filename"], time_ns, [f"{t}.png" for t in time_ns])
     facts, (model, intrinsics, distortion, k) = job.data.camera(camera), kalibr_camera(job, camera)
-    write_yaml(
+    _sensor(
         job,
-        f"{folder}/sensor.yaml",
-        {
-            "sensor_type": "camera",
-            "comment": f"varos_warp camera {camera}, {job.noise(job.images)}",
-            "T_BS": _matrix(T_B_c),
-            "rate_hz": job.data.meta["frames"]["rate_hz"],
-            "resolution": [facts["width"], facts["height"]],
-            "camera_model": model,
-            "intrinsics": intrinsics,  # the double sphere has Kalibr's name, for EuRoC has none
-            "distortion_model": {"radtan": "radial-tangential"}.get(distortion, distortion),
-            "distortion_coefficients": k,
-        },
+        folder,
+        "camera",
+        f"varos_warp camera {camera}, {job.noise(job.images)}",
+        T_B_c,
+        rate_hz=job.data.meta["frames"]["rate_hz"],
+        resolution=[facts["width"], facts["height"]],
+        camera_model=model,
+        intrinsics=intrinsics,  # the double sphere has Kalibr's name, for EuRoC has none
+        distortion_model={"radtan": "radial-tangential"}.get(distortion, distortion),
+        distortion_coefficients=k,
     )
+
+
+def _sensor(job: Job, folder: str, kind: str, comment: str, T_B_s: np.ndarray, **more) -> None:
+    """Write sensor.yaml of a folder: what it is, where it is on the body, and more."""
+    matrix = {"cols": 4, "rows": 4, "data": T_B_s.ravel().tolist()}
+    write_yaml(job, f"{folder}/sensor.yaml", {"sensor_type": kind, "comment": comment, "T_BS": matrix, **more})
 
 
 def _imu(job: Job) -> None:
@@ -99,23 +97,8 @@ def _imu(job: Job) -> None:
         imu["acceleration"],
     )
     noise, comment = imu_noise(job)
-    write_yaml(
-        job,
-        "mav0/imu0/sensor.yaml",
-        {
-            "sensor_type": "imu",
-            "comment": comment,
-            "T_BS": _matrix(np.eye(4)),
-            "rate_hz": job.data.meta["sensors"]["imu0"]["rate_hz"],
-            **noise,
-        },
-    )
-
-
-def _imu_course(job: Job, T_v_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [N], T_w_s [N, 4, 4] and velocity of the IMU itself [N, 3] in world axes: v + R_wv (omega x l)."""
-    time_ns, T_w_s = job.data.poses("imu0")
-    return time_ns, T_w_s, job.data.motion_at(time_ns).velocity_of(T_v_s[:3, 3])
+    rate_hz = job.data.meta["sensors"]["imu0"]["rate_hz"]
+    _sensor(job, "mav0/imu0", "imu", comment, np.eye(4), rate_hz=rate_hz, **noise)
 
 
 def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np.ndarray, bias=None) -> None:
@@ -141,15 +124,7 @@ def _ground_truth(job: Job, time_ns: np.ndarray, T_w_b: np.ndarray, velocity: np
         bias["angular_velocity"],
         bias["acceleration"],
     )
-    write_yaml(
-        job,
-        f"{folder}/sensor.yaml",
-        {
-            "sensor_type": "visual-inertial",
-            "comment": "exact, of the simulation; gravity is along -z",
-            "T_BS": _matrix(np.eye(4)),
-        },
-    )
+    _sensor(job, folder, "visual-inertial", "exact, of the simulation; gravity is along -z", np.eye(4))
 
 
 def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
@@ -158,17 +133,6 @@ def _depth_gauge(job: Job, T_v_b: np.ndarray) -> None:
         return
     gauge, facts = job.data.depth_gauge(), job.data.meta["sensors"]["depth0"]
     files.write_csv(job.out / "mav0/depth_gauge0/data.csv", [TIME, "depth [m]"], gauge["time_ns"], gauge["depth"])
-    write_yaml(
-        job,
-        "mav0/depth_gauge0/sensor.yaml",
-        {
-            "sensor_type": "depth_gauge",
-            "comment": f"metres below the surface, positive down, {job.noise('depth0')}",
-            "T_BS": _matrix(inverse(T_v_b) @ np.array(facts["T_v_s"])),
-            "rate_hz": facts["rate_hz"],
-        },
-    )
-
-
-def _matrix(T: np.ndarray) -> dict:
-    return {"cols": 4, "rows": 4, "data": T.ravel().tolist()}
+    comment = f"metres below the surface, positive down, {job.noise('depth0')}"
+    T_B_s = inverse(T_v_b) @ np.array(facts["T_v_s"])
+    _sensor(job, "mav0/depth_gauge0", "depth_gauge", comment, T_B_s, rate_hz=facts["rate_hz"])

@@ -59,11 +59,7 @@ TYPES = {
 
 
 def write(job: Job) -> None:
-    """Write ``bag/bag.mcap`` and its metadata.yaml.
-
-    Raises:
-        InputError: If rosbags is not installed.
-    """
+    """Write ``bag/bag.mcap`` and its metadata.yaml; an `InputError` says that rosbags is not installed."""
     optional("rosbags.rosbag2", "the package rosbags", "export", key="to", value="mcap")
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -115,7 +111,7 @@ def _events(job: Job, messages: "Messages") -> Iterator[Event]:
         yield from _course(data.states(), messages)
     for key in data.moving:
         time_ns, T = data.poses(key)
-        T = T @ T_V_BASE if _is_vehicle(key) else T
+        T = T @ T_V_BASE if key.startswith("vehicles.") else T  # which have axes of a vehicle
         for t, p, q in zip(time_ns.tolist(), T[:, :3, 3], quaternion(T, scalar_first=True), strict=True):
             yield t, "/tf", lambda t=t, key=key, p=p, q=q: messages.tf(t, (MAP, key, p, q))
     for camera in job.cameras:
@@ -131,11 +127,6 @@ def _readings(data: Dataset, sensor: SensorProduct, topic: str, messages: "Messa
             f"/{sensor.id}{topic}",
             lambda t=t, i=i: sensor.ros(messages, topic, t, {key: read[key][i] for key in read}, data.meta),
         )
-
-
-def _is_vehicle(key: str) -> bool:
-    """Return whether what moves is a vehicle, and so has axes of a vehicle."""
-    return key.startswith("vehicles.")
 
 
 def _course(states: dict, messages: "Messages") -> Iterator[Event]:

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from varos_warp.dataset import files
-from varos_warp.dataset.export.estimators import imu_noise
+from varos_warp.dataset.export.estimators import NoAliases, imu_noise
 from varos_warp.dataset.export.shared.job import Job, lens_of, quaternion
 from varos_warp.scene.description.image_types import DEPTH, WATER
 from varos_warp.scene.frames import inverse
@@ -210,12 +210,4 @@ def _item(entry: dict) -> str:
 
 
 def _yaml(content: dict, flow: bool) -> str:
-    return yaml.dump(content, Dumper=_NoAliases, sort_keys=False, default_flow_style=flow or None, width=1_000_000)
-
-
-class _NoAliases(yaml.SafeDumper):
-    """OpenCV's reader knows no aliases."""
-
-    def ignore_aliases(self, data):
-        """None are made."""
-        return True
+    return yaml.dump(content, Dumper=NoAliases, sort_keys=False, default_flow_style=flow or None, width=1_000_000)

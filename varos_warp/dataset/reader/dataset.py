@@ -16,7 +16,7 @@ from varos_warp.dataset.reader.frame import Frame
 from varos_warp.dataset.reader.points import along_axis
 from varos_warp.dataset.reader.readings import Readings
 from varos_warp.dataset.reader.schema import read_metadata
-from varos_warp.errors import InputError, counted, did_you_mean
+from varos_warp.errors import InputError, counted, require_known
 from varos_warp.products.images.flow import FlowImage
 from varos_warp.products.images.radiance import decode_color
 from varos_warp.products.images.registry import OUTPUTS
@@ -126,10 +126,8 @@ class Dataset(Readings):
         return ["vehicle", *self.meta["sensors"]] if any(map(Path.exists, folders)) else []
 
     def _camera(self, camera: str | None) -> str:
-        if camera is not None and camera not in self.cameras:
-            raise InputError(
-                "no such camera", key="camera", value=camera, remedy=f"There are: {', '.join(self.cameras)}."
-            )
+        if camera is not None:
+            require_known(camera, self.cameras, "no such camera", key="camera")
         return self.cameras[0] if camera is None else camera
 
     def camera(self, camera: str | None = None) -> dict:
@@ -145,10 +143,7 @@ class Dataset(Readings):
         Raises:
             InputError: If there is no such camera or convention.
         """
-        if convention not in CONVENTIONS:
-            raise InputError(
-                "no such convention", key="convention", value=convention, remedy=f"There are: {', '.join(CONVENTIONS)}."
-            )
+        require_known(convention, CONVENTIONS, "no such convention", key="convention")
         return np.array(self.camera(camera)["K_" + convention], float)
 
     def color_matrix(self, camera: str | None = None) -> np.ndarray | None:
@@ -187,8 +182,7 @@ class Dataset(Readings):
         Of F the flow [H, W, 2] [pixels], good to 1/128, NaN where it is not known. Of others what their files hold.
         Radiance is that of the camera's own channels, also where 8 bits are made by a colour matrix.
         """
-        if output not in OUTPUTS:
-            raise InputError("no such image", key="output", value=output, remedy=f"There are: {', '.join(OUTPUTS)}.")
+        require_known(output, OUTPUTS, "no such image", key="output")
         pixels = self.pixels(output, frame, camera)
         if OUTPUTS[output].is_color:
             return decode_color(pixels, self.gain(output, frame, camera), self.color_matrix(camera))
@@ -323,13 +317,7 @@ class Dataset(Readings):
         path = self.layout.poses(name or self.cameras[0], "transformation_matrix")
         if name and not path.is_file():
             known = [*self.cameras, "vehicle", *self.meta["sensors"], *self.moving]
-            if name not in known:
-                raise InputError(
-                    "nothing of this name has poses",
-                    key="name",
-                    value=name,
-                    remedy=did_you_mean(name, known) or f"There are: {', '.join(known)}.",
-                )
+            require_known(name, known, "nothing of this name has poses", near=True, key="name")
         table = files.read_numbers(path, 13)
         T = np.tile(np.eye(4), (len(table[0]), 1, 1))
         T[:, :3] = np.column_stack(table[1:]).reshape(-1, 3, 4)

@@ -15,11 +15,7 @@ MEAN = "centre_weighted_mean"
 
 
 def exposure_rule(meta: Mapping[str, Any], about: Mapping[str, Any], letter: str, file: Path) -> Rule:
-    """How a dataset says that A, B or P of a camera gets its gains; ``about`` is the camera's entry in it.
-
-    Raises:
-        InputError: If it is no way to expose; names the dataset's ``file``.
-    """
+    """How a dataset says that A, B or P of a camera, its entry ``about``, gets its gains; errors name ``file``."""
     try:
         own = {key: (about.get("exposure") or {}).get(key) for key in ("gain", "white_balance")}
         setting = Exposure(**meta["color"]["exposure"]), CameraExposure(**own), OUTPUTS[letter].settings
@@ -56,21 +52,13 @@ def exposure_row(gain: FrameGain, known: Statistics) -> list[float]:
 
 
 def read_exposures(path: Path, rule: Rule) -> dict[int, tuple[FrameGain, Statistics]]:
-    """Gain and statistics of every frame in a table of exposures that was made by a rule.
-
-    Raises:
-        InputError: If it cannot be read, or lacks a column.
-    """
+    """Gain and statistics of every frame in a table of exposures that was made by a rule."""
     rows = _read(path, exposure_columns(rule))
     return {int(frame): _gain_and_statistics(row, rule) for frame, *row in rows}
 
 
 def read_gains(path: Path) -> dict[int, FrameGain]:
-    """Gain of every frame in a table of exposures: a number, or three of an image with white balance.
-
-    Raises:
-        InputError: If it cannot be read, or lacks a column.
-    """
+    """Gain of every frame in a table of exposures: a number, or three of an image with white balance."""
     table = files.read_csv(path)
     names = GAINS if "gain" not in table and set(GAINS) <= table.keys() else ["gain"]
     return {frame: as_gain(row if row[1:] else row[0]) for frame, *row in _read(path, ["frame", *names])}

@@ -10,14 +10,9 @@ from varos_warp.scene.optics.camera import CameraModel, channel_number, pixel_ce
 
 
 def pixel_rays(model: CameraModel, row: np.ndarray, col: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and directions [..., 3] of rays through the centres of pixels, camera axes.
+    """Origins and directions [..., 3] of rays through the centres of pixels at rows and columns [...] from 0.
 
-    Directions are unit vectors; of a pinhole z is 1, and the origin is 0.
-
-    Args:
-        model: The camera.
-        row: Rows [...] from 0.
-        col: Columns [...] from 0.
+    In camera axes. Directions are unit vectors; of a pinhole z is 1, and the origin is 0.
     """
     if model.is_pinhole:
         return np.zeros(3), np.stack([col + 0.5, row + 0.5, np.ones(np.shape(row))], -1) @ np.linalg.inv(model.K).T

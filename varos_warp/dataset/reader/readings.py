@@ -8,7 +8,7 @@ import numpy as np
 
 from varos_warp.dataset import files
 from varos_warp.dataset.layout import STATES, Layout
-from varos_warp.errors import InputError, did_you_mean
+from varos_warp.errors import require_known
 from varos_warp.products.sensors.protocol import SensorProduct
 from varos_warp.products.sensors.registry import BY_ID
 from varos_warp.scene.description.image_types import WATER
@@ -75,15 +75,8 @@ class Readings:
 
     def _sensor(self, name: str) -> SensorProduct[Any, Any, Any]:
         """The sensor of a name."""
-        if name not in self.meta["sensors"]:
-            known = list(self.meta["sensors"])
-            raise InputError(
-                "the dataset has no sensor of this name",
-                file=self.root,
-                key="name",
-                value=name,
-                remedy=did_you_mean(name, known) or f"There are: {', '.join(known) or 'none'}.",
-            )
+        where = {"file": self.root, "key": "name"}
+        require_known(name, self.meta["sensors"], "the dataset has no sensor of this name", near=True, **where)
         return BY_ID[name]
 
     def imu(

@@ -34,13 +34,7 @@ def offsets_ns(about: dict) -> np.ndarray:
 
 
 def sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray:
-    """Pose [4, 4] from which a camera sees, or of a rolling shutter that of each row [H, 4, 4]: for `points_at`.
-
-    Args:
-        data: The `Dataset`.
-        frame: Number of the frame.
-        camera: Its id; absent: the first.
-    """
+    """Pose [4, 4] from which a camera sees, or of a rolling shutter that of each row [H, 4, 4]: for `points_at`."""
     T_w_c, about = data.T_w_c(frame, camera), data.camera(camera)
     if not is_rolling(about):
         return T_w_c
@@ -49,11 +43,7 @@ def sight(data: Any, frame: int, camera: str | None = None) -> np.ndarray:
 
 
 def read(data: Any, camera: str | None = None) -> np.ndarray:
-    """Poses of all rows as they are on disk, float64 [frames, H, 7], read where they are looked at.
-
-    Raises:
-        InputError: If they are not those of the frames and the rows, or not numbers.
-    """
+    """Poses of all rows as they are on disk, float64 [frames, H, 7], read where they are looked at."""
     about = data.camera(camera)
     path, expected = data.layout.row_poses(about["id"]), (len(data), about["height"], 7)
     with files.reading(path):

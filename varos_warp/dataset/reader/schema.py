@@ -40,11 +40,7 @@ FRAMES_NAMED = 10**8
 
 
 def read_metadata(root: Path) -> dict[str, Any]:
-    """What dataset.json of a dataset says.
-
-    Raises:
-        InputError: If there is none, it is not of this version, or an entry is missing or damaged.
-    """
+    """What dataset.json says, or an `InputError`: it is missing, of another version, or an entry is damaged."""
     path = root / "dataset.json"
     if not is_file(path):
         raise no_dataset(root)
@@ -247,11 +243,7 @@ _METADATA = _metadata()
 
 
 def first_flaw(content: Any) -> str | None:
-    """The first entry that is missing or damaged, such as ``cameras.0.width``, and why; None: all are there.
-
-    Raises:
-        InputError: If there are more frames than the limit.
-    """
+    """The first entry that is missing or damaged, such as ``cameras.0.width``, and why; None: all are there."""
     try:
         _METADATA.model_validate(content)
     except ValidationError as error:

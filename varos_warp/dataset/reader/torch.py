@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.dataset.reader.frame import Frame
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, require_known
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.scene.description.image_types import DEPTH
 
@@ -72,11 +72,8 @@ class TorchDataset(torch.utils.data.Dataset):
         self.no_depth, self.transform = no_depth, transform
         self.data.camera(camera)
         for output in self.outputs:
-            if output not in IMAGES or output[0] not in self.data.outputs:
-                there = [name for name in IMAGES if name[0] in self.data.outputs]
-                raise InputError(
-                    "is not in the dataset", key="outputs", value=output, remedy=f"There are: {', '.join(there)}."
-                )
+            there = [name for name in IMAGES if name[0] in self.data.outputs]
+            require_known(output, there, "is not in the dataset", key="outputs")
 
     def __len__(self) -> int:
         """Number of frames."""

@@ -45,11 +45,7 @@ def _named(root: Path, rest: dict) -> str:
 
 
 def named(roots: Sequence[Path]) -> list[Path]:
-    """Folders of the datasets that paths lead to, each once: those of sweeps and of runs of several vehicles too.
-
-    Raises:
-        InputError: If a sweep has made no dataset yet.
-    """
+    """Folders of the datasets that paths lead to, each once: those of sweeps and of several vehicles, too."""
     found = [folder for root in roots for folder in (_of_sweep(root) if is_file(root / SWEEP) else datasets_in(root))]
     return list({folder.absolute(): folder for folder in found}.values())
 

@@ -1,6 +1,5 @@
 """Everything that readiness tells of one dataset."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,16 +77,10 @@ class Readiness:
 
 
 def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
-    """Read a dataset and measure.
+    """Measure the dataset in a folder, with so many runs of the odometry; absent: its first camera.
 
-    Args:
-        root: Folder of the dataset.
-        camera: Id of the camera; absent: the first.
-        seeds: Runs of the odometry.
-
-    Raises:
-        InputError: If it has no A, fewer than two frames or no poses, if a file is missing or damaged, there is no such
-            camera, or OpenCV is not installed.
+    Raises an `InputError` as `check` does, or if there is no such camera, a file is damaged, or OpenCV is not
+    installed.
     """
     data = Dataset(root)
     opencv()
@@ -114,11 +107,7 @@ def measure(root: Path, camera: str | None = None, seeds: int = 3) -> Readiness:
 
 
 def check(data: Dataset, camera: str) -> None:
-    """Refuse a dataset that cannot be measured, before anything is.
-
-    Raises:
-        InputError: It has no A, fewer than two frames, or no poses of the camera; or an image is missing.
-    """
+    """Refuse a dataset without A, of fewer than two frames, without poses of the camera, or with an image gone."""
     if WATER not in data.outputs:
         raise InputError(
             "the dataset has no A, which is what features are found in",
@@ -140,11 +129,7 @@ def check(data: Dataset, camera: str) -> None:
 
 
 def by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
-    """Measures of each frame and of the step to the next by name, as `Readiness` has them, but for the forecast.
-
-    Raises:
-        InputError: If a file cannot be read.
-    """
+    """Measures of each frame and of the step to the next, as `Readiness` has them, but for the forecast."""
     rows, view, before, last = [], View(data, camera), None, None
     for index in range(len(data)):
         gray = view.gray(index)
@@ -156,12 +141,8 @@ def by_frame(data: Dataset, camera: str) -> dict[str, list[float | None]]:
                 rows[-1] |= _between(before, now, data, index - 1, camera)
         rows.append(row)
         before, last = now, gray
-    return {name: [row.get(name) for row in rows] for name in _names(rows)}
-
-
-def _names(rows: Iterable[dict[str, float | None]]) -> list[str]:
-    """List all measures of which any frame has a value."""
-    return list(dict.fromkeys(name for row in rows for name, value in row.items() if value is not None))
+    known = dict.fromkeys(name for row in rows for name, value in row.items() if value is not None)
+    return {name: [row.get(name) for row in rows] for name in known}
 
 
 def _of_image(data: Dataset, index: int, camera: str, found: dict[str, Keypoints]) -> dict[str, float | None]:

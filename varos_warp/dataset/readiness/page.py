@@ -1,6 +1,6 @@
 """Tables and the page of readiness: of one dataset over its frames, of several against optical depth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -218,45 +218,29 @@ def _against_depth(found: Sequence[Sequence[Readiness]]) -> list[dict]:
     told, plots = [compared(of) for of in found], []
     x = np.array([one["optical_depth"][0] for one in told], float)
 
+    def add(title: str, unit: str, columns: list[np.ndarray], names: Iterable[str]) -> None:
+        plots.append(curve(title, unit, x, np.column_stack(columns), names, distance=True, x_unit="", zero=True))
+
     def column(name: str, i: int = 0) -> np.ndarray:
         return np.array([one.get(name, (None, None))[i] for one in told], float)
 
     for title, unit, names in PLOTS[:-2]:
         shown = [name for name in names if np.isfinite(column(name)).any()]
         if shown:
-            plots.append(
-                curve(
-                    title,
-                    unit,
-                    x,
-                    np.column_stack([column(name) for name in shown]),
-                    [SHOWN[n] for n in shown],
-                    distance=True,
-                    x_unit="",
-                    zero=True,
-                )
-            )
-    chance = np.column_stack([column("failure_chance"), column("mono_failed_share")])
-    plots.append(
-        curve("Share of failing steps", "", x, chance, ("forecast", "seen, mono"), distance=True, x_unit="", zero=True)
+            add(title, unit, [column(name) for name in shown], [SHOWN[n] for n in shown])
+    add(
+        "Share of failing steps",
+        "",
+        [column("failure_chance"), column("mono_failed_share")],
+        ("forecast", "seen, mono"),
     )
     for kind in ("mono", "stereo"):
         mean, error = 100 * column(f"{kind}_ate_share"), 100 * column(f"{kind}_ate_share", 1)
         if np.isfinite(mean).any():
             runs = [of[0].odometry[kind].plain()["ate_share_std"] if kind in of[0].odometry else None for of in found]
             error = np.where(np.isfinite(error), error, 100 * np.array(runs, float))
-            plots.append(
-                curve(
-                    f"ATE, {kind}",
-                    "% of the path",
-                    x,
-                    np.column_stack([mean, mean - error, mean + error]),
-                    ("mean", "less its spread over seeds", "more"),
-                    distance=True,
-                    x_unit="",
-                    zero=True,
-                )
-            )
+            names = ("mean", "less its spread over seeds", "more")
+            add(f"ATE, {kind}", "% of the path", [mean, mean - error, mean + error], names)
     return plots
 
 

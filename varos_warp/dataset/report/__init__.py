@@ -53,15 +53,10 @@ def write_report(data: Dataset, path: Path, quiet: bool = True) -> Path:
 
 
 def write_page(path: Path, template: str, *, content: dict[str, Any], **shown: Any) -> Path:
-    """Write a page of the report's form.
+    """Write a page of the report's form, with a template of data/report.
 
-    Args:
-        path: The file.
-        template: Its name in data/report.
-        content: What its scripts draw: ``frames``, ``times``, ``cameras``, ``images``, ``outputs``, ``plots``,
-            ``attenuation``, as data/report/start.js has it.
-        shown: What else the template names: ``title``, its heading; ``root``, of what it tells; ``tiles``, (value,
-            name) of what stands first.
+    ``content`` is what its scripts draw, as data/report/start.js has it; ``shown`` what else the template names: its
+    ``title``, ``root``, of what it tells, and ``tiles``, (value, name) of what stands first.
     """
     script = "\n".join(map(_text, SCRIPTS))
     script_hash = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

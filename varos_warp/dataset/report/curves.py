@@ -23,15 +23,9 @@ INTERVALS = 1000
 
 
 def envelope(x: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Curves with few points that cover the same values.
+    """Curves with few points x, columns [M, k] that cover the same values as x [N], ascending, and columns [N, k].
 
-    Args:
-        x: float64 [N], ascending.
-        columns: float64 [N, k].
-
-    Returns:
-        x [M] and columns [M, k], M <= 2 INTERVALS: as they are if they are short, else the least and the greatest value
-        of each interval in turn.
+    As they are if they are short, else the least and the greatest value of each interval in turn: M <= 2 INTERVALS.
     """
     if len(x) <= 2 * INTERVALS:
         return x, columns
@@ -50,17 +44,11 @@ def curve(
     times: np.ndarray | None = None,
     **more: Any,
 ) -> dict[str, Any]:
-    """A plot as the page draws it.
+    """A plot of columns [N, k] over x [N], ascending, in seconds or with ``distance`` in metres.
 
-    Args:
-        title: What is plotted.
-        unit: Of it.
-        x: Seconds [N], ascending; metres with ``distance``.
-        columns: The curves [N, k].
-        names: Of the curves.
-        times: Of the frames that the page shows [M] [s]: the last sample until then is what it states for a frame,
-            not an end of an interval.
-        more: ``log`` for a logarithmic axis, ``distance``, ``zero`` for an axis from 0, ``down`` for one downwards.
+    ``times`` [M] [s] are those of the frames that the page shows: the last sample until then is what it states for a
+    frame, not an end of an interval. ``more``: ``log`` for a logarithmic axis, ``distance``, ``zero`` for an axis from
+    0, ``down`` for one downwards.
     """
     columns = np.reshape(columns, (len(x), -1))
     thin_x, thin = envelope(np.asarray(x, float), columns)
@@ -83,11 +71,7 @@ def _short(values: np.ndarray, digits: int = 6) -> list[float | None]:
 
 
 def curves(data: Dataset, times: np.ndarray) -> list[dict[str, Any]]:
-    """Every plot over time that the dataset has something for, with its values at the ``times`` [M] [s] of frames.
-
-    Raises:
-        InputError: If a table cannot be read.
-    """
+    """Every plot over time that the dataset has something for, with values at the ``times`` [M] [s] of frames."""
     plots = []
     there = [sensor for sensor in SENSORS if sensor.id in data.recorded]
     for sensor, drawn in ((each, drawn) for each in there for drawn in each.curves):

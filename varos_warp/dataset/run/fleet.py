@@ -11,19 +11,10 @@ from varos_warp.scene.description import Scene
 
 
 def produce_each(scene: Scene, out: Path, only: str | None = None, **options: Any) -> dict[str, produce.Summary]:
-    """Produce what each of a scene's ``vehicles`` sees, in ``OUT/vehID``; with one ``vehicle``, in OUT.
+    """Produce what each of a scene's ``vehicles``, or ``only`` one, sees in ``OUT/vehID``; of one ``vehicle`` in OUT.
 
-    Args:
-        scene: The scene.
-        out: Folder; made where it is missing.
-        only: Id of the one of ``vehicles`` to do.
-        options: Of `produce.produce`.
-
-    Returns:
-        Summaries by the vehicles' ids.
-
-    Raises:
-        InputError: As `produce.produce`; before anything is made if a folder holds something else.
+    Options, summaries by the vehicles' ids, and errors are those of `produce.produce`; before anything is made it
+    refuses a folder that holds something else.
     """
     found = datasets_of(scene, out, only)
     for alone, root in found.values() if scene.vehicles else ():
@@ -32,11 +23,7 @@ def produce_each(scene: Scene, out: Path, only: str | None = None, **options: An
 
 
 def datasets_of(scene: Scene, out: Path, only: str | None = None) -> dict[str, tuple[Scene, Path]]:
-    """The scene as each vehicle sees it, or ``only`` one, and the folder of its dataset, by the vehicles' ids.
-
-    Raises:
-        InputError: If the folder of several vehicles holds a dataset itself.
-    """
+    """The scene as each vehicle sees it, or ``only`` one, and the folder of its dataset, by the vehicles' ids."""
     if not scene.vehicles:
         return {scene.vehicle.id: (scene, out)}
     if (out / "dataset.json").exists():

@@ -38,10 +38,8 @@ BESIDE = ("exposure", "linear_exr", "depth_exr", "depth_kind", "depth_range_m", 
 def plan_sequence(scene, renderer, frames, motion, quiet: bool = False, **options):
     """`plan_render` with a progress bar, of ``frames``, rows of a `Trajectory`; what a run needs is compiled meanwhile.
 
-    But not where the time is to be measured, nor where there is nothing to find out.
-
-    Raises:
-        InputError: If there is, and this installation has no planner.
+    But not where the time is to be measured, nor where there is nothing to find out; refused where there is, and no
+    planner.
     """
     if not sees_water(scene.render.outputs):  # nothing that is made takes an integrator: none is refused
         scene = scene.model_copy(update={"render": scene.render.model_copy(update={"integrator": "auto"})})

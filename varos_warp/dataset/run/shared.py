@@ -66,15 +66,7 @@ def images_of(layout: Layout, scene: Scene, letter: str, frames: Iterable[int]) 
 
 
 def borrow(donors: Mapping[str, Path], layout: Layout, scene: Scene, frames: list[int], record: Record) -> None:
-    """Link images of other datasets that are missing, if they are as they were written there.
-
-    Args:
-        donors: Folders of these datasets, by letter.
-        layout: Of the dataset that gets them.
-        scene: Its scene.
-        frames: Numbers of the frames.
-        record: Of the files that runs wrote into it.
-    """
+    """Link images that are missing from folders of ``donors``, by letter, if they are as they were written there."""
     records = {root: Record(root) for root in {*donors.values()}}
 
     def link(path: Path, root: Path) -> None:

@@ -102,9 +102,7 @@ class Run:
         """Remove what killed runs left, and files that are not as a run wrote them, which are then made again.
 
         A shard leaves them: others are at work. The run that completes the dataset compares all checksums.
-
-        Raises:
-            InputError: If dataset.json is not as it was written, by which all else was made.
+        dataset.json, by which all else was made, is refused if it is not as it was written.
         """
         if folder.is_read_only(self.layout.root):
             self.refuse_damage()
@@ -253,11 +251,7 @@ class Run:
         return {letter for job in self.work for letter in job.letters}
 
     def choose_denoisers(self) -> None:
-        """Find what really denoises what is to be rendered, which is not what was asked for without pyoidn.
-
-        Raises:
-            InputError: If earlier frames were denoised otherwise.
-        """
+        """Find what really denoises, not what was asked for without pyoidn; earlier frames must have had it, too."""
         for letter, key in DENOISE_KEYS.items():
             if not any(OUTPUTS[made].settings == letter for job in self.work for made in job.letters):
                 continue
@@ -405,11 +399,7 @@ class Run:
         self.has_tables = True
 
     def render(self) -> None:
-        """Render what is missing.
-
-        Raises:
-            RunFailed: If images could not be made.
-        """
+        """Render what is missing; `RunFailed` tells of images that could not be made."""
         if not self.work:
             return
         with self.rendering() as progress, self.renderer.compiling(self.letters(), self.plan.integrator):

@@ -41,17 +41,11 @@ def run_in_workers(
 ) -> list[Any]:
     """What ``work(*arguments, shard=(i, count), console=...)`` returns in each of so many processes.
 
-    Args:
-        count: Processes.
-        work: A function of a module.
-        arguments: Of it.
-        done: Called with the steps that a worker has done.
-        tell: Called with each message of any worker, once where several have the same.
+    ``work`` is a function of a module. ``done`` is told the steps that a worker has done, ``tell`` each message of any
+    worker, once where several have the same.
 
-    Raises:
-        InputError: Of any worker; the others are ended as by an interruption.
-        RunFailed: If workers have failed, or died too often; the others have done their work.
-        KeyboardInterrupt: When what was under way is done and all processes have ended.
+    Raises an `InputError` of any worker, and a KeyboardInterrupt, when what was under way is done and all processes
+    have ended; `RunFailed` if workers have failed, or died too often, when the others have done their work.
     """
     told: set[str] = set()
 

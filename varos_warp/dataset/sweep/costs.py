@@ -13,17 +13,9 @@ from varos_warp.sim.clock import select
 def costs(sweep: Sweep, quiet: bool = False) -> list[dict[str, Any]]:
     """What is made for each dataset of a sweep, what it has from others, and how long that takes.
 
-    Args:
-        sweep: The sweep.
-        quiet: No progress on stderr.
-
-    Returns:
-        For each, in the order of the work: ``folder``, ``overrides``, ``state``, ``renders`` and ``from``, letters of
-        images that are rendered in all frames, and by the folder that they come from; the number of ``images`` that
-        are rendered, ``seconds`` on the device at hand.
-
-    Raises:
-        InputError: If a course cannot be simulated, or has none of the frames.
+    For each, in the order of the work: ``folder``, ``overrides``, ``state``, ``renders`` and ``from``, letters of
+    images that are rendered in all frames, and by the folder that they come from; the number of ``images`` that are
+    rendered, ``seconds`` on the device at hand.
     """
     told, shared = [], Shared()
     for unit in sweep.units:

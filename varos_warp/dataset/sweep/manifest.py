@@ -51,11 +51,7 @@ class Manifest:
     # ------------------------------------------------------------------------------------------------- what is there
 
     def check(self) -> None:
-        """Refuse a folder that holds something else; changes nothing.
-
-        Raises:
-            InputError: Naming the first thing that is not of this sweep.
-        """
+        """Refuse a folder that holds something else, naming the first thing of it; changes nothing."""
         for folder in (self.out, *self.out.absolute().parents):
             if (folder / "dataset.json").exists():
                 raise InputError(

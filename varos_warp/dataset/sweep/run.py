@@ -56,14 +56,9 @@ class Sweep:
     def run(
         self, *, shard: tuple[int, int] = (0, 1), workers: int | None = None, quiet: bool = False
     ) -> dict[str, Summary | None]:
-        """Make what is missing; arguments are those of `produce`.
+        """Make what is missing; arguments and errors are those of `produce`. `RunFailed` comes when all else is made.
 
-        Returns:
-            By the folder of each dataset what was done; None: nothing, it was whole.
-
-        Raises:
-            InputError: As `produce`.
-            RunFailed: If images could not be made; all others are.
+        Returns by the folder of each dataset what was done; None: nothing, it was whole.
         """
         manifest, console, failures = self.manifest, Console(quiet), []
         done: dict[str, Summary | None] = dict.fromkeys(map(manifest.folder_of, self.units))
@@ -142,17 +137,10 @@ def prepare(
 ) -> Sweep:
     """What a sweep is to make, after everything is checked that can be before hours are spent. Changes nothing.
 
-    Args:
-        path: Scene file.
-        over: What differs between versions: a file, or keys with values, ``KEY=VALUE,VALUE`` (`read_versions`).
-        out: Folder of the sweep.
-        overrides: Of the scene in all versions, as `load_scene` takes them; versions have the last word.
-        device: As for `produce`.
-        frames: As for `produce`.
-        only: Id of the one of the scene's ``vehicles`` to do.
-
-    Raises:
-        InputError: If a version cannot be made, or the folder cannot be used.
+    ``over`` is a file, or keys with values, ``KEY=VALUE,VALUE`` (`read_versions`), and has the last word over
+    ``overrides`` of all versions, as `load_scene` takes them; ``only`` is the id of one of the scene's ``vehicles``,
+    other arguments are those of `produce`. An `InputError` tells of a version that cannot be made, or a folder that
+    cannot be used.
     """
     out, overrides = Path(out), list(overrides)
     load_scene(path, overrides)  # what is wrong without any version is not told of one
@@ -180,18 +168,11 @@ def _told_of(version: Version) -> Iterator[None]:
     except InputError as error:
         if str(error.file) in [change.where for change in version.changes]:
             raise
-        problem = f"in version {version.name}: {error.problem}"
-        raise InputError(
-            problem, file=error.file, key=error.key, value=error.value, remedy=error.remedy, line=error.line
-        ) from error
+        raise error.but(problem=f"in version {version.name}: {error.problem}") from error
 
 
 def check(scene: Scene, device: str) -> None:
-    """Refuse what `produce` would refuse before the first image.
-
-    Raises:
-        InputError: Naming file and key.
-    """
+    """Refuse, by file and key, what `produce` would refuse before the first image."""
     from varos_warp.render.kinds import kernels_needed
     from varos_warp.render.particles.cells import check_cells
     from varos_warp.scene.device import foretold_spec

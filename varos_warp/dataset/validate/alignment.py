@@ -193,10 +193,8 @@ def compare(
 def systematic(d: np.ndarray, w: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Shift common to all blocks [px] that a change of `UNKNOWNS` explains, and the standard error of it.
 
-    Args:
-        d: Shifts [2n], x and y in turn.
-        w: One over their standard errors.
-        J: What each unknown does to them [2n, unknowns].
+    ``d`` [2n] are shifts, x and y in turn, ``w`` one over their errors, ``J`` [2n, unknowns] what each unknown does to
+    them.
     """
     robust = np.ones(len(d))
     for _ in range(8):

@@ -47,9 +47,6 @@ def known_motions(data: Dataset) -> dict[str, PosesAt]:
     """Poses over time of all that moves in the scene, by key.
 
     Those of another vehicle on a recorded course whose file is not at hand are from the poses in the dataset.
-
-    Raises:
-        InputError: Another vehicle follows a surface whose file is not at hand.
     """
     if not data.moving:
         return {}
@@ -189,12 +186,8 @@ def boxes(data: Dataset) -> dict[int, np.ndarray]:
 def sums_in(depth: np.ndarray, model: CameraModel, T_w_c: np.ndarray, numbers: np.ndarray, boxes: dict) -> np.ndarray:
     """Sums over one frame, a row for each of ``boxes``: points with its number, those within, sums of x, y, z [n, 5].
 
-    Args:
-        depth: Planar depth [H, W] [m]; inf where there is none.
-        model: The camera.
-        T_w_c: Pose [4, 4] of the camera, or that of each row.
-        numbers: S [H, W].
-        boxes: Corners [2, 3] by number.
+    ``depth`` [H, W] [m] is planar, inf where there is none; ``numbers`` [H, W] are S, ``boxes`` corners [2, 3] by
+    number.
     """
     row, col, z = seen_pixels(depth, MOST_POINTS)
     points, here = points_at(model, T_w_c, row, col, z), numbers[row, col]

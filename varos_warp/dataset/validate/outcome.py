@@ -63,14 +63,9 @@ class Validation:
         return f"{self.name(path)}:{row + 2}: {files.plain_name(name)} = {table[name].tolist()[row]}"
 
     def add_rows(self, path: Path, problem: str, wrong: np.ndarray, off: np.ndarray, columns) -> bool:
-        """Note one problem for all wrong rows of a table, naming the first and its worst cell; whether there are any.
+        """Note one problem for all wrong rows, bool [N], naming the first and its worst cell; whether there are any.
 
-        Args:
-            path: Of the table.
-            problem: What is wrong.
-            wrong: bool [N].
-            off: How far off entries are, [N, k].
-            columns: Their k numbers in the table.
+        ``off`` [N, k] is how far entries are off, ``columns`` their k numbers in the table.
         """
         rows = np.flatnonzero(wrong)
         if rows.size:

@@ -41,14 +41,7 @@ def _check(data: Dataset, result: Validation, sensor: SensorProduct) -> None:
 
 
 class Checked:
-    """The readings of a sensor and what they are held against: `varos_warp.products.sensors.protocol.Evidence`.
-
-    Args:
-        data: The dataset.
-        result: Where problems are noted.
-        sensor: The sensor.
-        T: Its poses [N, 4, 4] at its readings.
-    """
+    """The readings of a sensor at its poses T [N, 4, 4] and what they are held against: the protocol `Evidence`."""
 
     def __init__(self, data: Dataset, result: Validation, sensor: SensorProduct, T: np.ndarray):
         self._data, self._result, self._sensor, self.T = data, result, sensor, T

@@ -41,15 +41,11 @@ def check_sums(result: Validation, camera: str, sums: dict[str, np.ndarray]) -> 
 
 
 def holes(depth: np.ndarray, surface: np.ndarray, labels: np.ndarray) -> int:
-    """Pixels of holes: D has nothing in range, C or S has the surface that lies around them, which is near.
+    """Pixels of holes: D [H, W] has nothing in range, C or S has the ``surface`` that lies around them, which is near.
 
-    Far ground seen through a gap has another depth than its surroundings, too; but the gap is in something, and S
-    knows what. Without S, C has to be alike within and around: 10 degrees or so.
-
-    Args:
-        depth: Pixels [H, W] of D.
-        surface: bool [H, W], where C or S has one.
-        labels: [H, W, k], what is alike in a surface: numbers of S, or 8-bit normals of C.
+    Far ground seen through a gap has another depth than its surroundings, too; but the gap is in something, and S knows
+    what. Without S, C has to be alike within and around: 10 degrees or so. ``labels`` [H, W, k] are what is alike in a
+    surface: numbers of S, or 8-bit normals of C.
     """
     gone, found = (depth == DEPTH_LEVELS) & surface, 0
     if not gone.any():
@@ -99,18 +95,11 @@ def _is_smooth(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.nd
 
 
 def slope_sums(normal: np.ndarray, slope: np.ndarray, noise: float, top: int, height: int) -> np.ndarray:
-    """What `check_slopes` needs of a band of rows of one frame.
+    """What `check_slopes` needs of a band of rows of one frame, from its row ``top`` of ``height`` on: [27, 6].
 
-    Args:
-        normal: C [h, W, 3]; zero where there is none.
-        slope: Normals of D [h, W, 3]; NaN where there are none.
-        noise: What a step of D makes of a normal.
-        top: First row of the band.
-        height: Rows of the whole image.
-
-    Returns:
-        [27, 6]: a row of sums for each axis of the world (C C, D D, C D, noise^2, pixels, `fineness`), then for each of
-        `BLOCKS` those of a Lucas-Kanade step (xx, xy, yy, x, y, 0).
+    A row of sums for each axis of the world (C C, D D, C D, noise^2, pixels, `fineness`), then for each of `BLOCKS`
+    those of a Lucas-Kanade step (xx, xy, yy, x, y, 0). ``normal`` [h, W, 3] is C, zero where there is none, ``slope``
+    normals of D, NaN where there are none, ``noise`` what a step of D makes of a normal.
     """
     both = np.isfinite(slope).all(-1) & normal.any(-1)
     c, d = normal[both], slope[both]
@@ -207,12 +196,9 @@ def jumps(depth: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def border_counts(places: list[tuple[np.ndarray, np.ndarray]], image: np.ndarray, least: float) -> np.ndarray:
-    """How many jumps of D meet a border of C or S that is moved by `OFFSETS` pixels: int [2, 5], across and down.
+    """How many `jumps` of D meet a border of C or S [H, W, channels] that is moved by `OFFSETS` pixels.
 
-    Args:
-        places: `jumps` of D.
-        image: Pixels [H, W, channels] of C or S.
-        least: A change of a channel by more is a border.
+    Int [2, 5], across and down; a change of a channel by more than ``least`` is a border.
     """
     counts = np.zeros((2, len(OFFSETS)), np.int64)
     for axis, ((row, col), i) in enumerate(zip(places, (image, image.swapaxes(0, 1)), strict=True)):

@@ -45,11 +45,7 @@ class Record:
         self.reload()
 
     def reload(self) -> None:
-        """Take in what other runs have noted by now.
-
-        Raises:
-            InputError: If a list is damaged.
-        """
+        """Take in what other runs have noted by now."""
         for path in (self.root / NAME, *(self.root / "log").glob(NOTES)):
             for name, value in _lines(path):
                 self.known[name].add(value)
@@ -109,11 +105,7 @@ class Record:
             (self.root / name).unlink(missing_ok=True)
 
     def write_checksums(self) -> Path:
-        """Write the checksums of a complete dataset, and return their path; files of nobody's are left out.
-
-        Raises:
-            InputError: If a file is not as a run wrote it, cannot be read, or the list cannot be written.
-        """
+        """Write the checksums of a complete dataset, and return their path; files of nobody's are left out."""
         self.reload()
         lines = []
         for name, value in self._there():
@@ -129,11 +121,7 @@ class Record:
 
 
 def read_checksums(root) -> dict[str, str]:
-    """SHA-256 by path relative to the dataset; empty where the dataset has no checksums.
-
-    Raises:
-        InputError: If the list is damaged.
-    """
+    """SHA-256 by path relative to the dataset; empty where the dataset has no checksums."""
     return dict(_lines(Path(root) / NAME))
 
 
@@ -159,11 +147,7 @@ def _lines(path: Path) -> list[tuple[str, str]]:
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file in hexadecimal digits.
-
-    Raises:
-        InputError: If it cannot be read.
-    """
+    """SHA-256 of a file in hexadecimal digits; an `InputError` if it cannot be read."""
     if not is_file(path):
         raise InputError("there is no such file", file=path)
     try:

@@ -34,18 +34,10 @@ def expose(
 ) -> None:
     """Gains of one camera from all its rendered frames; writes the PNG whose gain is new, then the gains.
 
-    The gains come last: if it is interrupted, the next run finds the old ones and does it again.
-
-    Args:
-        layout: Of the dataset.
-        scene: The scene, which says how the letter is exposed.
-        camera: Its id.
-        letter: A, B or P.
-        frames: Numbers [N] of the frames whose EXR is there.
-        time_ns: Their times [N].
-        made: What this run rendered: its statistics are known, and its PNG are written where the gain was known.
-        has: Whether an image file is there already, and good.
-        axis_weight: Of the camera (`CameraModel`), for P.
+    The gains come last: if it is interrupted, the next run finds the old ones and does it again. Frames [N] are those
+    whose EXR is there, at times [N]; of those that this run ``made`` the statistics are known, and PNG are written
+    where the gain was known. ``has`` tells whether an image file is there and good, ``axis_weight`` is the camera's
+    (`CameraModel`), for P.
     """
     from varos_warp.device.devices import usable_cores
 
@@ -74,13 +66,7 @@ def expose(
         of_frames = [exposure.as_gain(gain) for gain in gains.tolist()]
         list(pool.map(write, frames, of_frames))
     rows = [exposure_row(gain, known) for gain, known in zip(of_frames, found, strict=True)]
-    files.write_csv(
-        table,
-        [TIME, *exposure_columns(rule)],
-        time_ns,
-        frames,
-        *zip(*rows, strict=True),
-    )
+    files.write_csv(table, [TIME, *exposure_columns(rule)], time_ns, frames, *zip(*rows, strict=True))
 
 
 def twin_gains(

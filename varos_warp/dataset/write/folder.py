@@ -176,11 +176,7 @@ def planning(root: Path, tell: Callable[[], None] = lambda: None) -> Iterator[No
 
 
 def open_folder(scene, layout: Layout) -> dict | None:
-    """Contents of dataset.json where the folder holds a dataset of this scene; None where it is new. Changes nothing.
-
-    Raises:
-        InputError: If the folder belongs to something else, or holds a dataset of another scene.
-    """
+    """Contents of dataset.json of this scene, or None where the folder is new. Refuses any other; changes nothing."""
     root = layout.root
     if not root.exists():
         return None
@@ -197,11 +193,7 @@ def open_folder(scene, layout: Layout) -> dict | None:
 
 
 def recorded(scene, layout: Layout) -> dict | None:
-    """Contents of dataset.json; None where there is none yet.
-
-    Raises:
-        InputError: If it is of another scene, or damaged.
-    """
+    """Contents of dataset.json, which must be of this scene; None where there is none yet."""
     if not layout.metadata.exists():
         return None
     data = Dataset(layout.root)
@@ -219,11 +211,7 @@ def recorded(scene, layout: Layout) -> dict | None:
 
 
 def check_same(scene, meta: dict, file: Path) -> None:
-    """Refuse to mix what two different scenes make.
-
-    Raises:
-        InputError: Naming the first key that differs.
-    """
+    """Refuse to mix what two different scenes make, naming the first key that differs."""
     here = {"varos_warp version": varos_warp.__version__, "contents of": writers.sources(scene), **scene_to_dict(scene)}
     there = {"varos_warp version": meta["versions"]["varos_warp"], "contents of": meta["sources"], **meta["scene"]}
     if different := list(files.differences(without(there, FREE), without(here, FREE))):

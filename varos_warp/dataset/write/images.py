@@ -86,9 +86,7 @@ class Store:
     def write(self, job: ImageJob, letter: str, image, clock: Clock) -> Stored:
         """Write what was rendered of one type; ``clock`` counts the time for ``denoise`` and ``encode``.
 
-        Raises:
-            InputError: If the disk refuses it.
-            RuntimeError: If the image is not fit to be written, such as one with NaN.
+        A RuntimeError tells that the image is not fit to be written, such as one with NaN.
         """
         try:
             if OUTPUTS[letter].is_color:

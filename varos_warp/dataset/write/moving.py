@@ -11,15 +11,10 @@ from varos_warp.sim.companions import motions
 
 
 def describe_moving(scene: Scene, parts: list | None) -> list[dict]:
-    """What dataset.json says of each of `Scene.tracked`.
+    """What dataset.json says of each of `Scene.tracked`; ``parts`` are everything solid, where it is at hand.
 
-    Args:
-        scene: The scene.
-        parts: Everything solid in it, where it is at hand.
-
-    Returns:
-        Entries of ``key`` in the scene file; of what is solid ``id`` in S, and ``box_m``, the lowest and highest corner
-        [m] of its bounding box in its own axes, as large as it is in the world; of another vehicle its ``lights``.
+    Entries of ``key`` in the scene file; of what is solid ``id`` in S, and ``box_m``, the lowest and highest corner [m]
+    of its bounding box in its own axes, as large as it is in the world; of another vehicle its ``lights``.
     """
     found, entries = {part.name: part for part in parts or ()}, []
     for key in scene.tracked:

@@ -120,11 +120,7 @@ class Filmstrip:
 
 
 def filmstrip(data: Dataset, quiet: bool = True, budget: int = BUDGET) -> Filmstrip:
-    """Small images of as many frames, and as large, as fit into a number of bytes.
-
-    Raises:
-        InputError: If an image cannot be read.
-    """
+    """Small images of as many frames, and as large, as fit into a number of bytes."""
     common = sorted(set.intersection(*(set(whole_frames(data, camera)) for camera in data.cameras)))
     if not common or not data.outputs:
         return Filmstrip([], 0, {}, (0.0, 1.0))

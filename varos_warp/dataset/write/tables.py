@@ -14,10 +14,7 @@ from varos_warp.dataset.write.texts import describe_camera, light_pose
 from varos_warp.products.images.registry import OUTPUTS
 from varos_warp.products.sensors.protocol import Samples, xyz
 from varos_warp.products.sensors.registry import BY_ID, mounted
-from varos_warp.scene.frames import (
-    camera_pose,
-    euler_angles,
-)
+from varos_warp.scene.frames import camera_pose, euler_angles
 from varos_warp.scene.optics.shutter import in_ns, row_offsets_s
 
 
@@ -63,12 +60,7 @@ def write_readings(
 ) -> None:
     """Readings of a sensor; where they have noise, what they would be without it beside them, and its bias.
 
-    Args:
-        layout: Of the dataset.
-        name: Of the sensor, as in `READINGS`.
-        reading: ``time_ns`` int64 [N] and the quantities of `READINGS`, [N] or [N, k].
-        truth: The same without noise.
-        bias: The slowly varying part of the noise.
+    Each has ``time_ns`` int64 [N] and the quantities of `READINGS`, [N] or [N, k].
     """
 
     def write(path: Path, **parts: Samples | None) -> None:

@@ -29,13 +29,7 @@ from varos_warp.scene.description.noise_profile import NoiseProfile
 from varos_warp.scene.description.optics import has_lens
 from varos_warp.scene.description.world import GROUND_TEXTURES, SlopeBlend
 from varos_warp.scene.file.load import scene_to_dict
-from varos_warp.scene.frames import (
-    R_V_C,
-    intrinsics,
-    opencv_intrinsics,
-    pose_matrix,
-    transform,
-)
+from varos_warp.scene.frames import R_V_C, intrinsics, opencv_intrinsics, pose_matrix, transform
 from varos_warp.scene.lights.records import light_axes
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.optics.distortion import FISHEYES
@@ -115,11 +109,7 @@ def describe_exposure(layout: Layout, camera) -> dict:
 
 
 def lamp_gains_of(scene) -> dict[str, list[float]]:
-    """Gains of the channels of those cameras that are balanced for lamps, by their ids.
-
-    Raises:
-        InputError: If no lamp lights what is in focus, or a lamp's file cannot be read.
-    """
+    """Gains of the channels of those cameras that are balanced for lamps, by their ids."""
     rules = {camera.id: rule_of(scene, camera.id, WATER) for camera in scene.vehicle.cameras}
     return {camera: list(rule.balance) for camera, rule in rules.items() if isinstance(rule.balance, tuple)}
 

@@ -172,11 +172,8 @@ class ImageProduct(Protocol):
         return ()
 
     def colors(self, pixels: np.ndarray, meta: Mapping[str, Any], near_far: tuple[float, float] | None) -> np.ndarray:
-        """uint8 [H, W, 3] for the eye, of a finished image.
+        """uint8 [H, W, 3] for the eye, of a finished image and what dataset.json says.
 
-        Args:
-            pixels: Of the finished image.
-            meta: What dataset.json says.
-            near_far: Distances [m] of the ends of colours, of a type that shows distances; None: those of the image.
+        ``near_far`` are distances [m] of the ends of colours, of a type that shows distances; None: those of the image.
         """
         return pixels

@@ -72,16 +72,11 @@ class Segments(ImageProduct):
 
 
 def segment_table(scene: Scene, part_names: list[str]) -> list[dict]:
-    """A row for each terrain, object and copy, in the order of their ids.
+    """A row for each terrain, object and copy, in the order of their keys in the scene file.
 
-    Args:
-        scene: The scene.
-        part_names: Keys in the scene file: ``terrain``, ``objects.3``, ``scatter.0.17``, ``growth.2.17``; of a body
-            ``vehicles.ID``.
-
-    Returns:
-        Rows of ``id`` (from 1; 0 is nothing), ``key``, ``kind`` (``terrain``, ``mesh``, ``pipe``, ``barnacle``
-        ...), ``material`` and ``material_id`` (its place among the scene file's materials, from 1; 0: none).
+    Rows of ``id`` (from 1; 0 is nothing), ``key`` (``terrain``, ``objects.3``, ``scatter.0.17``, of a body
+    ``vehicles.ID``), ``kind`` (``terrain``, ``mesh``, ``pipe``, ``barnacle`` ...), ``material`` and ``material_id``
+    (its place among the scene file's materials, from 1; 0: none).
     """
     materials = list(scene.materials)
     rows = []

@@ -195,14 +195,7 @@ def beam_directions(dvl: Dvl) -> np.ndarray:
 def bottom_track(
     time_ns: np.ndarray, beams: np.ndarray, distance: np.ndarray, beam_velocity: np.ndarray
 ) -> DvlReadings:
-    """Readings that follow from the beams.
-
-    Args:
-        time_ns: int64 [M].
-        beams: Unit vectors [4, 3], sensor axes.
-        distance: Along each beam [M, 4] [m], NaN without lock.
-        beam_velocity: [M, 4] [m/s].
-    """
+    """Readings that follow from beams [4, 3] and, along each, distance [M, 4] [m], NaN without lock, and velocity."""
     locked = np.isfinite(distance)
     beam_velocity = np.where(locked, beam_velocity, np.nan)
     velocity = np.full((len(distance), 3), np.nan)

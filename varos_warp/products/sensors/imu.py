@@ -1,6 +1,6 @@
 """The inertial measurement unit: specific force and angular velocity (paper 3.2.2), and their noise."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
@@ -186,17 +186,26 @@ IMU = ImuProduct()
 
 def imu_noise(model: ImuNoise, count: int, rate_hz: float, seed: int) -> tuple[Noise, ...]:
     """Noise of the accelerometer [m/s^2] and of the gyroscope [rad/s], in this order."""
+    starts = [
+        (getattr(model, f"{sensor}_bias"), getattr(model, f"{sensor}_turn_on_bias")) for sensor, _ in PARTS.values()
+    ]
+    return _noises(model, count, rate_hz, (seed,), starts)
+
+
+def _noises(
+    model: ImuNoise, count: int, rate_hz: float, seeds: tuple[int, ...], starts: Sequence[tuple[Any, ...]]
+) -> tuple[Noise, ...]:
+    """Noise of both, whose biases start as the last arguments of `noise` say; the first seed is the scene's."""
     return tuple(
         noise(
             count,
             rate_hz,
             getattr(model, f"{sensor}_noise_density"),
             getattr(model, f"{sensor}_random_walk"),
-            np.random.default_rng([seed, SEED, i]),
-            getattr(model, f"{sensor}_bias"),
-            getattr(model, f"{sensor}_turn_on_bias"),
+            np.random.default_rng([seeds[0], SEED, i, *seeds[1:]]),
+            *start,
         )
-        for i, (sensor, _) in enumerate(PARTS.values())
+        for i, ((sensor, _), start) in enumerate(zip(PARTS.values(), starts, strict=True))
     )
 
 
@@ -221,17 +230,8 @@ class ImuNoiseStream:
 
     def _draw(self) -> None:
         """Put a block behind the samples that are left; its bias walks on from the last one's."""
-        made = [
-            noise(
-                BLOCK + 1,
-                self._rate_hz,
-                getattr(self._model, f"{sensor}_noise_density"),
-                getattr(self._model, f"{sensor}_random_walk"),
-                np.random.default_rng([self._seed, SEED, i, self._blocks]),
-                before.bias[-1],
-            )
-            for i, ((sensor, _), before) in enumerate(zip(PARTS.values(), self._drawn, strict=True))
-        ]
+        ends = [(before.bias[-1],) for before in self._drawn]
+        made = _noises(self._model, BLOCK + 1, self._rate_hz, (self._seed, self._blocks), ends)
         self._drawn = tuple(
             Noise(
                 np.concatenate([old.white[self._taken :], new.white[1:]]),

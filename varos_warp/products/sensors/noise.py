@@ -31,15 +31,9 @@ def noise(
 ) -> Noise:
     """Noise of one sensor at ``rate_hz`` (IEEE Std 952; Kalibr's IMU noise model).
 
-    Args:
-        count: Samples.
-        rate_hz: Sample rate.
-        density: White noise [unit/sqrt(Hz)]; the standard deviation of a sample is density * sqrt(rate).
-        random_walk: Of the bias [unit * sqrt(Hz)]; it grows as random_walk * sqrt(t).
-        rng: Where the numbers come from.
-        bias: Constant part of the bias [axes] or for all axes [unit].
-        turn_on_bias: Standard deviation of the part that is drawn once [unit].
-        axes: Of the sensor.
+    ``density`` [unit/sqrt(Hz)] is of white noise: the standard deviation of a sample is density * sqrt(rate). The bias
+    grows as random_walk * sqrt(t), from its constant part ``bias`` [axes], or [unit] for all axes, and a part that is
+    drawn once with the standard deviation ``turn_on_bias``.
     """
     white = density * np.sqrt(rate_hz) * rng.standard_normal((count, axes))
     steps = random_walk / np.sqrt(rate_hz) * rng.standard_normal((count, axes))

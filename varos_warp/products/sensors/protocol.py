@@ -74,13 +74,10 @@ class Surroundings(Protocol):
     def met_by_beams(
         self, time_ns: np.ndarray, T_w_s: np.ndarray, beams: np.ndarray, range_m: Sequence[float]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Distance [M, k] along beams to what is there at the time, NaN without any, and its velocity along them.
+        """Distance [M, k] along beams to what is there at the times int64 [M], and its velocity along them.
 
-        Args:
-            time_ns: int64 [M].
-            T_w_s: Poses of the sensor [M, 4, 4].
-            beams: Unit vectors [k, 3], sensor axes.
-            range_m: Least and most [m].
+        NaN where nothing is met within ``range_m``, least and most; ``beams`` are unit vectors [k, 3] in axes of the
+        sensor.
         """
 
 
@@ -127,15 +124,10 @@ class Evidence(Protocol):
         """True if beams may meet something that moves."""
 
     def agree(self, name: str, expected: Samples, limit: float, unit: str, problem: str, noisy: bool = False) -> None:
-        """Readings are as expected within a limit, NaN where that is NaN; what is not is told of by row.
+        """Readings are as expected within a limit, NaN where that is NaN; what is not is told of by row as ``problem``.
 
-        Args:
-            name: What is held against what.
-            expected: Some or all quantities of the readings, as the columns of the table begin.
-            limit: The largest difference.
-            unit: Its unit.
-            problem: What to say of a row that is off.
-            noisy: Whether the readings are meant, not those without noise.
+        ``name`` says what is held against what; ``expected`` has some or all quantities of the readings, as the columns
+        of the table begin; ``noisy`` readings are meant, or those without noise.
         """
 
     def apart(self, found: Samples, expected: Samples) -> np.ndarray:
@@ -236,10 +228,7 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     def errors(self, sensor: BlockT_contra, count: int, seed: int) -> Callable[[ReadingsT], ReadingsT] | None:
         """What adds the noise that the scene itself asks for to one piece of readings after the other; None: none is.
 
-        Args:
-            sensor: Its block.
-            count: Readings of the scene's sequence.
-            seed: Seed of the noise.
+        ``count`` is how many readings the scene's sequence has.
         """
         return None
 
@@ -250,11 +239,7 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     def noisy(self, truth: Samples, about: dict[str, Any], model: NoiseT, seed: int) -> tuple[Samples, Samples | None]:
         """Readings with the noise of a profile, of those without it, and the bias in them.
 
-        Args:
-            truth: Readings without noise.
-            about: What dataset.json says of the sensor.
-            model: Its block of the profile.
-            seed: Seed of all random numbers.
+        ``about`` is what dataset.json says of the sensor, ``model`` its block of the profile.
         """
         ...
 
@@ -264,11 +249,6 @@ class SensorProduct(Protocol[BlockT_contra, NoiseT, ReadingsT]):
     def ros(self, make: RosMessages, topic: str, time_ns: int, row: Samples, meta: dict[str, Any]) -> Any:
         """The ROS message of one reading; None: the topic has none of it.
 
-        Args:
-            make: Makes messages.
-            topic: A key of `ros_types`.
-            time_ns: Time of the reading.
-            row: Its quantities.
-            meta: What dataset.json says, ``meta["sensors"]`` of the sensor.
+        ``topic`` is a key of `ros_types`, ``meta`` what dataset.json says, ``meta["sensors"]`` of the sensor.
         """
         return None

@@ -32,15 +32,9 @@ def expose(
     share: np.ndarray | float = 1.0,
     exposure_s: float = 0.0,
 ) -> np.ndarray:
-    """Digital numbers, int32 [H, W, channels].
+    """Digital numbers, int32 [H, W, channels], of linear radiance [H, W, channels]; radiance * gain = 1 is white.
 
-    Args:
-        model: The sensor.
-        radiance: Linear [H, W, channels]; radiance * gain = 1 is white.
-        gain: Exposure gain of the frame.
-        rng: Of the frame.
-        share: Of the light that reaches each pixel [H, W].
-        exposure_s: How long dark current gathers [s].
+    ``share`` [H, W] is of the light that reaches each pixel; dark current gathers for ``exposure_s`` [s].
     """
     per_dn, range_dn = model.electrons_per_dn, levels(model)
     white = model.electrons_per_radiance / gain if per_dn is None else per_dn * range_dn  # electrons

@@ -29,11 +29,8 @@ def doubts(scene: Scene, read: Readings) -> list[str]:
 class Sensors:
     """Sensors that go on reading where the piece before ended, the first sample of each at 0.
 
-    Args:
-        scene: Its vehicle has the sensors.
-        end_ns: Last tick of the scene's sequence; for so long the noise that the scene asks for is drawn at once.
-        parts: Everything solid, if some sensor meets it: from ``build_parts``.
-        others: Poses of other vehicles, whose bodies are among the parts.
+    To ``end_ns``, the last tick of the scene's sequence, the noise that the scene asks for is drawn at once. ``parts``,
+    from ``build_parts``, are everything solid, if some sensor meets it, the bodies of ``others`` among them.
     """
 
     def __init__(
@@ -49,11 +46,7 @@ class Sensors:
         self._nothing: dict[str, Any] = {}
 
     def read(self, motion: Trajectory) -> Readings:
-        """Readings of all samples up to the end of a piece of the trajectory that have not been taken yet.
-
-        Args:
-            motion: The next piece; it begins with the last row of the one before.
-        """
+        """Readings not taken yet up to the end of the next piece, which begins with the last row of the one before."""
         return Readings(**{name: self._read(name, motion) for name in self._mounted})
 
     def _read(self, name: str, motion: Trajectory) -> Any:

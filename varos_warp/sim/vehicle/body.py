@@ -92,14 +92,7 @@ class Sphere:
         return 1.5 * WATER_DENSITY * self.volume / self.virtual_mass
 
     def acceleration(self, v: Vector, force: Vector, current: Vector, current_rate: Vector) -> Vector:
-        """Acceleration [m/s^2] from the force balance, all in world axes.
-
-        Args:
-            v: Velocity [m/s].
-            force: Thrust [N].
-            current: Velocity of the water [m/s].
-            current_rate: Its time derivative [m/s^2].
-        """
+        """Acceleration [m/s^2] from velocity, thrust [N], and velocity and acceleration of the water, in world axes."""
         x, y, z = v[0] - current[0], v[1] - current[1], v[2] - current[2]
         drag = self.linear_drag + self.quadratic_drag * sqrt(x * x + y * y + z * z)
         per_mass, carried = 1.0 / self.virtual_mass, self.carried
@@ -176,11 +169,7 @@ def peak_gain(damping: float) -> float:
 
 
 def sphere(vehicle: description.Vehicle, gravity: float = 9.81) -> Sphere:
-    """The simulated body of a scene's vehicle block; what the block leaves out follows from its mass.
-
-    Raises:
-        InputError: The vehicle weighs more under water than in air.
-    """
+    """The simulated body of a scene's vehicle block; what the block leaves out follows from its mass."""
     displaced_volume(vehicle.mass_kg, vehicle.net_buoyancy, gravity)  # refuses what has none
     given = {name: getattr(vehicle, name) for name in Sphere.__dataclass_fields__ if name != "gravity"}
     return Sphere(

@@ -272,10 +272,8 @@ class Regulator:
 def saturated(body: Sphere, force: Vector, torque: Vector) -> tuple[Vector, Vector, bool, bool]:
     """What the vehicle can do of a force [N] and a moment [N m] that it is told, and whether it can do less of either.
 
-    Args:
-        body: The vehicle. Its thrusters share the command; without any, force and moment are limited in length.
-        force: In vehicle axes where there are thrusters; elsewhere any axes do.
-        torque: In vehicle axes.
+    Its thrusters share the command, all in vehicle axes; without any, force, in any axes, and moment are limited in
+    length.
     """
     if isinstance(body, RigidBody) and body.thrusters:
         force, torque, limited = body.thrusters.deliver(force, torque)

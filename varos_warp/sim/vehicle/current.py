@@ -30,13 +30,7 @@ HARDLY_EVER = 6.0
 
 
 class Turbulence:
-    """An Ornstein-Uhlenbeck process behind two lags, for each axis; the same seed draws the same.
-
-    Args:
-        turbulence: Of the scene.
-        seed: The scene's.
-        step_s: Between two knots [s].
-    """
+    """An Ornstein-Uhlenbeck process behind two lags, for each axis, by knots a step apart; a seed draws the same."""
 
     def __init__(self, turbulence: description.Turbulence, seed: int, step_s: float = TICK_S):
         self._lag, self._step, self.rms = turbulence.smoothing_s, step_s, np.asarray(turbulence.rms, float)
@@ -99,11 +93,7 @@ def _decay(factor: float, push: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 
 class Current:
-    """Velocity of the water, the same everywhere, as a function of time.
-
-    Raises:
-        InputError: It would change faster than the simulator's clock can follow.
-    """
+    """Velocity of the water, the same everywhere, over time; refused if it changes too fast for the clock's ticks."""
 
     def __init__(self, current: description.Current, seed: int):
         if current.fluctuation > 0.0 and current.period_s < SHORTEST_PERIOD_S:

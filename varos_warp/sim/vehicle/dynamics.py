@@ -133,11 +133,7 @@ def rotvec_halfway(rates, h: float) -> Vector:
 
 
 def substeps(body: Sphere, current_speed: float, h: float) -> int:
-    """Steps that a tick is cut into so that RK4 stays accurate with stiff drag or a stiff righting moment.
-
-    Raises:
-        InputError: The motion is so stiff that the parameters must be wrong.
-    """
+    """Steps that a tick is cut into so that RK4 stays accurate with stiff drag or righting moment; refuses stiffer."""
     stiffness = body.stiffness(current_speed) * h
     if stiffness > REFUSE_ABOVE:
         raise InputError(
@@ -183,14 +179,7 @@ class Dynamics:
         )
 
     def advance(self, state: State, force: Vector, torque: Vector, tick: int) -> State:
-        """State at the next tick, the commands held over this one.
-
-        Args:
-            state: State at ``tick``.
-            force: Commanded thrust [N], world axes.
-            torque: Commanded moment [N m], vehicle axes.
-            tick: Index of the tick; the current depends on it.
-        """
+        """State at the next tick, a thrust [N], world axes, and a moment [N m], vehicle axes, held over this one."""
         if self.in_body_axes:
             force = quaternion.rotate_back(state.q, force)
         currents, actuate, h = self._current.stages(tick), self._actuator.advance, self._h

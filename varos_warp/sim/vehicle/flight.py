@@ -42,13 +42,7 @@ class Logged(NamedTuple):
 
 
 def logged(log: np.ndarray, origin: np.ndarray, first: int = 0) -> Logged:
-    """Rows of `COLUMNS`, from the tick ``first`` on, in the world.
-
-    Args:
-        log: [N], positions relative to ``origin`` [3] [m].
-        origin: Where a `Flight` starts.
-        first: Tick of the first row.
-    """
+    """Rows of `COLUMNS` [N], from the tick ``first`` on, in the world; their positions are relative to ``origin``."""
     columns = {name: np.ascontiguousarray(log[name]) for name, *_ in COLUMNS}
     reference, waypoint = columns.pop("reference") + origin, columns.pop("waypoint").astype(int)
     columns["position"] += origin
@@ -60,11 +54,8 @@ def logged(log: np.ndarray, origin: np.ndarray, first: int = 0) -> Logged:
 class Flight:
     """The vehicle of a scene that starts at rest at its first waypoint. `look` once at every tick, then `advance`.
 
-    Positions are relative to `origin`, the first waypoint: far from the world's origin the same course is driven to
-    the same digits.
-
-    Raises:
-        InputError: The course would take too long, or parameters cannot be simulated.
+    Positions are relative to `origin`, the first waypoint: far from the world's origin the same course is driven to the
+    same digits. A course that takes too long, or parameters that cannot be simulated, are refused.
     """
 
     def __init__(self, scene: Scene):

@@ -78,13 +78,10 @@ class RigidBody(Sphere):
         return WATER_DENSITY * self.volume
 
     def loads(self, r: Vector, omega: Vector, up: Vector, water: Vector) -> tuple[Vector, Vector]:
-        """Force [N] and moment [N m] besides thrust: drag, weight, buoyancy, and -C(nu_r) nu_r.
+        """Force [N] and moment [N m] besides thrust, vehicle axes: drag, weight, buoyancy, and -C(nu_r) nu_r.
 
-        Args:
-            r: Velocity through the water [m/s], vehicle axes, like all others.
-            omega: Angular velocity [rad/s].
-            up: Unit vector.
-            water: Acceleration of the water [m/s^2].
+        r [m/s] is the velocity through the water, ``up`` a unit vector, ``water`` [m/s^2] the acceleration of the
+        water.
         """
         m, J, d, k = self.masses, self.inertias, self.linear, self.quadratic
         speed = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
@@ -112,12 +109,8 @@ class RigidBody(Sphere):
     ) -> tuple[Vector, Vector]:
         """Acceleration [m/s^2] in world and angular acceleration [rad/s^2] in vehicle axes.
 
-        Args:
-            q: Attitude, vehicle to world.
-            v: Velocity [m/s], world axes.
-            omega: Angular velocity [rad/s], vehicle axes.
-            thrust: Force [N] and moment [N m], vehicle axes.
-            current, current_rate: Velocity of the water [m/s] and its derivative [m/s^2], world axes.
+        v, the current and its rate are in world axes, omega, force [N] and moment [N m] of ``thrust`` in those of the
+        vehicle.
         """
         r = quaternion.rotate_back(q, (v[0] - current[0], v[1] - current[1], v[2] - current[2]))
         force, moment = self.loads(
@@ -162,11 +155,7 @@ class RigidBody(Sphere):
 
 
 def rigid_body(vehicle: description.Vehicle, gravity: float = 9.81) -> RigidBody:
-    """The simulated body of a vehicle block with ``rigid_body``; what that leaves out is the sphere's.
-
-    Raises:
-        InputError: As `sphere` and `thrusters` do.
-    """
+    """The simulated body of a vehicle block with ``rigid_body``; what that leaves out is the sphere's."""
     ball, block = sphere(vehicle, gravity), vehicle.rigid_body or description.RigidBody()
     added = block.added_mass or (*(3 * [ball.virtual_mass - ball.mass_kg]), 0.0, 0.0, 0.0)
     linear = block.linear_drag or (*(3 * [ball.linear_drag]), *(3 * [ball.linear_rotational_drag]))
@@ -192,9 +181,5 @@ def rigid_body(vehicle: description.Vehicle, gravity: float = 9.81) -> RigidBody
 
 
 def body_of(vehicle: description.Vehicle, gravity: float = 9.81) -> Sphere:
-    """The simulated body of a scene's vehicle: the sphere, or what ``rigid_body`` says.
-
-    Raises:
-        InputError: As `rigid_body` does.
-    """
+    """The simulated body of a scene's vehicle: the sphere, or what ``rigid_body`` says."""
     return sphere(vehicle, gravity) if vehicle.rigid_body is None else rigid_body(vehicle, gravity)

@@ -70,15 +70,10 @@ class Thrusters:
 
 
 def thrusters(blocks: list[description.Thruster], radius: float, righted: bool) -> Thrusters:
-    """Allocation for a vehicle's thrusters.
+    """Allocation for a vehicle's thrusters; the radius of the hull [m] only compares moments with forces.
 
-    Args:
-        blocks: Of the scene.
-        radius: Of the hull [m]; only compares moments with forces.
-        righted: Whether a righting moment holds roll and pitch.
-
-    Raises:
-        InputError: They cannot push in all directions and turn, or nothing holds the axes that they do not control.
+    Refused if they cannot push in all directions and turn, or nothing holds the axes that they do not control: a
+    righting moment holds roll and pitch where the vehicle is ``righted``.
     """
     directions = np.array([np.divide(block.direction, np.linalg.norm(block.direction)) for block in blocks]).T
     arms, most = np.array([block.position for block in blocks]).T, np.array([block.max_force for block in blocks])

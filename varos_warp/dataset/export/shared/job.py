@@ -89,15 +89,9 @@ class Job:
         return list(in_threads(what, make, self.data.frames, *items, quiet=self.quiet))
 
     def depths(self, camera: str, names: Iterable[str], per_metre: float) -> tuple[float, float]:
-        """D of every frame as uint16 of planar z, 0 where there is none or the format's range ends.
+        """Write D of every frame as uint16 of planar z in so many units a metre, 0 where it is none or too far.
 
-        Args:
-            camera: Its id.
-            names: Of the files, frame by frame.
-            per_metre: Units of the format in a metre.
-
-        Returns:
-            The nearest and the farthest depth that was written [m]; inf and 0 if there is none.
+        Returns the nearest and the farthest depth that was written [m]; inf and 0 if there is none.
         """
         def encode(frame: int, name: str) -> tuple[float, float]:
             units = to_units(self.data.planar_depth(frame, camera), per_metre)

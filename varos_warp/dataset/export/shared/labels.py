@@ -62,15 +62,7 @@ class Label:
 
 
 class Labels:
-    """The labels of a dataset.
-
-    Args:
-        job: The export.
-        must_be_whole: Whether there is no use without all that hides.
-
-    Raises:
-        InputError: If what the dataset was made of is not at hand, though it ``must_be_whole``.
-    """
+    """The labels of a dataset; with ``must_be_whole``, it refuses one whose scene's files are not at hand."""
 
     def __init__(self, job: Job, must_be_whole: bool = False):
         self.job, self.data = job, job.data
@@ -91,11 +83,7 @@ class Labels:
         self._T_w_o = self._poses()
 
     def _rebuild(self, numbers: dict[str, int]) -> None:
-        """Build anew what the dataset was made of, for the silhouettes.
-
-        Raises:
-            InputError: If its files are not at hand, or it is not what S numbers.
-        """
+        """Build anew what the dataset was made of; refuses other files, and what S does not number."""
         self.scene, parts = rebuilt(self.data, self.job.scene_dir)
         names = {name for part in parts for name in (part.names if isinstance(part, Instances) else [part.name])}
         fine = self.scene.render.segments == "fine"
@@ -140,10 +128,7 @@ class Labels:
     def of(self, frame: int, camera: str, margin: tuple[int, int] = (0, 0)) -> list[Label]:
         """Labels of all things that an image shows, or would show if nothing hid them, by their numbers.
 
-        Args:
-            frame: Its number.
-            camera: The id of its camera.
-            margin: Rows and columns beyond the image that ``whole`` has, too; a thing must have a pixel in the image.
+        ``margin``: rows and columns beyond the image that ``whole`` has, too; a thing must have a pixel in the image.
         """
         S = self.data.image(SEGMENTS, frame, camera)
         flat = S.ravel()

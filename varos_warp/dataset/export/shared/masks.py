@@ -7,12 +7,7 @@ CHARACTERS = 7
 
 
 def box_of(pixels: np.ndarray, width: int) -> list[int]:
-    """The box x, y, width, height [pixels] about pixels, which it has within; the image's corner is (0, 0).
-
-    Args:
-        pixels: Places in the flattened image, int64 [N], at least one.
-        width: Of the image.
-    """
+    """The box x, y, width, height [px] about pixels, int64 [N] places in a flattened image of a width, N > 0."""
     row, col = np.divmod(pixels, width)
     x, y = int(col.min()), int(row.min())
     return [x, y, int(col.max()) - x + 1, int(row.max()) - y + 1]

@@ -26,11 +26,7 @@ def black_level(radiance: np.ndarray) -> float | None:
 
 
 def layers_of(data: Dataset, frame: int, camera: str) -> dict[str, np.ndarray]:
-    """Layers [H, W, 3] of A by name, where ``--linear-exr`` wrote them; empty where it did not.
-
-    Raises:
-        InputError: If the file is damaged.
-    """
+    """Layers [H, W, 3] of A by name, where ``--linear-exr`` wrote them; empty where it did not."""
     path = data.layout.linear(camera, frame, WATER)
     if not path.exists():
         return {}

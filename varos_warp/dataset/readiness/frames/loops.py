@@ -49,10 +49,6 @@ def closures(share: np.ndarray) -> list[tuple[int, int]]:
 
 
 def loop_closures(data: Dataset, camera: str) -> list[tuple[int, int]]:
-    """(frame, earlier frame) by their numbers.
-
-    Raises:
-        InputError: If a file cannot be read.
-    """
+    """(frame, earlier frame) by their numbers."""
     chosen, share = overlaps(data, camera)
     return [(data.frames[chosen[late]], data.frames[chosen[early]]) for late, early in closures(share)]

@@ -38,11 +38,7 @@ def source_of_moves(data: Dataset) -> str | None:
 
 
 def moves(data: Dataset, index: int, camera: str) -> Moves:
-    """Moves from the frame at a place of the dataset to the one after it; `source_of_moves` says of what.
-
-    Raises:
-        InputError: If a file cannot be read.
-    """
+    """Moves from the frame at a place of the dataset to the one after it; `source_of_moves` says of what."""
     if source_of_moves(data) == FLOW:
         found = data.flow(data.frames[index], camera)
         rows, cols = np.indices(found.occluded.shape)

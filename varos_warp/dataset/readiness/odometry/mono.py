@@ -24,12 +24,7 @@ WIDER = 1.25
 
 
 class MonoOdometry:
-    """One run over a dataset; its unit of length is the distance between the first two views.
-
-    Args:
-        view: The camera.
-        seed: Of the samples of RANSAC.
-    """
+    """One run over a dataset by a seed of RANSAC; its unit of length is the way between the first two views."""
 
     def __init__(self, view: View, seed: int):
         self.view, self.rng, self.limit = view, np.random.default_rng([seed, 0]), REPROJECTION_PX * view.pixel

@@ -58,14 +58,10 @@ def score(estimate: np.ndarray, truth: np.ndarray, with_scale: bool) -> Score:
 def failed(T_c_w: np.ndarray, lost: np.ndarray, T_w_c: np.ndarray) -> np.ndarray:
     """Return whether the step from each frame to the next failed, bool [N - 1]; the scale of a step does not count.
 
-    It fails if the next frame is lost, or its translation points more than `WRONG_WAY` [rad] elsewhere than the true
-    one (whatever its scale, it is then off by a quarter of the step or more; not asked of steps shorter than `STANDS`),
-    or its rotation is off by more than `WRONG_TURN` [rad].
-
-    Args:
-        T_c_w: Estimated poses [N, 4, 4].
-        lost: Frames without one [N].
-        T_w_c: True poses [N, 4, 4].
+    It fails if the next frame is ``lost`` [N], or its translation points more than `WRONG_WAY` [rad] elsewhere than the
+    true one (whatever its scale, it is then off by a quarter of the step or more; not asked of steps shorter than
+    `STANDS`), or its rotation is off by more than `WRONG_TURN` [rad]. Poses [N, 4, 4] are ``T_c_w``, estimated, and
+    ``T_w_c``, true.
     """
     found, true = T_c_w[1:] @ np.linalg.inv(T_c_w[:-1]), np.linalg.inv(T_w_c[1:]) @ T_w_c[:-1]
     length = np.linalg.norm(true[:, :3, 3], axis=1)

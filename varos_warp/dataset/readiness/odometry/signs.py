@@ -30,15 +30,7 @@ def verified(view: View, here: Keypoints, there: Keypoints) -> tuple[int, float 
 def signs(
     view: View, before: np.ndarray, now: np.ndarray, here: Keypoints, there: Keypoints
 ) -> dict[str, float | None]:
-    """Measure the signs of the step between two frames.
-
-    Args:
-        view: The camera.
-        before: The first image, uint8 [H, W].
-        now: The second.
-        here: ORB's keypoints of the first.
-        there: Those of the second.
-    """
+    """Measure the signs of the step between two images uint8 [H, W], with ORB's keypoints of both."""
     count, share = verified(view, here, there)
     start = corners(before, np.zeros((0, 2)))
     found = follow(before, now, start)[1]

@@ -17,14 +17,7 @@ RENEWED = 0.6
 
 
 class StereoOdometry:
-    """One run over a dataset.
-
-    Args:
-        left: Whose course is estimated.
-        right: The other camera of the pair.
-        T_r_l: From axes of the left camera to those of the right [4, 4].
-        seed: Of the samples of RANSAC.
-    """
+    """One run over a dataset: the course of the left camera; T_r_l [4, 4] leads to the axes of the right one."""
 
     def __init__(self, left: View, right: View, T_r_l: np.ndarray, seed: int):
         self.left, self.right, self.T_r_l, self.rng = left, right, T_r_l, np.random.default_rng([seed, 1])
