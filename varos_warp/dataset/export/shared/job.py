@@ -93,6 +93,7 @@ class Job:
 
         Returns the nearest and the farthest depth that was written [m]; inf and 0 if there is none.
         """
+
         def encode(frame: int, name: str) -> tuple[float, float]:
             units = to_units(self.data.planar_depth(frame, camera), per_metre)
             files.write_png(self.out / name, units)
@@ -151,15 +152,21 @@ def lens_of(job: Job, camera: str, form: str, *models: str) -> tuple[str, list[f
     if name == "brown_conrady" and f"{name} without k3" in models and k[4] == 0.0:
         return name, k[:4]
     if name not in ("none", *models):
-        raise InputError(f"{form} cannot state this distortion", file=job.data.root, key=f"{place}.distortion",
-                         value=f"{name} {k}", remedy=remedy)
+        raise InputError(
+            f"{form} cannot state this distortion",
+            file=job.data.root,
+            key=f"{place}.distortion",
+            value=f"{name} {k}",
+            remedy=remedy,
+        )
     return name, k
 
 
 def _instead(job: Job, camera: str, models: tuple[str, ...]) -> str:
     """What to choose instead of a camera that a format cannot state: others of the dataset that it can."""
-    others = [other for other in job.data.cameras
-              if other != camera and _is_stated(job.data.camera_model(other), models)]
+    others = [
+        other for other in job.data.cameras if other != camera and _is_stated(job.data.camera_model(other), models)
+    ]
     return f"; it can state {', '.join(others)}: choose with --camera {others[0]}" if others else ""
 
 

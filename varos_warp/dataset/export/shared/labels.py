@@ -16,7 +16,6 @@ from varos_warp.dataset.reader.rows import sight
 from varos_warp.errors import InputError
 from varos_warp.products.images.segments import block_of
 from varos_warp.render.silhouettes import SURFACE, Silhouettes
-from varos_warp.scene.description import Scene
 from varos_warp.scene.description.classes import WATER_CLASS, class_of
 from varos_warp.scene.description.image_types import SEGMENTS
 from varos_warp.scene.file.load import scene_from_dict
@@ -76,10 +75,15 @@ class Labels:
             self._rebuild(rows)
         except InputError as error:
             if must_be_whole:
-                raise InputError(f"what is hidden of objects cannot be known: {error.problem}", file=self.data.root,
-                                 remedy=f"{AT_HAND} coco and yolo go without.") from None
-            warnings.warn(f"what is hidden of objects is left out, amodal boxes and visible shares: {error.problem}. "
-                          f"{AT_HAND}", stacklevel=4)
+                raise InputError(
+                    f"what is hidden of objects cannot be known: {error.problem}",
+                    file=self.data.root,
+                    remedy=f"{AT_HAND} coco and yolo go without.",
+                ) from None
+            warnings.warn(
+                f"what is hidden of objects is left out, amodal boxes and visible shares: {error.problem}. {AT_HAND}",
+                stacklevel=4,
+            )
         self._T_w_o = self._poses()
 
     def _rebuild(self, numbers: dict[str, int]) -> None:
@@ -88,7 +92,8 @@ class Labels:
         names = {name for part in parts for name in (part.names if isinstance(part, Instances) else [part.name])}
         fine = self.scene.render.segments == "fine"
         if lost := {name for name in names - {SURFACE} if fine or not name.startswith("growth.")} ^ (
-                numbers.keys() - {self.scene.own_body}):
+            numbers.keys() - {self.scene.own_body}
+        ):
             raise InputError(f"{min(lost)} is not as it was when the dataset was made, by another version")
         self.parts = parts
         self.silhouettes = Silhouettes(self.scene, parts, numbers, self._origin())

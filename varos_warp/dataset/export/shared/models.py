@@ -59,9 +59,15 @@ def ply(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     normals = np.array(mesh.vertex_normals, np.float32)
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}",
-            *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")), f"element face {len(faces)}",
-            "property list uchar int vertex_indices", "end_header"]
+    head = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
     corners = np.hstack([vertices.astype("<f4"), normals.astype("<f4")])
     rows = np.zeros(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     rows["count"], rows["corners"] = 3, faces

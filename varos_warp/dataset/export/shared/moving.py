@@ -18,8 +18,9 @@ def write(job: Job) -> None:
     lights = lights_of_others(job)
     for key in job.data.moving:
         time_ns, T_w_o = job.data.poses(key)
-        placed = {name: T_w_o @ np.array(light["T_v_light"]) for (carrier, name), light in lights.items()
-                  if carrier == key}
+        placed = {
+            name: T_w_o @ np.array(light["T_v_light"]) for (carrier, name), light in lights.items() if carrier == key
+        }
         for name, T in {key: T_w_o, **placed}.items():
             rows = (f"{seconds(t)} {row}" for t, row in zip(time_ns, _rows(T), strict=True))
             job.text(f"{FOLDER}/{name}.txt", [f"# T_w_o of {name}", "# timestamp tx ty tz qx qy qz qw", *rows])
@@ -27,8 +28,11 @@ def write(job: Job) -> None:
 
 def lights_of_others(job: Job) -> dict[tuple[str, str], dict]:
     """What dataset.json says of each light of other vehicles, by their keys ``vehicles.ID`` and their own."""
-    return {(entry["key"], f"{entry['key']}.lights.{i}"): light for entry in job.data.meta.get("moving") or ()
-            for i, light in enumerate(entry.get("lights") or ())}
+    return {
+        (entry["key"], f"{entry['key']}.lights.{i}"): light
+        for entry in job.data.meta.get("moving") or ()
+        for i, light in enumerate(entry.get("lights") or ())
+    }
 
 
 def _readme(job: Job) -> Iterator[str]:

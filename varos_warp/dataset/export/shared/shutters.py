@@ -15,17 +15,26 @@ def write(job: Job) -> None:
     """Write ``shutter/README.txt`` and link the poses of rows beside it; nothing where no camera has a shutter."""
     if not any(map(lasts, map(job.data.camera, job.cameras))):
         return
-    job.text(f"{FOLDER}/README.txt", [
-        "Time stamps of this export are of the middle of the exposure of the middle row, and so are its camera poses.",
-        "A pixel is the mean over the exposure of its row; depth and points are of the middle of that.", "",
-        *(line for camera in job.cameras for line in _camera(job, camera))])
+    job.text(
+        f"{FOLDER}/README.txt",
+        [
+            "Time stamps of this export are of the middle of the exposure of the middle row, "
+            "and so are its camera poses.",
+            "A pixel is the mean over the exposure of its row; depth and points are of the middle of that.",
+            "",
+            *(line for camera in job.cameras for line in _camera(job, camera)),
+        ],
+    )
     rolling = [camera for camera in job.cameras if is_rolling(job.data.camera(camera))]
     for camera in rolling:
         source = job.data.layout.row_poses(camera)
         files.link(source, job.out / FOLDER / source.name)
     if rolling:
-        warnings.warn(f"the format knows no rolling shutter: poses of {', '.join(rolling)} are of the time stamp, the "
-                      f"middle row; {FOLDER}/README.txt tells where those of the rows are", stacklevel=3)
+        warnings.warn(
+            f"the format knows no rolling shutter: poses of {', '.join(rolling)} are of the time stamp, the "
+            f"middle row; {FOLDER}/README.txt tells where those of the rows are",
+            stacklevel=3,
+        )
 
 
 def _camera(job: Job, camera: str) -> Iterator[str]:
@@ -44,5 +53,8 @@ def _camera(job: Job, camera: str) -> Iterator[str]:
     yield f"  + ((r + 0.5) / {rows} - 0.5) * {readout_s!r} s."
     if is_rolling(about):
         yield f"  {job.data.layout.row_poses(camera).name}: pose of the camera at that time for every row: NumPy,"
-        yield f"  float64 [{counted(len(job.data), 'frame')}, {rows} rows, 7], x y z, quaternion w x y z; camera (OpenCV axes) to"
+        yield (
+            f"  float64 [{counted(len(job.data), 'frame')}, {rows} rows, 7], x y z, quaternion w x y z; "
+            "camera (OpenCV axes) to"
+        )
         yield "  world (z up, metres)."
