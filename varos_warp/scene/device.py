@@ -3,15 +3,15 @@
 import copy
 import itertools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from varos_warp.device.devices import kind_of
+from varos_warp.device.launch import in_threads
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
@@ -256,20 +256,18 @@ class DeviceScene:
         once = [shape for shape in shapes if self.joins_copies or isinstance(shape, Part)]
         in_mesh = [shape if isinstance(shape, Part) else shape.joined() for shape in once]
         with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
-        with ThreadPoolExecutor() as pool:  # they take about as long as each other
-            values = pool.submit(corner_values, with_faces)
-            jobs = [
-                pool.submit(self._upload_mesh, in_mesh),
-                pool.submit(self._upload_materials, single, copied),
-                pool.submit(self._upload_normals, [*shapes, *self.moving]),
-            ]
-        for job in jobs:
-            job.result()
+        jobs = [  # which take about as long as each other
+            partial(corner_values, with_faces),
+            partial(self._upload_mesh, in_mesh),
+            partial(self._upload_materials, single, copied),
+            partial(self._upload_normals, [*shapes, *self.moving]),
+        ]
+        values, *_ = in_threads(lambda job: job(), jobs)
         face_part = [np.repeat(self._numbers[shape.first_name], len(shape.faces)) for shape in once]
         self.data.face_part = self._array(np.concatenate([np.zeros(0, np.int32), *face_part]), wp.int32)
         if self.spec.instances:
             self._upload_instances([] if self.joins_copies else copied, sum(map(len, face_part)))
-        self.data.corner_values = self._array(values.result(), wp.vec3)
+        self.data.corner_values = self._array(values, wp.vec3)
         self._spectra = self._known_by_wavelength([*shapes, *self.moving], with_faces)
         face_tint, tints = tints_of(with_faces)
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
