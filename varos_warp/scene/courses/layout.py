@@ -32,25 +32,13 @@ from varos_warp.scene.headers import (
 Names = tuple[str, ...]
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 """Names of columns of times, without their unit."""
-POSITIONS: tuple[Names, ...] = (
-    ("x", "y", "z"),
-    ("tx", "ty", "tz"),
-    ("px", "py", "pz"),
-    ("p_x", "p_y", "p_z"),
-    ("pos_x", "pos_y", "pos_z"),
-    ("position_x", "position_y", "position_z"),
-    ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z"),
-    ("s_x_vw", "s_y_vw", "s_z_vw"),
-    ("p_wv_x", "p_wv_y", "p_wv_z"),
+POSITIONS: tuple[Names, ...] = tuple(
+    tuple(name.replace("*", axis) for axis in "xyz")
+    for name in ("*", "t*", "p*", "p_*", "pos_*", "position_*", "p_rs_r_*", "s_*_vw", "p_wv_*")
 )
 """Names of the columns of positions, besides those that say which way they point (meaning.py)."""
-QUATERNIONS: tuple[Names, ...] = (
-    ("qw", "qx", "qy", "qz"),
-    ("q_w", "q_x", "q_y", "q_z"),
-    ("q_rs_w", "q_rs_x", "q_rs_y", "q_rs_z"),
-    ("q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"),
-    ("quat_w", "quat_x", "quat_y", "quat_z"),
-    ("orientation_w", "orientation_x", "orientation_y", "orientation_z"),
+QUATERNIONS: tuple[Names, ...] = tuple(
+    tuple(name + part for part in "wxyz") for name in ("q", "q_", "q_rs_", "q_wv_", "quat_", "orientation_")
 )
 """Names of the columns of quaternions."""
 EULER: tuple[Names, ...] = (("theta_x_vw", "theta_y_vw", "theta_z_vw"),)

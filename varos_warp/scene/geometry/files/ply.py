@@ -12,24 +12,10 @@ from varos_warp.scene.geometry.files.polygons import strip
 from varos_warp.scene.geometry.files.wavefront import shown, text_of
 from varos_warp.scene.images import srgb_to_linear
 
-KINDS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "float64": "f8",
-}
+NAMES = "char uchar short ushort int uint float double".split()
+SIZED = "int8 uint8 int16 uint16 int32 uint32 float32 float64".split()
+KINDS = {name: np.dtype(sized).str[1:] for names in (NAMES, SIZED) for name, sized in zip(names, SIZED, strict=True)}
+"""NumPy's types of a number by PLY's names of them, the older and the newer ones."""
 INDICES = ("vertex_indices", "vertex_index")
 COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))

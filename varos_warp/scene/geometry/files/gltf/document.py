@@ -15,31 +15,14 @@ from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.pieces import in_words
 
 READ = {
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "KHR_draco_mesh_compression",
-    "EXT_mesh_gpu_instancing",
-    "EXT_texture_webp",
-    "KHR_materials_unlit",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_node_visibility",
+    *"KHR_mesh_quantization KHR_texture_transform KHR_draco_mesh_compression EXT_mesh_gpu_instancing".split(),
+    *"EXT_texture_webp KHR_materials_unlit KHR_materials_pbrSpecularGlossiness KHR_node_visibility".split(),
 }
 """Extensions that are read."""
 NO_EFFECT = {
-    "KHR_xmp",
-    "KHR_xmp_json_ld",
-    "KHR_materials_ior",
-    "KHR_materials_specular",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_anisotropy",
-    "KHR_materials_dispersion",
-    "KHR_node_hoverability",
-    "KHR_node_selectability",
-    "KHR_interactivity",
-    "KHR_animation_pointer",
-    "KHR_accessor_float64",
-    "EXT_mesh_manifold",
-    "FB_ngon_encoding",
+    *"KHR_xmp KHR_xmp_json_ld KHR_materials_ior KHR_materials_specular KHR_materials_emissive_strength".split(),
+    *"KHR_materials_anisotropy KHR_materials_dispersion KHR_node_hoverability KHR_node_selectability".split(),
+    *"KHR_interactivity KHR_animation_pointer KHR_accessor_float64 EXT_mesh_manifold FB_ngon_encoding".split(),
 }
 """Extensions that change nothing of what is modelled: shape, and Lambertian colour without light of its own."""
 IGNORED = {
