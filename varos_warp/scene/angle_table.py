@@ -30,9 +30,6 @@ class CsvFile:
     def rows(self, columns: tuple[str, ...]) -> tuple[np.ndarray, list[int]]:
         """Numbers in some columns, float64 [rows, columns], and the numbers of their lines; two at least.
 
-        Args:
-            columns: Their names, as in the first line; other columns are left.
-
         Raises:
             InputError: A column is missing, or something is no number.
         """
@@ -64,11 +61,6 @@ class CsvFile:
 
 def read_csv(path: Path, key: str, what: str) -> CsvFile:
     """The lines of a CSV file but for empty ones and those that begin with #.
-
-    Args:
-        path: The file.
-        key: The key that names it, for messages.
-        what: What it is, for messages.
 
     Raises:
         InputError: The file is missing, or is no CSV file.

@@ -112,9 +112,6 @@ class DeviceScene:
     World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
 
     Args:
-        scene: The scene.
-        parts: Everything solid in it.
-        device: ``cpu`` or ``cuda:N``.
         origin: Float64 [3]; absent: `local_origin`.
         joins_copies: Whether copies join the one mesh; absent: on a GPU, if they are few.
     """
@@ -162,10 +159,7 @@ class DeviceScene:
         """Return the same terrain, objects and materials in the water and with the lights and cameras of another scene.
 
         Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
-
-        Args:
-            scene: The other scene.
-            bands: Where its channels are bands of the spectrum, which.
+        ``bands`` tell what the channels of the other scene are, if they are bands of the spectrum.
         """
         other = copy.copy(self)
         scene = as_kernels_know(scene)
@@ -197,7 +191,6 @@ class DeviceScene:
         """The scene with what moves where it is at a frame; itself where nothing does.
 
         Args:
-            poses: At times from the frame's.
             offset_ns: All times but 0 that are asked for, int64 [N]: of these, `moving_at` may be rendered.
         """
         if not self.moving and not self.lights.carriers:

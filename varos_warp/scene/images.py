@@ -43,8 +43,6 @@ def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Pi
     """The picture in a file, or in the bytes of one.
 
     Args:
-        source: The file, or its bytes.
-        key: What names it, for messages.
         mask: A picture whose brightness is the alpha, in place of its own.
 
     Raises:
@@ -102,8 +100,6 @@ def open_image(
     """An image file, or the bytes of one, whose pixels can be decoded without filling the memory.
 
     Args:
-        source: The file, or its bytes.
-        key: What names it, for messages.
         limit: Name of the limit of its pixels.
         formats: Formats that it may have, by Pillow's names; None: all that Pillow knows.
 

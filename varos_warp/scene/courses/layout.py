@@ -86,13 +86,7 @@ class Layout:
 
 
 def layout_of(rows: Sequence[Row], path: Path, course: Trajectory, key: str) -> Layout:
-    """What a table is by its first rows.
-
-    Args:
-        rows: With comments.
-        path: The file.
-        course: What the scene says of it.
-        key: The key of the scene that names the file.
+    """What a table is by its first rows, comments among them.
 
     Raises:
         InputError: It is not known which columns hold what.

@@ -30,7 +30,6 @@ def find_course(scene: Scene, parts: list[Part | Instances] | None = None) -> No
     """Find the waypoints of a course along a surface, or read a recorded one, once; other courses know theirs.
 
     Args:
-        scene: Its trajectory keeps what is found.
         parts: The scene's geometry; absent: what is followed is built.
 
     Raises:

@@ -74,10 +74,7 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *
     warned of.
 
     Args:
-        path: The file.
-        key: The scene file's key that names it, for messages.
         up_axis: Overrides which axis of the file points up: x, y or z.
-        with_skin: Whether to read the colours that the file brings along.
 
     Raises:
         InputError: The file is missing, empty, unreadable, requires what is not read, has no triangles, or holds

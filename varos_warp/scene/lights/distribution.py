@@ -175,7 +175,6 @@ def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[fl
     """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
 
     Args:
-        angle: Angles to the axis [rad], increasing.
         intensity: Intensities [planes, angle].
         peak: The highest intensity of the file, which becomes 1.
     """

@@ -27,12 +27,9 @@ AROUND = ("polar_deg", "azimuth_deg", "intensity")
 
 
 def read_profile(path: Path, key: str) -> Profile:
-    """The profile of a lamp in a file.
+    """The profile of a lamp in a file: IES LM-63 if its name ends in .ies, else CSV.
 
-    Args:
-        path: A file whose name ends in .ies is read as IES LM-63, any other as CSV with angle_deg and intensity, or
-            polar_deg, azimuth_deg and intensity.
-        key: Key of the scene that names the file, for messages.
+    That has the columns angle_deg and intensity, or polar_deg, azimuth_deg and intensity.
 
     Raises:
         InputError: The file is missing, or is no profile of a lamp.

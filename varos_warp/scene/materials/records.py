@@ -22,9 +22,7 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
 
     Args:
         part: The part, or a box around it: its lowest corner anchors the pattern.
-        scene: Gives the seed and the names of materials.
         local_origin: float64 [3], origin of the device's world.
-        textures: Where images come from; must outlive the record.
 
     Raises:
         InputError: An image of the material is missing or damaged.

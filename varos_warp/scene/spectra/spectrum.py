@@ -42,12 +42,6 @@ class Spectrum:
 def read_spectra(path: Path, key: str, what: str, columns: tuple[str, ...]) -> dict[str, Spectrum]:
     """Spectra of a CSV file with ``wavelength_nm`` and other columns.
 
-    Args:
-        path: The file.
-        key: The key that names it, for messages.
-        what: What it is, for messages.
-        columns: Names of the columns that are read; others are left.
-
     Raises:
         InputError: The file is missing or no such table, has a negative value, or does not cover 400 to 700 nm.
     """

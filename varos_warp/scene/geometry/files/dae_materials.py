@@ -28,12 +28,7 @@ class Look:
 
 
 class DaeMaterials:
-    """The materials of a COLLADA document.
-
-    Args:
-        ids: Its elements by their id.
-        file: Where to note what is not modelled.
-    """
+    """The materials of a COLLADA document."""
 
     def __init__(self, ids: dict[str | None, ET.Element], file: MeshFile):
         self.ids, self.file = ids, file

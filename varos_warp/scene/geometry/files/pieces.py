@@ -114,13 +114,7 @@ class MeshFile:
         self.pieces.append(piece)
 
     def check(self, numbers: np.ndarray, count: int, what: str) -> None:
-        """Refuse faces that name what is not there.
-
-        Args:
-            numbers: What they name, counted from 0.
-            count: How many there are.
-            what: Of what, for the message.
-        """
+        """Refuse faces whose numbers, from 0, name ``what`` is not among so many."""
         if numbers.size and (numbers.min() < 0 or numbers.max() >= count):
             worst = numbers.min() if numbers.min() < 0 else numbers.max()
             raise InputError(

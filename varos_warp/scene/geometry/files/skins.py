@@ -23,12 +23,7 @@ FARTHEST_UV = 1e9
 
 
 class Skins:
-    """Makes the skin of a file; notes what it finds wrong in the file's notes.
-
-    Args:
-        file: The file with its pieces.
-        key: The scene file's key that names it, for messages.
-    """
+    """Makes the skin of a file; notes what it finds wrong in the file's notes."""
 
     def __init__(self, file: MeshFile, key: str | None):
         self.file, self.key = file, key

@@ -39,7 +39,6 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
 
     Args:
         scene: Its course says how near cameras come, its ``render.max_triangles`` how much form there may be.
-        parts: What is solid in it.
     """
     if not any(isinstance(part.material, Layered) for part in parts):
         return parts

@@ -113,8 +113,6 @@ def footprint(scene: Scene, parts: list[Part | Instances], but: str | None = Non
     """What the cameras of a scene come to see, of all of its vehicles alike.
 
     Args:
-        scene: Its courses are found, if they follow a surface.
-        parts: The scene's geometry before relief.
         but: Id of a vehicle whose cameras do not count, as they never see its body; unless it is the only one.
     """
     others = [vehicle for vehicle in scene.vehicles or () if vehicle.id != but] or scene.vehicles

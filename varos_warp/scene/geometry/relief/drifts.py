@@ -41,10 +41,8 @@ def surroundings(
     """What the ground knows of all that stands near: objects and copies, by their surfaces.
 
     Args:
-        points: float64 [N, 3], of the ground.
         parts: All else; what moves leaves no trace.
         current: float64 [2]: the current's horizontal direction; zeros: it comes from everywhere alike.
-        seed: Of how uneven banks are.
 
     Returns:
         Distance [N] from the nearest [m], infinite where nothing is near, and the height [N] that all together
@@ -180,7 +178,6 @@ class Squares:
     """Points of a plane by the squares of a grid that they lie in: which are near is told without a list of them.
 
     Args:
-        points: float64 [N, 2] [m].
         side: Of the squares [m], about as long as radii will be.
     """
 

@@ -66,8 +66,6 @@ def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = N
     """The places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
 
     Args:
-        shape: Rows and columns.
-        request: The keys of the block, for pictures that do not say where they lie.
         told: The places by the picture itself; None if it has none, so that a world file may tell them.
     """
     T = world_file(request) if told is None else told
@@ -125,9 +123,7 @@ def to_heights(
     """Values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
 
     Args:
-        values: As the file holds them.
         nodata: What stands for none by the file; the block's own counts before it.
-        request: The keys of the block.
         measured: Whether whole numbers of more than 8 bits are heights; those of pictures only mean some.
         mask: Where there are none, bool [rows, columns].
     """

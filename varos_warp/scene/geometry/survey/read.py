@@ -56,11 +56,6 @@ class Survey:
 def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str = "terrain") -> Survey:
     """Read the files of a block.
 
-    Args:
-        asked: The block.
-        resolve: Makes a path of a file's name.
-        key: Key of the block, for messages.
-
     Raises:
         InputError: A file cannot be read, or its heights or places are not what a sea floor is made of.
     """

@@ -56,9 +56,6 @@ ANEW = "Export it without this extension."
 class Document:
     """A glTF file.
 
-    Args:
-        path: A .gltf or .glb file.
-
     Raises:
         InputError: It is no glTF 2.0, or requires an extension that is not read.
     """
