@@ -93,7 +93,7 @@ class Perspective(ABC):
         return along(self._undistorted(xy))
 
     def short_directions(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> np.ndarray:
-        """Directions [N, 3] of any length that kernels find in float32 for points [N, 2], their tangents up to ``reach``.
+        """Directions [N, 3] of any length that kernels find in float32 for points [N, 2], of tangents up to ``reach``.
 
         Halvings and Newton's steps solve the radial part, as many steps then both.
         """
