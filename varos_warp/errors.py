@@ -34,9 +34,11 @@ class InputError(ValueError):
 
     def at(self, key: str) -> "InputError":
         """This error with another key; with none if ``key`` is empty."""
-        return InputError(
-            self.problem, file=self.file, key=key or None, value=self.value, remedy=self.remedy, line=self.line
-        )
+        return self.but(key=key or None)
+
+    def but(self, **changes: Any) -> "InputError":
+        """This error, where one that knows more says some of its parts otherwise."""
+        return InputError(**{**vars(self), **changes})
 
     @property
     def message(self) -> str:

@@ -155,14 +155,7 @@ def _guarded(read, path, key):
         return read()
     except InputError as error:
         inner = error.key if error.key is None or error.key.startswith(key) else f"{key}: {error.key}"
-        raise InputError(
-            error.problem,
-            file=error.file or path,
-            key=inner or key,
-            value=error.value,
-            remedy=error.remedy,
-            line=error.line,
-        ) from error
+        raise error.but(file=error.file or path, key=inner or key) from error
     except RecursionError as error:
         raise InputError(
             "is nested too deeply", file=path, key=key, remedy="Export it anew, with fewer nodes."

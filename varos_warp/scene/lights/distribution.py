@@ -147,7 +147,7 @@ def _of_file(path: Path, key: str) -> Distribution:
     try:
         return of_profile(profile)
     except InputError as error:
-        raise InputError(error.problem, file=path, key=key, remedy=error.remedy) from None
+        raise error.but(file=path, key=key) from None
 
 
 def of_profile(profile: Profile) -> Distribution:

@@ -291,7 +291,7 @@ def _surface_of_points(cloud: Cloud, asked: Heights, path: Path, key: str):
     try:
         vertices, faces, holes, median = scattered.triangulate(alone, asked.longest_edge_m, key)
     except InputError as error:
-        raise InputError(error.problem, file=path, key=error.key, value=error.value, remedy=error.remedy) from None
+        raise error.but(file=path) from None
     return (
         vertices,
         faces,
