@@ -161,13 +161,11 @@ class DeviceScene:
         Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
         ``bands`` tell what the channels of the other scene are, if they are bands of the spectrum.
         """
-        other = copy.copy(self)
+        other = self._copied()
         scene = as_kernels_know(scene)
         other.scene, other.water = scene, optical_properties(scene)
         other.spec = replace(self.spec, medium=bool(other.water.sigma_s.any()))
         other.lights = Lights(scene, self.device)
-        other.data = SceneData()
-        other.data.assign(self.data)
         other.data.medium = medium_record(other.water, self.device)
         if bands is not None:
             other.spec = replace(other.spec, bands=True)
@@ -195,24 +193,27 @@ class DeviceScene:
         """
         if not self.moving and not self.lights.carriers:
             return self
-        other = copy.copy(self)
+        other = self._copied()
         other.poses = poses
         if self.moving:
-            other.data = SceneData()
-            other.data.assign(self.data)
             other._place(other.poses_at(np.concatenate([np.zeros(1, np.int64), offset_ns])))
         return other
 
     def placed_as(self, other: "DeviceScene") -> "DeviceScene":
         """The scene with what moves where it is in another of the same geometry, which `moved` has made."""
-        placed = copy.copy(self)
+        placed = self._copied()
         placed.poses = other.poses
         if self.moving:
-            placed.data = SceneData()
-            placed.data.assign(self.data)
             placed.instance_bvh, placed.data.instance_bvh = other.instance_bvh, other.data.instance_bvh
             placed.data.moving = other.data.moving
         return placed
+
+    def _copied(self) -> "DeviceScene":
+        """The same scene with a record of its own."""
+        other = copy.copy(self)
+        other.data = SceneData()
+        other.data.assign(self.data)
+        return other
 
     def poses_at(self, offset_ns: np.ndarray) -> np.ndarray:
         """Poses T_w_o [N, M, 4, 4] of the meshes that move, in the order of ``moving``."""
@@ -413,8 +414,7 @@ class DeviceScene:
 
     def lit(self, T_w_v: np.ndarray) -> SceneData:
         """The scene for kernels, with the vehicle's lights where a pose of the vehicle has them."""
-        scene = SceneData()
-        scene.assign(self.data)
+        scene = self._copied().data
         scene.lights = self.lights.at(T_w_v, self.origin, self.carriers_at(np.zeros(1, np.int64)))
         return scene
 

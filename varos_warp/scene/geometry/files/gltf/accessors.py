@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.errors import InputError, optional
+from varos_warp.errors import InputError, optional, refused_as
 from varos_warp.scene.geometry.files.gltf.document import Document
 from varos_warp.scene.geometry.files.pieces import damaged
 
@@ -105,12 +105,9 @@ class DracoPrimitive:
             ", or export it without compression",
             key="KHR_draco_mesh_compression",
         )
-        try:
+        name = "KHR_draco_mesh_compression"
+        with refused_as(lambda error: damaged(f"Draco cannot decode it: {error}", name)):
             self.mesh = draco.decode(bytes(document.view(extension.get("bufferView"))))
-        except InputError:
-            raise
-        except Exception as error:
-            raise damaged(f"Draco cannot decode it: {error}", "KHR_draco_mesh_compression") from None
         self.ids = extension.get("attributes") or {}
 
     @property
