@@ -152,12 +152,10 @@ def _check_sizes(scene, parts):
             continue
         only, unit, scale = ("only ", "kilometres", 1000) if size < smallest else ("", "millimetres", 0.001)
         given = _scale_of(scene, part.name)
-        how, remedy = (
-            (f" with scale: {given}", "check scale; parts are in metres")
-            if given != 1.0
-            else ("", f"if its file is in {unit}, give scale: {scale}")
-        )
-        yield f"{part.name}: {only}{size:.4g} m across{how}; {remedy}"
+        how = f"; if its file is in {unit}, give scale: {scale}"
+        if given != 1.0:
+            how = f" with scale: {given}; check scale; parts are in metres"
+        yield f"{part.name}: {only}{size:.4g} m across{how}"
 
 
 def _scale_of(scene, name):
@@ -415,12 +413,9 @@ def _check_path(scene, parts, path, told):
                 continue
             order = np.argsort(distance, kind="stable")[: np.count_nonzero(np.isfinite(distance))]
             worst, nearest = order[0], order[:NEAREST]
-            through = len(set(_inside(part, points[nearest]))) > 1
-            how = (
-                f"through {part.name}"
-                if through
-                else (f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
-            )
+            how = f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)"
+            if len(set(_inside(part, points[nearest]))) > 1:
+                how = f"through {part.name}"
             yield (
                 f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
                 f"{time_ns[worst] * 1e-9:.2f} s, {what} {how}"

@@ -235,13 +235,8 @@ class _Finder:
         self, form: str, columns: Columns, separator: str | None, width: int, matrix: Sequence[str] = ()
     ) -> Layout:
         """The layout by columns of the scene file, by those of a format, or by those that were found."""
-        kind = (
-            "matrix"
-            if matrix
-            else next(
-                (key for key in ("quaternion", "euler", "euler_deg") if getattr(columns, key) is not None), "none"
-            )
-        )
+        given = (key for key in ("quaternion", "euler", "euler_deg") if getattr(columns, key) is not None)
+        kind = "matrix" if matrix else next(given, "none")
         turn = tuple(matrix) or getattr(columns, kind, None) or ()
         wanted = [columns.time, *columns.position, *turn]
         at = [self._number(column, width) for column in wanted]
@@ -296,11 +291,9 @@ class _Finder:
             frame = self.course.frame or "enu"
             right = meaning.directions_of(position)
             told = meaning.frames_told(right)[0] if right else "ned"
-            named = (
-                f"Say position: [{', '.join(right)}] and trajectory.frame: {told}"
-                if right
-                else ("Name them in that order, or give another trajectory.frame")
-            )
+            named = "Name them in that order, or give another trajectory.frame"
+            if right:
+                named = f"Say position: [{', '.join(right)}] and trajectory.frame: {told}"
             raise self._error(
                 f"columns of the position are {', '.join(position)}, but of frame {frame} they are "
                 f"{', '.join(meaning.FRAMES[frame])}",
@@ -361,13 +354,8 @@ class _Finder:
         unit = parse_name(name, ANGLES).unit
         if (hidden := hidden_unit(name, ANGLES)) and ANGLES[hidden][1] != 1.0:
             raise self._error(f"column '{name}' may be in '{hidden}' by its name", f"End its name with it: [{hidden}].")
-        family = (
-            ANGLES[unit][0]
-            if unit
-            else next(
-                (word for word, other in (("deg", "deg|°"), ("rad", "rad")) if re.search(other, name.lower())), said
-            )
-        )
+        within = (word for word, other in (("deg", "deg|°"), ("rad", "rad")) if re.search(other, name.lower()))
+        family = ANGLES[unit][0] if unit else next(within, said)
         if family != said:
             units, other = ("radians", "euler_deg") if kind == "euler" else ("degrees", "euler")
             raise self._error(

@@ -229,12 +229,9 @@ def _should_be(path: tuple, e: dict, known: list[Entry], as_block: str | None) -
     elif e["type"] == "string_type":
         remedy = "Put quotes around it if it is text."
     elif words.startswith(("number", "whole")):
-        alone = isinstance(value, str) and re.match(r"\s*[-+.]?\d", value)
-        remedy = (
-            f"Give the number alone{f'; the unit is {unit}' * bool(unit)}."
-            if alone
-            else ("Give a whole number." if words.startswith("whole") else "Give a number.")
-        )
+        remedy = "Give a whole number." if words.startswith("whole") else "Give a number."
+        if isinstance(value, str) and re.match(r"\s*[-+.]?\d", value):
+            remedy = f"Give the number alone{f'; the unit is {unit}' * bool(unit)}."
     else:
         such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "see its keys") else ""
         remedy = f"{such}{_first_sentence(known[0])}"
@@ -313,11 +310,9 @@ def _scale(unit: Any) -> str:
     """What to give for a unit, or metres in it, where a mesh has a ``scale``."""
     word = str(unit).strip().lower()
     metres = LENGTHS.get(word, LENGTHS.get(word.removesuffix("s")))
-    return (
-        "Give scale, metres in one unit of the file, such as 0.001 for mm."
-        if metres is None
-        else (f"Give scale: {metres:g}, the metres in one unit of the file.")
-    )
+    if metres is None:
+        return "Give scale, metres in one unit of the file, such as 0.001 for mm."
+    return f"Give scale: {metres:g}, the metres in one unit of the file."
 
 
 def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:

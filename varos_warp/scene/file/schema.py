@@ -269,12 +269,9 @@ def in_words(schema: dict, several: bool = False) -> str:
     lists = "lists" if several else "list"
     if "prefixItems" in schema:
         items = schema["prefixItems"]
-        alike = len(set(map(in_words, items))) == 1
-        return (
-            f"{lists} of {len(items)} {in_words(items[0], several=True)}"
-            if alike
-            else f"{lists} of {len(items)}: {', '.join(map(in_words, items))}"
-        )
+        if len(set(map(in_words, items))) == 1:
+            return f"{lists} of {len(items)} {in_words(items[0], several=True)}"
+        return f"{lists} of {len(items)}: {', '.join(map(in_words, items))}"
     if schema.get("type") == "array":
         return f"{lists} of {in_words(schema['items'], several=True)}"
     if "pattern" in schema:

@@ -63,11 +63,7 @@ class WaterSpectra:
 
 
 def water_spectra(scene: Scene) -> WaterSpectra:
-    """The water of a scene with ``water.spectral``, by wavelength.
-
-    Raises:
-        InputError: A file of the water or of its phase function cannot be used.
-    """
+    """The water of a scene with ``water.spectral``, by wavelength."""
     block: SpectralWater = scene.water.spectral
     fraction = phase_function(scene).backscatter_fraction
     if block.jerlov is not None:

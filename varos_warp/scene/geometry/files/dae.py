@@ -120,11 +120,9 @@ class _Reader:
         if skin is not None and (bind := skin.find("bind_shape_matrix")) is not None:
             matrix = matrix @ numbers(bind).reshape(4, 4)
         source = self.target(inner.get("source"))
-        return (
-            self._of_controller(source, matrix)
-            if source is not None and source.tag == "controller"
-            else (source, matrix)
-        )
+        if source is not None and source.tag == "controller":
+            return self._of_controller(source, matrix)
+        return source, matrix
 
     # --------------------------------------------------------------------------------------------------- geometry
 
