@@ -114,7 +114,11 @@ def shares(bands: Bands) -> np.ndarray:
 
 
 def passes(scene: Scene, camera: Camera) -> list[BandPass]:
-    """The passes of a camera's image in a scene by wavelength; the last may have bands of weight 0."""
+    """The passes of a camera's image in a scene by wavelength; the last may have bands of weight 0.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
     bands = scene_bands(scene, camera)
     weights, white = balanced(bands), shares(bands)
     shining = np.zeros((len(scene.lights), len(bands.wavelength_nm)))
@@ -171,6 +175,9 @@ def backscatter_error(scene: Scene, camera: Camera) -> np.ndarray:
     """Largest relative error of each channel's light scattered straight back, float64 [3], as passes share phases.
 
     Over the distances of the bands, against a phase function of each band's own. Errors of the bands come on top.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
     """
     bands, back = scene_bands(scene, camera), np.ones(1)
     of_water, of_particles = (float(phase.eval_s(back)[0]) for phase in (Rayleigh(), phase_function(scene)))
@@ -209,7 +216,11 @@ def with_lights(scene: Scene, changes: Callable[[Light], dict[str, Any]]) -> Sce
 
 
 def as_kernels_know(scene: Scene) -> Scene:
-    """The scene, or of one by wavelength the first three bands of its first camera."""
+    """The scene, or of one by wavelength the first three bands of its first camera.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
     return passes(scene, scene.vehicle.cameras[0])[0].scene if scene.is_spectral else scene
 
 

@@ -13,6 +13,9 @@ def spectral_intensity(light: Light, scene: Scene) -> np.ndarray:
     """Radiant intensity [W/sr/nm] of a light with ``spectrum`` on `spectra.spectrum.GRID`, as ``intensity`` means it.
 
     That is inside the cone or at the peak of the profile, of the lamp itself, before its port.
+
+    Raises:
+        InputError: A file of the light cannot be used.
     """
     lamp = lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum")
     watts = light.power_W if light.power_W is not None else watts_of_lumen(lamp, light.lumen)

@@ -168,6 +168,9 @@ def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float] | N
     """The bands of a scene's water, the lights that shine in it, and one of its cameras, for the scene's ways of light.
 
     They are chosen once for what they follow from, and kept.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
     """
     given = given_spectra(scene, camera)
     distances = distances or scene.render.bands_range_m or PATHS_M
@@ -177,7 +180,11 @@ def scene_bands(scene: Scene, camera: Camera, distances: tuple[float, float] | N
 
 
 def rms_over(scene: Scene, camera: Camera, distances: tuple[float, float]) -> np.ndarray:
-    """Root mean square of the relative errors of the scene's bands over other ways of light [m], float64 [3]."""
+    """Root mean square of the relative errors of the scene's bands over other ways of light [m], float64 [3].
+
+    Raises:
+        InputError: As `scene_bands`.
+    """
     bands, given = scene_bands(scene, camera), given_spectra(scene, camera)
     judge = _judge(given.water, np.array([per_watt(lamp) for lamp in given.lamps]), given.response, distances)
     return judge.errors(np.searchsorted(GRID, bands.wavelength_nm), bands.weights)[0]
@@ -192,7 +199,11 @@ class Given(NamedTuple):
 
 
 def given_spectra(scene: Scene, camera: Camera) -> Given:
-    """The spectra of a scene's water and lights, of which none is a halogen lamp, and of one of its cameras."""
+    """The spectra of a scene's water and lights, of which none is a halogen lamp, and of one of its cameras.
+
+    Raises:
+        InputError: A file of the water, a light or the camera cannot be used.
+    """
     lamps = [
         lamp_spectrum(light.spectrum, scene.resolve, f"{scene.key_of_light(light)}.spectrum") for light in scene.lights
     ]

@@ -63,7 +63,11 @@ class WaterSpectra:
 
 
 def water_spectra(scene: Scene) -> WaterSpectra:
-    """The water of a scene with ``water.spectral``, by wavelength."""
+    """The water of a scene with ``water.spectral``, by wavelength.
+
+    Raises:
+        InputError: A file of the water or of its phase function cannot be used.
+    """
     block: SpectralWater = scene.water.spectral
     fraction = phase_function(scene).backscatter_fraction
     if block.jerlov is not None:
