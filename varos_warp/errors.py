@@ -3,11 +3,12 @@
 Bad input ends it with status 2, images that could not be made with status 1.
 """
 
+import contextlib
 import difflib
 import re
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -49,6 +50,17 @@ class InputError(ValueError):
         what = self.key if self.value is None else f"{self.key} = {self.value!r}" if self.key else repr(self.value)
         text = ": ".join(part for part in (where, what, self.problem) if part)
         return f"{text}. {self.remedy}" if self.remedy else text
+
+
+@contextlib.contextmanager
+def refused_as(made: Callable[[Exception], InputError]) -> Iterator[None]:
+    """A ``with`` statement around a library that may raise anything on bad input: it becomes the error that is made."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise made(error) from error
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str | None:

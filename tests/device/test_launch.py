@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import warp as wp
@@ -25,6 +26,8 @@ def test_arguments_that_a_kernel_does_not_take_are_told_before_it_runs(given, wo
 
 def test_when_an_interrupted_launch_ends_none_of_its_threads_is_at_work_any_more(monkeypatch):
     """As with Ctrl-C while the second thread starts, which its pool does not know then."""
+    helpers = ThreadPoolExecutor(2)
+    monkeypatch.setattr(launch, "_helpers", lambda: helpers)
     done, started, under_way = wp.zeros(64, dtype=int, device="cpu"), [], []
     start, launched = threading.Thread.start, wp.launch
 
@@ -45,7 +48,7 @@ def test_when_an_interrupted_launch_ends_none_of_its_threads_is_at_work_any_more
     monkeypatch.setattr(threading.Thread, "start", interrupted)
     monkeypatch.setattr(wp, "launch", slowly)
     with pytest.raises(KeyboardInterrupt):
-        launch.launch_rows(mark, (64,), {"done": done}, "cpu", rows=1, threads=2)
+        launch.launch_rows(mark, (64,), {"done": done}, "cpu", rows=1, threads=3)
     begun, finished = under_way.count("begun"), under_way.count("done")
     assert 0 < begun == finished
     time.sleep(0.3)
@@ -68,3 +71,36 @@ def test_what_fails_in_a_tile_is_told():
 
     with pytest.raises(ValueError, match="the second tile"):
         launch.in_tiles(fail, 16, 8)
+
+
+def test_calls_within_calls_start_no_more_threads_than_cores(monkeypatch):
+    helpers, at_work = ThreadPoolExecutor(3), set()
+    monkeypatch.setattr(launch, "_helpers", lambda: helpers)
+    monkeypatch.setattr(launch, "usable_cores", lambda: 3)
+
+    def leaf(value):
+        at_work.add(threading.get_ident())
+        time.sleep(0.002)
+        return value
+
+    def branch(value, depth):
+        if depth == 0:
+            return leaf(value)
+        return launch.in_threads(lambda i: branch(10 * value + i, depth - 1), range(4))
+
+    found = branch(0, 3)
+    assert found == [[[100 * i + 10 * j + k for k in range(4)] for j in range(4)] for i in range(4)]
+    assert 1 < len(at_work) <= 3 + 1  # and whoever called
+
+
+def test_what_is_left_of_a_failed_call_is_not_begun(monkeypatch):
+    monkeypatch.setattr(launch, "usable_cores", lambda: 1)
+    begun = []
+
+    def fail(i):
+        begun.append(i)
+        raise ValueError(i)
+
+    with pytest.raises(ValueError, match="0"):
+        launch.in_threads(fail, range(5))
+    assert begun == [0]

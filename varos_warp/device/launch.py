@@ -7,6 +7,7 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any, TypeVar
 
 import warp as wp
@@ -14,7 +15,7 @@ import warp as wp
 from varos_warp.device.compile import block_dim, load_kernel
 from varos_warp.device.devices import usable_cores
 
-T = TypeVar("T")
+T, R = TypeVar("T"), TypeVar("R")
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 CHUNK = 1 << 15
@@ -70,26 +71,21 @@ def launch_rows(
         wp.launch(kernel, dim=dim, device=device, inputs=inputs)
         return
 
-    gate = _Gate()
-
     def tile(row):
-        with gate.passed() as is_open:
-            if is_open:
-                wp.launch(
-                    kernel,
-                    dim=(min(rows, dim[0] - row), *dim[1:]),
-                    device=device,
-                    inputs=[*inputs[:at], row, *inputs[at + 1 :]],
-                )
+        wp.launch(
+            kernel,
+            dim=(min(rows, dim[0] - row), *dim[1:]),
+            device=device,
+            inputs=[*inputs[:at], row, *inputs[at + 1 :]],
+        )
 
-    with ThreadPoolExecutor(threads or usable_cores()) as pool, gate:
-        list(pool.map(tile, starts))
+    in_threads(tile, starts, threads)
 
 
 class _Gate:
     """A ``with`` statement that ends when all threads that have passed are back; none passes any more then.
 
-    A pool knows no thread in whose start it was interrupted: that would go on with memory that is given back.
+    Else, after an interruption, threads would go on with memory that is given back.
     """
 
     def __init__(self):
@@ -132,14 +128,39 @@ def tiles_of(count: int, size: int | None = None) -> list[slice]:
     return [slice(count * i // number, count * (i + 1) // number) for i in range(number)]
 
 
-def in_threads(function: Callable[[T], None], some: Sequence[T]) -> None:
-    """Call a function of numpy's for each of some things, in threads: numpy lets go of Python's lock, too."""
-    if len(some) < 2:
-        for one in some:
-            function(one)
-        return
-    with ThreadPoolExecutor(min(usable_cores(), len(some))) as pool:
-        list(pool.map(function, some))
+@cache
+def _helpers() -> ThreadPoolExecutor:
+    """The threads that help whoever has work to share, as many as cores for the whole process."""
+    return ThreadPoolExecutor(usable_cores(), "helper")
+
+
+def in_threads(function: Callable[[T], R], some: Sequence[T], threads: int | None = None) -> list[R]:
+    """What a function of Warp's or numpy's, which let go of Python's lock, makes of some things, in their order.
+
+    The caller works itself and `_helpers` join it as they are free. So calls within calls neither wait for each other
+    nor start more threads than there are cores.
+
+    Args:
+        function: Called once for each.
+        some: The things.
+        threads: At most so many, the caller among them; absent: all cores that the process may use.
+    """
+    gate, left, made = _Gate(), iter(range(len(some))), {}
+
+    def work():
+        for i in left:  # which gives each number to one thread
+            with gate.passed() as is_open:
+                if not is_open:
+                    return
+                made[i] = function(some[i])
+
+    with gate:
+        helping = [_helpers().submit(work) for _ in range(min(threads or usable_cores(), len(some)) - 1)]
+        work()
+        for helper in helping:
+            if not helper.cancel():
+                helper.result()
+    return [made[i] for i in range(len(some))]
 
 
 def in_tiles(function: Callable[[slice], None], count: int, size: int | None = None) -> None:

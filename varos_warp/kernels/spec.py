@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache, wraps
+from threading import RLock
 from typing import Any, TypeVar
 
 from varos_warp.kernels.world.optics import STRAIGHT, OpticsSpec
@@ -78,7 +79,7 @@ FIELDS = tuple(field.name for field in fields(SceneSpec))
 def specialised(*names: str) -> Callable[[Callable[[SceneSpec], T]], Callable[[SceneSpec], T]]:
     """Decorate a factory of kernels or of their functions: it sees these fields of a spec, and makes each thing once.
 
-    Specs that differ in other fields only share what it made.
+    Specs that differ in other fields only share what it made, and threads that ask at once get the same.
 
     Raises:
         TypeError: A name is none of the fields.
@@ -87,11 +88,12 @@ def specialised(*names: str) -> Callable[[Callable[[SceneSpec], T]], Callable[[S
         raise TypeError(f"SceneSpec has no {', '.join(sorted(unknown))}")
 
     def decorate(make: Callable[[SceneSpec], Any]) -> Callable[[SceneSpec], Any]:
-        kept = cache(make)
+        kept, lock = cache(make), RLock()
 
         @wraps(make)
         def made(spec: SceneSpec) -> Any:
-            return kept(spec.only(*names))
+            with lock:  # `cache` calls a factory again while it is at work in another thread
+                return kept(spec.only(*names))
 
         return made
 

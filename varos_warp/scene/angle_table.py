@@ -1,8 +1,9 @@
-"""CSV files of a quantity by angle: a measured phase function, the intensity of a lamp."""
+"""CSV files of quantities by angle or wavelength: measured phase functions, intensities of lamps, spectra."""
 
 import csv
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,48 +28,70 @@ class CsvFile:
         """What the first line names its columns; nothing if the file is empty."""
         return [name.strip() for name in self.lines[0][1]] if self.lines else []
 
-    def rows(self, columns: tuple[str, ...]) -> tuple[np.ndarray, list[int]]:
-        """Numbers in some columns, float64 [rows, columns], and the numbers of their lines; two at least.
+    def error(self, problem: str, remedy: str, line: int | None = None, value: Any = None) -> InputError:
+        """An error about the file, or a line of it."""
+        return InputError(problem, file=self.path, line=line, key=self.key, value=value, remedy=remedy)
 
-        Args:
-            columns: Their names, as in the first line; other columns are left.
+    def rows(self, *columns: str) -> "CsvRows":
+        """Numbers in columns of these names, two rows at least; other columns are left.
 
         Raises:
             InputError: A column is missing, or something is no number.
         """
         missing = [name for name in columns if name not in self.names]
         if missing:
-            raise InputError(
-                f"has no column {' and '.join(missing)}",
-                file=self.path,
-                key=self.key,
-                remedy=f"Its first line names the columns: {','.join(columns)}.",
+            raise self.error(
+                f"has no column {' and '.join(missing)}", f"Its first line names the columns: {','.join(columns)}."
             )
         at = [self.names.index(name) for name in columns]
         rows = [
-            [
-                _number(self.path, self.key, line, name, row[i] if i < len(row) else "")
-                for name, i in zip(columns, at, strict=True)
-            ]
+            [self._number(line, name, row[i] if i < len(row) else "") for name, i in zip(columns, at, strict=True)]
             for line, row in self.lines[1:]
         ]
         if len(rows) < 2:
-            raise InputError(
-                f"has {counted(len(rows), 'row')} of numbers",
-                file=self.path,
-                key=self.key,
-                remedy=f"A {self.what} has two at least.",
-            )
-        return np.array(rows), [line for line, _ in self.lines[1:]]
+            raise self.error(f"has {counted(len(rows), 'row')} of numbers", f"A {self.what} has two at least.")
+        return CsvRows(self, columns, np.array(rows))
+
+    def _number(self, line: int, column: str, cell: str) -> float:
+        try:
+            number = float(cell)
+        except ValueError:
+            number = np.nan
+        if not np.isfinite(number):
+            problem = f"{column} is missing" if cell.strip().lower() in ("", "nan") else f"{column} is not a number"
+            raise self.error(problem, "Give a number, or leave the row out.", line, cell.strip())
+        return number
+
+
+@dataclass(frozen=True)
+class CsvRows:
+    """The numbers of a CSV file."""
+
+    file: CsvFile
+    columns: tuple[str, ...]
+    values: np.ndarray
+    """float64 [rows, columns]."""
+
+    def refuse(self, wrong: np.ndarray, column: int, problem: str, remedy: str) -> None:
+        """Refuse the first of the rows that are wrong, bool [rows], for its value in a column."""
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise self.file.error(problem, remedy, self.file.lines[1 + i][0], float(self.values[i, column]))
+
+    def refuse_falls(self, column: int, remedy: str) -> None:
+        """Refuse the first of the rows whose value in a column is not above that of the row before."""
+        falls = np.diff(self.values[:, column], prepend=-np.inf) <= 0.0
+        self.refuse(falls, column, f"{self.columns[column]} does not increase", remedy)
+
+    def refuse_amounts(self, column: int, negative: str, all_0: str) -> None:
+        """Refuse a column with a value below 0, or without any above; the texts are remedies."""
+        self.refuse(self.values[:, column] < 0.0, column, f"{self.columns[column]} is negative", negative)
+        if not self.values[:, column].any():
+            raise self.file.error(f"{self.columns[column]} is 0 everywhere", all_0)
 
 
 def read_csv(path: Path, key: str, what: str) -> CsvFile:
     """The lines of a CSV file but for empty ones and those that begin with #.
-
-    Args:
-        path: The file.
-        key: The key that names it, for messages.
-        what: What it is, for messages.
 
     Raises:
         InputError: The file is missing, or is no CSV file.
@@ -98,54 +121,15 @@ class AngleTable:
     not_all_0: str
     """Remedy where all values are 0."""
 
-    def read(self, path: Path, key: str) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        """Angles [degrees], values, and the numbers of their lines; two at least.
-
-        Raises:
-            InputError: The file is missing, or is no such table.
-        """
-        return self.of(read_csv(path, key, self.what))
-
-    def of(self, file: CsvFile) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        """Angles [degrees], values, and the numbers of their lines, of a file that was opened by `read_csv`.
+    def of(self, file: CsvFile) -> CsvRows:
+        """Angles [degrees] and values of a file that was opened by `read_csv`.
 
         Raises:
             InputError: It is no such table.
         """
-        rows, numbers = file.rows(("angle_deg", self.column))
-        angle_deg, values = rows.T
-        self._check(file.path, file.key, numbers, angle_deg, values)
-        return angle_deg, values, numbers
-
-    def _check(self, path: Path, key: str, lines: list[int], angle_deg: np.ndarray, values: np.ndarray):
-        """Angles increase within 0 to 180 degrees; values are not negative, and not all 0."""
-        falls = np.concatenate([[False], np.diff(angle_deg) <= 0.0])
-        for wrong, found, problem, remedy in (
-            (
-                (angle_deg < 0.0) | (angle_deg > 180.0),
-                angle_deg,
-                "angle_deg is not between 0 and 180",
-                "Give the angle in degrees; 0 is straight on.",
-            ),
-            (falls, angle_deg, "angle_deg does not increase", "Sort the rows by angle, each angle once."),
-            (values < 0.0, values, f"{self.column} is negative", self.not_negative),
-        ):
-            if wrong.any():
-                i = int(np.argmax(wrong))
-                raise InputError(problem, file=path, line=lines[i], key=key, value=float(found[i]), remedy=remedy)
-        if not values.any():
-            raise InputError(f"{self.column} is 0 everywhere", file=path, key=key, remedy=self.not_all_0)
-
-
-def _number(path: Path, key: str, line: int, column: str, cell: str) -> float:
-    """A cell's number."""
-    try:
-        number = float(cell)
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        problem = f"{column} is missing" if cell.strip().lower() in ("", "nan") else f"{column} is not a number"
-        raise InputError(
-            problem, file=path, line=line, key=key, value=cell.strip(), remedy="Give a number, or leave the row out."
-        )
-    return number
+        rows = file.rows("angle_deg", self.column)
+        angle_deg, straight = rows.values[:, 0], "Give the angle in degrees; 0 is straight on."
+        rows.refuse((angle_deg < 0.0) | (angle_deg > 180.0), 0, "angle_deg is not between 0 and 180", straight)
+        rows.refuse_falls(0, "Sort the rows by angle, each angle once.")
+        rows.refuse_amounts(1, self.not_negative, self.not_all_0)
+        return rows

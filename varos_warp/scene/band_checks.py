@@ -32,8 +32,6 @@ def check_bands(scene: Scene, parts: list[Part | Instances], poses: np.ndarray) 
     """Warnings of cameras in water by wavelength: of their colours, of backscattered light, of the ways of light.
 
     Args:
-        scene: The scene.
-        parts: Everything solid.
         poses: Of the vehicle at its stops, float64 [N, 4, 4].
     """
     if not scene.is_spectral:

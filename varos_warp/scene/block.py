@@ -1,10 +1,21 @@
 """What blocks of a scene file are made of: lengths, angles, colours, and the base of every block."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from math import hypot
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails
 
 SequenceId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
 CameraId = Annotated[str, Field(pattern=r"^[0-9a-zA-Z]{2}$")]
@@ -76,6 +87,39 @@ class Block(BaseModel):
     """Base of every block: unknown keys, NaN and infinity are errors, and a loaded block does not change."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _yes_is_no_number(cls, data: Any) -> Any:
+        """Refuse true and false, also yes and off of YAML, where numbers belong: Python takes them for 1 and 0."""
+        if not isinstance(data, dict):
+            return data
+        given = ((field.alias or name, field.annotation) for name, field in cls.model_fields.items())
+        wrong = [
+            InitErrorDetails(type="float_type", loc=place, input=value)
+            for key, annotation in given
+            for place, value in _truth_values(data.get(key), (key,))
+            if {int, float} & (kinds := {*_types_in(annotation)}) and bool not in kinds
+        ]
+        if wrong:
+            raise ValidationError.from_exception_data(cls.__name__, wrong)
+        return data
+
+
+def _truth_values(value: Any, place: tuple) -> Iterator[tuple[tuple, bool]]:
+    """Where true and false stand in a value, or in a list and the lists in it; blocks look after their own keys."""
+    if isinstance(value, bool):
+        yield place, value
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(value):
+            yield from _truth_values(item, (*place, i))
+
+
+def _types_in(annotation: Any) -> Iterator[Any]:
+    """All types that an annotation mentions, also as items or among others."""
+    yield annotation
+    for inner in get_args(annotation):
+        yield from _types_in(inner)
 
 
 def check_look_at(block):

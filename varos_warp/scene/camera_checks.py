@@ -41,23 +41,21 @@ def _check_size(camera):
     width, height = camera.resolution
     if width * height * PIXEL_BYTES > MANY_BYTES:
         size = width * height * PIXEL_BYTES / 2**30
-        return [f"{width} x {height} pixels take about {size:.0f} GiB of memory while A is rendered"]
-    return []
+        yield f"{width} x {height} pixels take about {size:.0f} GiB of memory while A is rendered"
 
 
 def _check_view(camera):
     """Pixels that are not square though nobody measured them so, and fields of view that few cameras have."""
-    warnings, K, measured = [], intrinsics(camera), camera.intrinsics is not None
+    K, measured = intrinsics(camera), camera.intrinsics is not None
     if abs(K[0, 0] / K[1, 1] - 1.0) > 0.005 and not measured:
-        warnings.append(
+        yield (
             f"pixels are not square (fx = {K[0, 0]:.1f}, fy = {K[1, 1]:.1f}): resolution and sensor_mm differ in shape"
         )
     fov = camera_info(camera)["horizontal_fov_deg"]
     fisheye = camera.distortion is not None and camera.distortion.model in FISHEYES
     if not 5.0 <= fov <= (360.0 if fisheye else 130.0):
         keys = "intrinsics and resolution" if measured else "focal_mm and sensor_mm"
-        warnings.append(f"a horizontal field of view of {fov:.0f} degrees; check {keys}")
-    return warnings
+        yield f"a horizontal field of view of {fov:.0f} degrees; check {keys}"
 
 
 def _check_centre(camera):
@@ -67,77 +65,68 @@ def _check_centre(camera):
     across, down = 100.0 * off
     where = f"its principal point is {across:.0f} % of the width and {down:.0f} % of the height off the middle"
     if off.max() > FARTHEST_SWAPPED and swapped.max() < 0.5 * off.max() and size[0] != size[1]:
-        return [f"{where}; are width and height of resolution swapped?"]
-    if off.max() > FARTHEST_CENTRE:
-        return [f"{where}; are intrinsics and resolution of the same image?"]
-    return []
+        yield f"{where}; are width and height of resolution swapped?"
+    elif off.max() > FARTHEST_CENTRE:
+        yield f"{where}; are intrinsics and resolution of the same image?"
 
 
 def _check_aperture(camera):
-    warnings = []
     if 0.0 < camera.f_stop < 0.7:
-        warnings.append(f"no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter")
+        yield f"no lens has f/{camera.f_stop:g}; f_stop is focal length over aperture diameter"
     if camera.f_stop > 0.0 and 1e3 * camera.focus_m <= camera.focal_mm:
-        warnings.append("focus_m lies within the focal length; it is in metres")
-    return warnings
+        yield "focus_m lies within the focal length; it is in metres"
 
 
 def _check_gain(camera):
     gain = camera.exposure.gain
     if isinstance(gain, float) and not 1e-4 <= gain <= 1e4:
-        return [f"exposure.gain: a gain of {gain:g} makes the picture black or white"]
-    return []
+        yield f"exposure.gain: a gain of {gain:g} makes the picture black or white"
 
 
 def _check_planar_depth(scene):
     """Cameras that see behind their lens, where planar depth is below 0."""
     if DEPTH not in scene.render.outputs or scene.render.depth_kind != "z":
-        return []
-    warnings = []
+        return
     for i, camera in enumerate(scene.vehicle.cameras):
         width, height = camera.resolution
         x, y = np.meshgrid((np.arange(GRID) + 0.5) * width / GRID, (np.arange(GRID) + 0.5) * height / GRID)
         behind = camera_model(camera).rays(np.stack([x, y], -1)).direction[..., 2] <= 0.0
         if behind.any():
-            warnings.append(
+            yield (
                 f"vehicle.cameras.{i} ({camera.id}): {behind.mean():.0%} of the image looks behind the "
                 "lens, where planar depth is below 0 and D holds nothing; give render.depth_kind: range"
             )
-    return warnings
 
 
 def _check_shutters(scene):
     """Exposures that no camera makes, and strobes that a shutter misses."""
-    warnings, period = [], 1.0 / scene.render.frame_rate_hz
+    period = 1.0 / scene.render.frame_rate_hz
     for i, camera in enumerate(scene.vehicle.cameras):
         for name, seconds in (("time_s", camera.exposure.time_s), ("readout_s", camera.exposure.readout_s)):
             if seconds > period * (1.0 + 1e-9):
-                warnings.append(
+                yield (
                     f"vehicle.cameras.{i} ({camera.id}): exposure.{name} = {seconds:g} is longer than the "
                     f"{period:.4g} s from frame to frame, which no camera can do"
                 )
-        warnings += _check_strobes(scene.vehicle.lights, camera)
-    return warnings
+        yield from _check_strobes(scene.vehicle.lights, camera)
 
 
 def _check_white_balance(scene):
     """Gains for lamps that are kept at their bounds; lamps that light nothing are refused."""
-    warnings = []
     for i, camera in enumerate(scene.vehicle.cameras):
         if white_balance_of(scene.render.exposure, camera.exposure, WATER) != "lamps":
             continue
         for channel, gain in zip(("red", "green", "blue"), lamp_gains(scene, camera), strict=True):
             if gain in (MOST_BALANCE, 1.0 / MOST_BALANCE):
-                warnings.append(
+                yield (
                     f"vehicle.cameras.{i} ({camera.id}): white balance for lamps at its focus_m, {camera.focus_m:g} m, "
                     f"asks for more than {MOST_BALANCE:g} between {channel} and green, and is kept at that"
                 )
-    return warnings
 
 
 def _check_strobes(lights, camera):
     """Which rows are exposed while a strobe is on."""
-    warnings, offset = [], row_offsets_s(camera)
+    offset = row_offsets_s(camera)
     half = 0.5 * camera.exposure.time_s
     for i, light in enumerate(lights):
         if light.strobe is None:
@@ -146,15 +135,14 @@ def _check_strobes(lights, camera):
         seconds = np.minimum(offset + half, end) - np.maximum(offset - half, begin)
         rows = np.flatnonzero(seconds > 0.0 if half else (begin <= offset) & (offset < end))
         if not rows.size:
-            warnings.append(
+            yield (
                 f"vehicle.lights.{i}: its strobe is on from {begin:g} to {end:g} s about each frame, but "
                 f"camera {camera.id} is exposed from {offset[0] - half + 0.0:g} to {offset[-1] + half:g} "
                 "s: it never sees it"
             )
         elif len(rows) < len(offset):
-            warnings.append(
+            yield (
                 f"vehicle.lights.{i}: its strobe lights only rows {rows[0]} to {rows[-1]} of the "
                 f"{len(offset)} of camera {camera.id}, whose rolling shutter exposes the others at other "
                 "times"
             )
-    return warnings

@@ -126,27 +126,24 @@ def looks_like_transmission(coefficients) -> bool:
 
 
 def _check_water(scene):
-    if scene.is_spectral:
-        return []
-    water = optical_properties(scene)
-    if not water.sigma_t.any():
-        return []
+    water = None if scene.is_spectral else optical_properties(scene)
+    if water is None or not water.sigma_t.any():
+        return
     for name, values in (("sigma_a", water.sigma_a), ("sigma_s + sigma_a", water.sigma_t)):
         if looks_like_transmission(values):
             given, meant = (", ".join(f"{v:.3g}" for v in row) for row in (values, -np.log(values)))
-            return [
+            yield (
                 f"water: {name} = [{given}] looks like a transmission per metre, which falls as exp(-c); "
                 f"as a coefficient that would be [{meant}] 1/m"
-            ]
+            )
+            return
     best = np.log(10.0) / water.sigma_t[water.sigma_t > 0.0].min()
     if water.sigma_t.all() and best < 0.5:
-        return [f"water: a tenth of the light is left after {best:.2g} m in the clearest channel: nothing will be seen"]
-    return []
+        yield f"water: a tenth of the light is left after {best:.2g} m in the clearest channel: nothing will be seen"
 
 
 def _check_sizes(scene, parts):
     """Sizes that no sea floor or man-made object has; a factor of 1000 suggests millimetres."""
-    warnings = []
     for part in parts:
         first = next(box.vertices for box in part.boxes())  # of a scatter, one of the copies
         size = float(np.ptp(first, axis=0).max())
@@ -155,13 +152,10 @@ def _check_sizes(scene, parts):
             continue
         only, unit, scale = ("only ", "kilometres", 1000) if size < smallest else ("", "millimetres", 0.001)
         given = _scale_of(scene, part.name)
-        how, remedy = (
-            (f" with scale: {given}", "check scale; parts are in metres")
-            if given != 1.0
-            else ("", f"if its file is in {unit}, give scale: {scale}")
-        )
-        warnings.append(f"{part.name}: {only}{size:.4g} m across{how}; {remedy}")
-    return warnings
+        how = f"; if its file is in {unit}, give scale: {scale}"
+        if given != 1.0:
+            how = f" with scale: {given}; check scale; parts are in metres"
+        yield f"{part.name}: {only}{size:.4g} m across{how}"
 
 
 def _scale_of(scene, name):
@@ -197,7 +191,7 @@ def _from_a_map(scene, distance):
 
 def _check_mounts(scene):
     """What would hang far outside of the vehicle: positions in millimetres."""
-    vehicle, warnings = scene.vehicle, []
+    vehicle = scene.vehicle
     reach = max(FARTHEST_MOUNT_M, FARTHEST_MOUNT * vehicle_radius(scene))
     mounted = {
         f"vehicle.cameras.{i} ({camera.id})": camera
@@ -209,11 +203,10 @@ def _check_mounts(scene):
     for key, block in mounted.items():
         if (distance := np.linalg.norm(block.position)) > reach:
             example = next(abs(x) for x in block.position if x)
-            warnings.append(
+            yield (
                 f"{key}: {distance:.3g} m from the vehicle's origin; positions are in metres "
                 f"({example / 1000:g} for {example:g} mm)"
             )
-    return warnings
 
 
 def _check_exposure(scene):
@@ -227,23 +220,21 @@ def _check_exposure(scene):
 def _check_lights(scene, poses):
     lights = scene.vehicle.lights
     if sees_water(scene.render.outputs) and not any(any(light.intensity) for light in scene.lights):
-        return ["vehicle.lights: there is no light, so A will be black"]
-    warnings = []
+        yield "vehicle.lights: there is no light, so A will be black"
+        return
     for i, light in enumerate(lights):
         distribution(light, scene)  # or an error tells what is wrong with its file
         if scene.water != "none" and any((T @ (*light.position, 1.0))[2] > scene.surface_depth_m for T in poses):
-            warnings.append(
+            yield (
                 f"vehicle.lights.{i}: is above the sea surface (z = {scene.surface_depth_m:g} m) on the "
                 "way; light and camera are taken to be in water everywhere"
             )
         if light.kind != "point" and light.direction[1] < 0.0:
-            warnings.append(f"vehicle.lights.{i}: shines backwards (the vehicle's forward axis is +y)")
-    return warnings
+            yield f"vehicle.lights.{i}: shines backwards (the vehicle's forward axis is +y)"
 
 
 def _check_inside(scene, parts, poses):
     """Cameras within rock or objects, and above the surface."""
-    warnings = []
     for i, camera in enumerate(scene.vehicle.cameras):
         fixed = camera.mount == "world"
         points = np.array([camera_pose(camera, T)[:3, 3] for T in ([np.eye(4)] if fixed else poses)])
@@ -259,13 +250,12 @@ def _check_inside(scene, parts, poses):
         for wrong, what, remark in found:
             if wrong.any():
                 where = "" if fixed else f" at {_which(scene, wrong)}"
-                warnings.append(f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}")
-    return warnings
+                yield f"vehicle.cameras.{i} ({camera.id}): is {what}{where}{remark}"
 
 
 def _check_carried_inside(scene, parts, poses):
     """Lamps and sensors in rock or objects, where the vehicle itself is not: that is told of by itself."""
-    warnings, T_w_v = [], np.array(poses)
+    T_w_v = np.array(poses)
     carried = [
         (f"lights.{i}", light.position, "none of its light leaves it") for i, light in enumerate(scene.vehicle.lights)
     ]
@@ -279,40 +269,37 @@ def _check_carried_inside(scene, parts, poses):
         for key, position, so in carried:
             wrong = outside & _inside(part, T_w_v[:, :3, :3] @ position + T_w_v[:, :3, 3])
             if wrong.any():
-                warnings.append(f"vehicle.{key}: is {_within(part)} at {_which(scene, wrong)}, and {so}")
-    return warnings
+                yield f"vehicle.{key}: is {_within(part)} at {_which(scene, wrong)}, and {so}"
 
 
 def _check_starts(parts):
     """What moves and begins in the ground or in something else, one warning for each; what lies on it may."""
-    warnings, told = [], set()
+    told = set()
     single = [part for part in parts if isinstance(part, Part)]
     for part in (part for part in single if isinstance(part, Moving)):
         middle = 0.5 * (part.vertices.min(axis=0) + part.vertices.max(axis=0))
         for other in single:
             if other is not part and (other.name, part.name) not in told and _inside(other, middle).any():
                 told.add((part.name, other.name))
-                warnings.append(
+                yield (
                     f"{part.name}: the middle of it is {_within(other)} where it begins; nothing keeps "
                     "what moves out of other things (move its first stop)"
                 )
                 break
-    return warnings
 
 
 def _check_lamps_in_bodies(scene, parts):
     """Lights of other vehicles that their own bodies enclose."""
-    warnings, bodies = [], {part.name: part for part in parts if part.name in scene.companions}
+    bodies = {part.name: part for part in parts if part.name in scene.companions}
     for i, vehicle in enumerate(scene.vehicles or ()):
         if (body := bodies.get(vehicle.key)) is None or not vehicle.lights:
             continue
         within = _inside(body, np.array([light.position for light in vehicle.lights]) @ body.R_w_o.T + body.origin)
-        warnings += [
+        yield from [
             f"vehicles.{i}.lights.{k}: is inside the body of its vehicle, so that no other vehicle sees its "
             "light (move it out, or make the body smaller)"
             for k in np.flatnonzero(within)
         ]
-    return warnings
 
 
 def _check_stops(scene, parts, stops):
@@ -344,8 +331,8 @@ def _height(terrain, stops):
 def _check_sight(scene, parts, poses):
     """Cameras that have no surface in sight at most of the stops; where things move, one may come into it."""
     if not parts or scene.moving:
-        return []
-    warnings, reach = [], scene.render.depth_range_m[1]
+        return
+    reach = scene.render.depth_range_m[1]
     boxes = np.concatenate([part.extents() for part in parts])
     chosen, numbers = np.unique(np.linspace(0, len(poses) - 1, MOST_STOPS).astype(int)), _looked_at(scene)
     for i, camera in enumerate(scene.vehicle.cameras):
@@ -360,14 +347,13 @@ def _check_sight(scene, parts, poses):
         if blind.all():
             lost[:] = True
         where = "" if fixed else f" at {_which(scene, lost)}"
-        warnings.append(
+        yield (
             f"vehicle.cameras.{i} ({camera.id}): sees no surface within {reach:g} m (render.depth_range_m)"
             f"{where}: D holds nothing there, A little but water; "
             f"{'' if fixed else f'at {_stop(scene)} {number} '}it is at {_place(first[:3, 3])}, "
             f"terrain and objects from {_place(low)} to {_place(high)}; "
             f"{_towards(scene, boxes, first, reach, fixed)}"
         )
-    return warnings
 
 
 def _towards(scene, boxes, T_w_c, reach, fixed):
@@ -418,7 +404,7 @@ def _check_path(scene, parts, path, told):
     nearest places are asked whether they are inside. Places next to stops in ``told`` [n, 3] are known already.
     """
     time_ns, position, reference, waypoint = path
-    radius, warnings = vehicle_radius(scene), []
+    radius = vehicle_radius(scene)
     for part in parts:
         for points, what in ((position, "the vehicle goes"), (reference, "the course leads")):
             distance = clearance(part.vertices, part.faces, points, radius)
@@ -427,18 +413,14 @@ def _check_path(scene, parts, path, told):
                 continue
             order = np.argsort(distance, kind="stable")[: np.count_nonzero(np.isfinite(distance))]
             worst, nearest = order[0], order[:NEAREST]
-            through = len(set(_inside(part, points[nearest]))) > 1
-            how = (
-                f"through {part.name}"
-                if through
-                else (f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)")
-            )
-            warnings.append(
+            how = f"nearer to {part.name} than its radius of {radius:.2f} m ({distance[worst]:.2f} m)"
+            if len(set(_inside(part, points[nearest]))) > 1:
+                how = f"through {part.name}"
+            yield (
                 f"trajectory: on the way to {_stop(scene)} {waypoint[worst]}, at "
                 f"{time_ns[worst] * 1e-9:.2f} s, {what} {how}"
             )
             break
-    return warnings
 
 
 def _runs_past(near, points, stops, reach):

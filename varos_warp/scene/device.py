@@ -3,15 +3,15 @@
 import copy
 import itertools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
 from varos_warp.device.devices import kind_of
+from varos_warp.device.launch import in_threads
 from varos_warp.kernels.spec import SceneSpec
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import Instance as InstanceData
@@ -112,9 +112,6 @@ class DeviceScene:
     World coordinates are float64 and may be far from zero; on the device everything is relative to ``origin``.
 
     Args:
-        scene: The scene.
-        parts: Everything solid in it.
-        device: ``cpu`` or ``cuda:N``.
         origin: Float64 [3]; absent: `local_origin`.
         joins_copies: Whether copies join the one mesh; absent: on a GPU, if they are few.
     """
@@ -162,18 +159,13 @@ class DeviceScene:
         """Return the same terrain, objects and materials in the water and with the lights and cameras of another scene.
 
         Both share what is uploaded; the origin stays, and procedural images remain as fine as they are.
-
-        Args:
-            scene: The other scene.
-            bands: Where its channels are bands of the spectrum, which.
+        ``bands`` tell what the channels of the other scene are, if they are bands of the spectrum.
         """
-        other = copy.copy(self)
+        other = self._copied()
         scene = as_kernels_know(scene)
         other.scene, other.water = scene, optical_properties(scene)
         other.spec = replace(self.spec, medium=bool(other.water.sigma_s.any()))
         other.lights = Lights(scene, self.device)
-        other.data = SceneData()
-        other.data.assign(self.data)
         other.data.medium = medium_record(other.water, self.device)
         if bands is not None:
             other.spec = replace(other.spec, bands=True)
@@ -197,29 +189,31 @@ class DeviceScene:
         """The scene with what moves where it is at a frame; itself where nothing does.
 
         Args:
-            poses: At times from the frame's.
             offset_ns: All times but 0 that are asked for, int64 [N]: of these, `moving_at` may be rendered.
         """
         if not self.moving and not self.lights.carriers:
             return self
-        other = copy.copy(self)
+        other = self._copied()
         other.poses = poses
         if self.moving:
-            other.data = SceneData()
-            other.data.assign(self.data)
             other._place(other.poses_at(np.concatenate([np.zeros(1, np.int64), offset_ns])))
         return other
 
     def placed_as(self, other: "DeviceScene") -> "DeviceScene":
         """The scene with what moves where it is in another of the same geometry, which `moved` has made."""
-        placed = copy.copy(self)
+        placed = self._copied()
         placed.poses = other.poses
         if self.moving:
-            placed.data = SceneData()
-            placed.data.assign(self.data)
             placed.instance_bvh, placed.data.instance_bvh = other.instance_bvh, other.data.instance_bvh
             placed.data.moving = other.data.moving
         return placed
+
+    def _copied(self) -> "DeviceScene":
+        """The same scene with a record of its own."""
+        other = copy.copy(self)
+        other.data = SceneData()
+        other.data.assign(self.data)
+        return other
 
     def poses_at(self, offset_ns: np.ndarray) -> np.ndarray:
         """Poses T_w_o [N, M, 4, 4] of the meshes that move, in the order of ``moving``."""
@@ -256,20 +250,18 @@ class DeviceScene:
         once = [shape for shape in shapes if self.joins_copies or isinstance(shape, Part)]
         in_mesh = [shape if isinstance(shape, Part) else shape.joined() for shape in once]
         with_faces = [*(in_mesh if self.joins_copies else shapes), *self.moving]
-        with ThreadPoolExecutor() as pool:  # they take about as long as each other
-            values = pool.submit(corner_values, with_faces)
-            jobs = [
-                pool.submit(self._upload_mesh, in_mesh),
-                pool.submit(self._upload_materials, single, copied),
-                pool.submit(self._upload_normals, [*shapes, *self.moving]),
-            ]
-        for job in jobs:
-            job.result()
+        jobs = [  # which take about as long as each other
+            partial(corner_values, with_faces),
+            partial(self._upload_mesh, in_mesh),
+            partial(self._upload_materials, single, copied),
+            partial(self._upload_normals, [*shapes, *self.moving]),
+        ]
+        values, *_ = in_threads(lambda job: job(), jobs)
         face_part = [np.repeat(self._numbers[shape.first_name], len(shape.faces)) for shape in once]
         self.data.face_part = self._array(np.concatenate([np.zeros(0, np.int32), *face_part]), wp.int32)
         if self.spec.instances:
             self._upload_instances([] if self.joins_copies else copied, sum(map(len, face_part)))
-        self.data.corner_values = self._array(values.result(), wp.vec3)
+        self.data.corner_values = self._array(values, wp.vec3)
         self._spectra = self._known_by_wavelength([*shapes, *self.moving], with_faces)
         face_tint, tints = tints_of(with_faces)
         self.data.face_tint, self.data.corner_tints = self._array(face_tint, wp.int32), self._array(tints, wp.vec4)
@@ -422,8 +414,7 @@ class DeviceScene:
 
     def lit(self, T_w_v: np.ndarray) -> SceneData:
         """The scene for kernels, with the vehicle's lights where a pose of the vehicle has them."""
-        scene = SceneData()
-        scene.assign(self.data)
+        scene = self._copied().data
         scene.lights = self.lights.at(T_w_v, self.origin, self.carriers_at(np.zeros(1, np.int64)))
         return scene
 

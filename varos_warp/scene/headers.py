@@ -49,26 +49,7 @@ GEOGRAPHIC = {"lon", "long", "longitude", "lat", "latitude", "lng"}
 """Words in the names of coordinates that are angles."""
 NOT_BEHIND_A_SIGN = ("in",)
 """Names of units that are rather something else behind a sign."""
-UNSURE = {
-    "in",
-    "m",
-    "s",
-    "h",
-    "hr",
-    "hrs",
-    "d",
-    "us",
-    "min",
-    "mins",
-    "foot",
-    "second",
-    "minute",
-    "minutes",
-    "hour",
-    "hours",
-    "day",
-    "days",
-}
+UNSURE = {*"in m s h hr hrs d us min mins foot second minute minutes hour hours day days".split()}
 """Names of units that are other words, too: units only in brackets, or where a text says that one follows."""
 NO_UNIT = {"", "-", "1", "none", "unitless", "dimensionless"}
 """What stands in a row of units for a column that has none."""

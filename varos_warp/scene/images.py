@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, refused_as
 from varos_warp.limits import check_limit
 
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # what it logs of damaged files: not to stderr
@@ -43,8 +43,6 @@ def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Pi
     """The picture in a file, or in the bytes of one.
 
     Args:
-        source: The file, or its bytes.
-        key: What names it, for messages.
         mask: A picture whose brightness is the alpha, in place of its own.
 
     Raises:
@@ -62,19 +60,17 @@ def read_picture(source: Path | bytes, key: str, mask: Path | None = None) -> Pi
 def _readable(source: Path | bytes, key: str) -> Iterator[Image.Image]:
     """Open an image as `open_image` does, for use as a picture; all that is wrong with it is an `InputError`."""
     file = None if isinstance(source, bytes) else source
-    try:
-        with open_image(source, key) as image:
-            _refuse_odd(image, key, file)
-            yield image
-    except InputError:
-        raise
-    except Exception as error:  # Pillow's readers raise many kinds on damaged files
+
+    def unread(error: Exception) -> InputError:
         problem = str(error).strip() or type(error).__name__
         if isinstance(source, bytes):
             problem = f"the picture in the file is of a kind that is not known, or damaged ({source[:12]!r} ...)"
-        raise InputError(
-            f"cannot be read as an image: {problem}", file=file, key=key, remedy="Export it anew, as PNG or JPEG."
-        ) from error
+        remedy = "Export it anew, as PNG or JPEG."
+        return InputError(f"cannot be read as an image: {problem}", file=file, key=key, remedy=remedy)
+
+    with refused_as(unread), open_image(source, key) as image:  # Pillow raises many kinds on damaged files
+        _refuse_odd(image, key, file)
+        yield image
 
 
 def _refuse_odd(image: Image.Image, key: str, file: Path | None) -> None:
@@ -102,8 +98,6 @@ def open_image(
     """An image file, or the bytes of one, whose pixels can be decoded without filling the memory.
 
     Args:
-        source: The file, or its bytes.
-        key: What names it, for messages.
         limit: Name of the limit of its pixels.
         formats: Formats that it may have, by Pillow's names; None: all that Pillow knows.
 

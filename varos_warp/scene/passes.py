@@ -193,9 +193,6 @@ def _of_bands(scene: Scene, bands: Bands, chosen: np.ndarray, shining: np.ndarra
     """The scene with three bands in the place of its channels.
 
     Args:
-        scene: By wavelength.
-        bands: All bands of a camera.
-        chosen: Numbers of the three.
         shining: Intensity of each light in them [W/sr/nm].
         of_water: What the water itself scatters in them, as a share of all scattering.
     """

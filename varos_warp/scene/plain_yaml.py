@@ -47,8 +47,6 @@ def read(text: str, file: Path, loader: type = PlainLoader) -> tuple[Any, dict[t
     """Data of a file's YAML document, and the line of every key by its path.
 
     Args:
-        text: Of the file.
-        file: Its path, for messages.
         loader: `PlainLoader`, or one that knows more tags.
 
     Raises:

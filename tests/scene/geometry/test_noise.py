@@ -1,13 +1,15 @@
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
 
 from varos_warp.device import launch
+from varos_warp.kernels.mesh import noise as kernels
 from varos_warp.scene.geometry import noise
-from varos_warp.scene.geometry.noise import billow, fbm, fbm_vector, ridged, worley
+from varos_warp.scene.geometry.noise import fbm, fbm_vector, worley
 
-SUMS = [fbm, ridged, billow]
+SUMS = [fbm, partial(fbm, kind=kernels.RIDGED, gain=0.55), partial(fbm, kind=kernels.BILLOW)]
 
 
 def places(count=20_000, reach=30.0, seed=0):

@@ -27,11 +27,9 @@ class _Loader(plain_yaml.PlainLoader):
         """What a node is without its tag."""
         if isinstance(node, yaml.MappingNode):
             return self.construct_mapping(node, deep=True)
-        return (
-            self.construct_sequence(node, deep=True)
-            if isinstance(node, yaml.SequenceNode)
-            else (self.construct_scalar(node))
-        )
+        if isinstance(node, yaml.SequenceNode):
+            return self.construct_sequence(node, deep=True)
+        return self.construct_scalar(node)
 
 
 _Loader.add_multi_constructor("tag:yaml.org,2002:opencv-", _Loader.plain)

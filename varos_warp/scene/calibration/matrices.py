@@ -14,16 +14,8 @@ from varos_warp.scene.calibration.models import OPENCV, Calibration, distortion
 from varos_warp.scene.optics.distortion import KANNALA_BRANDT, canonical
 
 K_NAMES = ("cameramatrix", "k", "m", "intrinsicmatrix", "cameraintrinsics")
-D_NAMES = (
-    "distcoeffs",
-    "distcoeff",
-    "distcoefs",
-    "distortioncoefficients",
-    "distortioncoeffs",
-    "distortioncoefs",
-    "distortion",
-    "dist",
-    "d",
+D_NAMES = tuple(
+    "distcoeffs distcoeff distcoefs distortioncoefficients distortioncoeffs distortioncoefs distortion dist d".split()
 )
 SIZE_NAMES, WIDTH_NAMES, HEIGHT_NAMES = ("imagesize", "resolution"), ("imagewidth", "width"), ("imageheight", "height")
 SIDES = ("", "1", "2", "left", "right")

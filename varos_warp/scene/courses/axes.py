@@ -56,10 +56,7 @@ def vehicle_poses(
 
 
 def along_path(velocity: np.ndarray) -> Rotation:
-    """Attitudes that look where the way leads, level across; where it does not lead on, that of before.
-
-    Args:
-        velocity: [N, 3] [m/s].
+    """Attitudes that look along velocities [N, 3] [m/s], level across; where nothing moves on, that of before.
 
     Returns:
         N attitudes, as `look_at_matrix` has them; north where nothing moves at all.

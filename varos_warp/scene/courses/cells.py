@@ -131,11 +131,7 @@ def problem_of(cell: str, unit: str | None) -> tuple[str, str] | None:
 
 
 def nanoseconds(cell: str, size: int) -> int:
-    """The nearest nanosecond of a time, never through float64: 1.6e18 ns have more digits than that.
-
-    Args:
-        cell: The number.
-        size: Nanoseconds in its unit.
+    """The nearest nanosecond of a time in units of ``size`` ns, never through float64: 1.6e18 ns have more digits.
 
     Raises:
         ValueError: It is none, or has more than 63 bits.

@@ -32,25 +32,13 @@ from varos_warp.scene.headers import (
 Names = tuple[str, ...]
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 """Names of columns of times, without their unit."""
-POSITIONS: tuple[Names, ...] = (
-    ("x", "y", "z"),
-    ("tx", "ty", "tz"),
-    ("px", "py", "pz"),
-    ("p_x", "p_y", "p_z"),
-    ("pos_x", "pos_y", "pos_z"),
-    ("position_x", "position_y", "position_z"),
-    ("p_rs_r_x", "p_rs_r_y", "p_rs_r_z"),
-    ("s_x_vw", "s_y_vw", "s_z_vw"),
-    ("p_wv_x", "p_wv_y", "p_wv_z"),
+POSITIONS: tuple[Names, ...] = tuple(
+    tuple(name.replace("*", axis) for axis in "xyz")
+    for name in ("*", "t*", "p*", "p_*", "pos_*", "position_*", "p_rs_r_*", "s_*_vw", "p_wv_*")
 )
 """Names of the columns of positions, besides those that say which way they point (meaning.py)."""
-QUATERNIONS: tuple[Names, ...] = (
-    ("qw", "qx", "qy", "qz"),
-    ("q_w", "q_x", "q_y", "q_z"),
-    ("q_rs_w", "q_rs_x", "q_rs_y", "q_rs_z"),
-    ("q_wv_w", "q_wv_x", "q_wv_y", "q_wv_z"),
-    ("quat_w", "quat_x", "quat_y", "quat_z"),
-    ("orientation_w", "orientation_x", "orientation_y", "orientation_z"),
+QUATERNIONS: tuple[Names, ...] = tuple(
+    tuple(name + part for part in "wxyz") for name in ("q", "q_", "q_rs_", "q_wv_", "quat_", "orientation_")
 )
 """Names of the columns of quaternions."""
 EULER: tuple[Names, ...] = (("theta_x_vw", "theta_y_vw", "theta_z_vw"),)
@@ -98,13 +86,7 @@ class Layout:
 
 
 def layout_of(rows: Sequence[Row], path: Path, course: Trajectory, key: str) -> Layout:
-    """What a table is by its first rows.
-
-    Args:
-        rows: With comments.
-        path: The file.
-        course: What the scene says of it.
-        key: The key of the scene that names the file.
+    """What a table is by its first rows, comments among them.
 
     Raises:
         InputError: It is not known which columns hold what.
@@ -253,13 +235,8 @@ class _Finder:
         self, form: str, columns: Columns, separator: str | None, width: int, matrix: Sequence[str] = ()
     ) -> Layout:
         """The layout by columns of the scene file, by those of a format, or by those that were found."""
-        kind = (
-            "matrix"
-            if matrix
-            else next(
-                (key for key in ("quaternion", "euler", "euler_deg") if getattr(columns, key) is not None), "none"
-            )
-        )
+        given = (key for key in ("quaternion", "euler", "euler_deg") if getattr(columns, key) is not None)
+        kind = "matrix" if matrix else next(given, "none")
         turn = tuple(matrix) or getattr(columns, kind, None) or ()
         wanted = [columns.time, *columns.position, *turn]
         at = [self._number(column, width) for column in wanted]
@@ -314,11 +291,9 @@ class _Finder:
             frame = self.course.frame or "enu"
             right = meaning.directions_of(position)
             told = meaning.frames_told(right)[0] if right else "ned"
-            named = (
-                f"Say position: [{', '.join(right)}] and trajectory.frame: {told}"
-                if right
-                else ("Name them in that order, or give another trajectory.frame")
-            )
+            named = "Name them in that order, or give another trajectory.frame"
+            if right:
+                named = f"Say position: [{', '.join(right)}] and trajectory.frame: {told}"
             raise self._error(
                 f"columns of the position are {', '.join(position)}, but of frame {frame} they are "
                 f"{', '.join(meaning.FRAMES[frame])}",
@@ -379,13 +354,8 @@ class _Finder:
         unit = parse_name(name, ANGLES).unit
         if (hidden := hidden_unit(name, ANGLES)) and ANGLES[hidden][1] != 1.0:
             raise self._error(f"column '{name}' may be in '{hidden}' by its name", f"End its name with it: [{hidden}].")
-        family = (
-            ANGLES[unit][0]
-            if unit
-            else next(
-                (word for word, other in (("deg", "deg|°"), ("rad", "rad")) if re.search(other, name.lower())), said
-            )
-        )
+        within = (word for word, other in (("deg", "deg|°"), ("rad", "rad")) if re.search(other, name.lower()))
+        family = ANGLES[unit][0] if unit else next(within, said)
         if family != said:
             units, other = ("radians", "euler_deg") if kind == "euler" else ("degrees", "euler")
             raise self._error(

@@ -31,10 +31,6 @@ class Row(NamedTuple):
 def rows_of(path: Path, key: str) -> Iterator[list[Row]]:
     """All rows and comments, in lists of some thousand; line ends may be those of any system.
 
-    Args:
-        path: The file.
-        key: The key of the scene that names it.
-
     Raises:
         InputError: There is no such file, or it is no text with lines.
     """

@@ -104,8 +104,6 @@ def order_of_angles(names: Sequence[str], order: str, body: str | None) -> Found
     """Say that names of three angles give another order than the axes that they turn about, if they do.
 
     Args:
-        names: What the columns are called.
-        order: The axes, of ``euler_order``.
         body: Axes of the body; None: what roll and pitch turn about is not known.
     """
     words = [re.split(r"[\W_]+", parse_name(name, ANGLES).base) for name in names]

@@ -4,7 +4,9 @@ SI units; angles in degrees only in keys ending in ``_deg``. Frames: world and v
 x right, y forward, z up, so the identity attitude looks along +y. Unknown keys are errors.
 """
 
+import itertools
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -120,20 +122,37 @@ class Scene(Block):
         return self
 
     @model_validator(mode="after")
-    def _scatter_has_ground(self):
-        if self.scatter and self.terrain is None:
-            raise ValueError("scatter.0: there is no terrain to scatter anything on")
+    def _fits_together(self):
+        """Refuse the first problem that blocks have with each other."""
+        checks = (
+            self._scatter_has_ground,
+            self._growth_has_hosts,
+            self._materials_exist,
+            self._classes_have_one_spelling,
+            self._only_ground_is_steep,
+            self._drifts_have_relief,
+            self._twin_differs,
+            self._bodies_can_be_seen,
+            self._light_is_spectral_everywhere,
+            self._sensor_fits_exposures,
+            self._lamps_can_balance,
+            self._courses_are_of_something,
+        )
+        if problem := next(itertools.chain.from_iterable(check() for check in checks), None):
+            raise ValueError(problem)
         return self
 
-    @model_validator(mode="after")
-    def _growth_has_hosts(self):
+    def _scatter_has_ground(self) -> Iterator[str]:
+        if self.scatter and self.terrain is None:
+            yield "scatter.0: there is no terrain to scatter anything on"
+
+    def _growth_has_hosts(self) -> Iterator[str]:
         moves = "moves, and nothing grows on what moves as yet"
         hosts: dict[str, str | None] = {"terrain": None} if self.terrain is not None else {}
         hosts |= {f"objects.{i}": moves if block.path else None for i, block in enumerate(self.objects)}
         hosts |= {f"scatter.{i}": None for i in range(len(self.scatter))}
         if problem := problem_of(self.growth, hosts | {vehicle.key: moves for vehicle in self.vehicles or ()}):
-            raise ValueError(problem)
-        return self
+            yield problem
 
     def _placed_blocks(self):
         """All that may have a material, with its key; the terrain, or None, comes first."""
@@ -144,143 +163,110 @@ class Scene(Block):
             *((f"vehicles.{i}.body", v.body) for i, v in enumerate(self.vehicles or ())),
         ]
 
-    @model_validator(mode="after")
-    def _materials_exist(self):
+    def _materials_exist(self) -> Iterator[str]:
         for key, placed in self._placed_blocks():
             if placed is not None and placed.material is not None and placed.material not in self.materials:
                 known = ", ".join(sorted(self.materials)) or "none"
                 near = did_you_mean(placed.material, self.materials)
-                raise ValueError(
+                yield (
                     f"{key}.material: no material named '{placed.material}' (there are: {known})"
                     + (f". {near}" if near else "")
                 )
-        return self
 
-    @model_validator(mode="after")
-    def _classes_have_one_spelling(self):
+    def _classes_have_one_spelling(self) -> Iterator[str]:
         grown = self.growth if self.render.segments == "fine" else []
         if problem := spelling_problem([*self._placed_blocks(), *((f"growth.{i}", g) for i, g in enumerate(grown))]):
-            raise ValueError(problem)
-        return self
+            yield problem
 
-    @model_validator(mode="after")
-    def _only_ground_is_steep(self):
+    def _only_ground_is_steep(self) -> Iterator[str]:
         """``steep`` chooses the relief of a terrain's slopes; of an object it would be left aside without a word."""
         for key, placed in self._placed_blocks()[1:]:
             material = placed and self.materials.get(placed.material or "")
             if isinstance(material, Layered) and material.steep is not None:
-                raise ValueError(
+                yield (
                     f"materials.{placed.material}.steep: {material.steep} is the relief of steep places "
                     f"of a terrain, and {key} has this material; leave out steep, or give {key} a "
                     "material of its own"
                 )
-        return self
 
-    @model_validator(mode="after")
-    def _drifts_have_relief(self):
+    def _drifts_have_relief(self) -> Iterator[str]:
         ground = self.terrain
         if (
             ground is not None
             and ground.around_objects
             and not isinstance(self.materials.get(ground.material or ""), Layered)
         ):
-            raise ValueError(
+            yield (
                 "terrain.around_objects: drifts and moats are form, which the terrain's material "
                 f"{ground.material or 'of none'} does not have; give it a material of kind layered"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _twin_differs(self):
+    def _twin_differs(self) -> Iterator[str]:
         cameras = [camera for vehicle in self._places.values() for camera in vehicle.cameras]
         if TWIN in self.render.outputs and not any(map(has_twin, cameras)):
-            raise ValueError(
+            yield (
                 "render.outputs: P is A without port, distortion, vignetting and shutter, and no camera "
                 "has any; leave out P, or give a camera one of them"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _bodies_can_be_seen(self):
+    def _bodies_can_be_seen(self) -> Iterator[str]:
         if SNOW in self.render.outputs and not self.particles:
-            raise ValueError(
+            yield (
                 "render.outputs: N shows bodies in the water, and there are no particles; leave out N, or "
                 "give a block particles"
             )
         if SNOW in self.render.outputs and not self.render.shows_bodies:
-            raise ValueError(
+            yield (
                 "render.outputs: N is what bodies add to A, which has none of the light scattered once "
                 "that they are a part of; leave out N, or let A have it (render.layers, max_scatterings)"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _light_is_spectral_everywhere(self):
+    def _light_is_spectral_everywhere(self) -> Iterator[str]:
         """Water, lights and cameras are all by wavelength, or none is."""
         spectral = self.is_spectral
+        foreign = "means nothing unless the water is by wavelength; give water.spectral, or"
         for place, vehicle in self._places.items():
             for i, light in enumerate(vehicle.lights):
+                needed = "water by wavelength needs it of every light; give one, such as led_b4, and power_W or lumen"
                 if (light.spectrum is not None) != spectral:
-                    raise ValueError(
-                        f"{place}.lights.{i}.spectrum: "
-                        + (
-                            "water by wavelength needs it of every light; give one, such as led_b4, and power_W or "
-                            "lumen"
-                            if spectral
-                            else "means nothing unless the water is by wavelength; give water.spectral, or "
-                            "the light an intensity"
-                        )
-                    )
+                    problem = needed if spectral else f"{foreign} the light an intensity"
+                    yield f"{place}.lights.{i}.spectrum: {problem}"
             for i, camera in enumerate(vehicle.cameras):
+                needed = "water by wavelength needs it of every camera; give one, such as nikon_5100"
                 if (camera.response is not None) != spectral:
-                    raise ValueError(
-                        f"{place}.cameras.{i}.response: "
-                        + (
-                            "water by wavelength needs it of every camera; give one, such as nikon_5100"
-                            if spectral
-                            else "means nothing unless the water is by wavelength; give water.spectral, or leave it out"
-                        )
-                    )
+                    problem = needed if spectral else f"{foreign} leave it out"
+                    yield f"{place}.cameras.{i}.response: {problem}"
                 if camera.color_matrix is not None and camera.response is None:
-                    raise ValueError(
+                    yield (
                         f"{place}.cameras.{i}.color_matrix: means nothing without a response, whose "
                         "channels it turns into sRGB; give water.spectral and a response, or leave it out"
                     )
         if self.particles and spectral:
-            raise ValueError(
-                "particles: are not drawn in water by wavelength; leave them out, or give the water three channels"
-            )
+            yield "particles: are not drawn in water by wavelength; leave them out, or give the water three channels"
         for key in ("bands", "bands_range_m"):
             if getattr(self.render, key) is not None and not spectral:
-                raise ValueError(
-                    f"render.{key}: means nothing unless the water is by wavelength; give water.spectral, "
-                    "or leave it out"
-                )
-        return self
+                yield f"render.{key}: {foreign} leave it out"
 
-    @model_validator(mode="after")
-    def _sensor_fits_exposures(self):
+    def _sensor_fits_exposures(self) -> Iterator[str]:
         """Check what `noise_pass` asks of a dataset: every frame is exposed for the camera's time."""
         noise = self.render.noise
         if noise is None or WATER not in self.render.outputs:
-            return self
+            return
         for camera in (camera for vehicle in self._places.values() for camera in vehicle.cameras):
             open_s = camera.exposure.time_s
             if noise.dark_current_electrons_per_s and not open_s:
-                raise ValueError(
+                yield (
                     f"render.noise.dark_current_electrons_per_s: camera {camera.id} has no "
                     "exposure.time_s, in which it gathers; give it one, or leave the dark current out"
                 )
             if noise.electrons_per_dn is not None and open_s and varies(self.render.exposure, camera.exposure):
-                raise ValueError(
+                yield (
                     "render.noise.electrons_per_dn: takes the gain of a frame for its time of exposure, "
                     f"but camera {camera.id} is exposed for {open_s:g} s in every frame; give "
                     "electrons_per_radiance in a block of render.noise, or the camera exposure.gain: constant"
                 )
-        return self
 
-    @model_validator(mode="after")
-    def _lamps_can_balance(self):
+    def _lamps_can_balance(self) -> Iterator[str]:
         """White balance for lamps needs some that are always as far away, and channels."""
         for place, vehicle in self._places.items():
             for i, camera in enumerate(vehicle.cameras):
@@ -294,17 +280,12 @@ class Scene(Block):
                     problem = "is for the light of the vehicle's lamps, and it has none"
                 else:
                     continue
-                raise ValueError(
-                    f"{place}.cameras.{i}.exposure.white_balance: lamps {problem}; give grey_world or none"
-                )
-        return self
+                yield f"{place}.cameras.{i}.exposure.white_balance: lamps {problem}; give grey_world or none"
 
-    @model_validator(mode="after")
-    def _courses_are_of_something(self):
+    def _courses_are_of_something(self) -> Iterator[str]:
         for (place, course), vehicle in zip(self.trajectories.items(), self._places.values(), strict=True):
             if problem := vehicle.cannot_be_followed(course.of):
-                raise ValueError(f"{place}.of: {problem}")
-        return self
+                yield f"{place}.of: {problem}"
 
     @property
     def is_spectral(self) -> bool:

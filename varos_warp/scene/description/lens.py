@@ -148,11 +148,7 @@ def with_calibration(camera: Any, info: ValidationInfo) -> Any:
 
 
 def _checked(name: str, base: Path) -> dict[str, Any]:
-    """Keys of a camera's block that a calibration file gives, and that they may have.
-
-    Raises:
-        InputError: It cannot be read, or a value is out of bounds.
-    """
+    """Keys of a camera's block that a calibration file gives, and that they may have."""
     found = read_calibration(name, base)
     values: dict[str, Any] = {
         "intrinsics": dict(zip(("fx", "fy", "cx", "cy"), found.intrinsics, strict=True)),

@@ -3,7 +3,7 @@
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from varos_warp.scene.block import (
     Block,
@@ -28,6 +28,8 @@ def _check_direction(value):
     return value
 
 
+Direction = Annotated[Vec3, AfterValidator(_check_direction)]
+"""Direction in vehicle axes, of any length."""
 Radius = Annotated[float, Field(gt=0.0, le=100.0)]
 """Radius of a lamp [m]: a disk across its axis, each point of which shines as the whole lamp does."""
 
@@ -91,7 +93,7 @@ class SpotLight(Shining):
     kind: Literal["spot"] = "spot"
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
-    direction: Vec3 = (0.0, 1.0, 0.0)
+    direction: Direction = (0.0, 1.0, 0.0)
     """Direction of the light's axis, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     cone_deg: Annotated[
         float,
@@ -113,7 +115,6 @@ class SpotLight(Shining):
     strobe: Strobe | None = None
     """Strobe: the light flashes with every frame. Absent: it shines all the time."""
 
-    _has_direction = field_validator("direction")(_check_direction)
     _written = _unwritten_of_light("port", "radius_m", "strobe")
 
 
@@ -134,7 +135,7 @@ class ProfileLight(Shining):
     ``led_flood``."""
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
-    direction: Vec3 = (0.0, 1.0, 0.0)
+    direction: Direction = (0.0, 1.0, 0.0)
     """Direction of the light's axis, in vehicle axes, of any length: (0, 1, 0) is straight ahead."""
     up: Position | None = Field(default=None, examples=[[0, 0, 1]])
     """The lamp's own upward direction, in vehicle axes, of any length, for lamps that are not the same all around.
@@ -151,8 +152,6 @@ class ProfileLight(Shining):
     shadows. Absent: a point."""
     strobe: Strobe | None = None
     """Strobe: the light flashes with every frame. Absent: it shines all the time."""
-
-    _has_direction = field_validator("direction")(_check_direction)
 
     @field_validator("up")
     @classmethod
@@ -187,7 +186,7 @@ class SheetLight(Shining):
     kind: Literal["sheet"]
     position: Position = (0.0, 0.0, 0.0)
     """Position in vehicle axes: x right, y forward, z up [m]."""
-    direction: Vec3 = (0.0, 1.0, 0.0)
+    direction: Direction = (0.0, 1.0, 0.0)
     """Direction of the middle of the fan, in vehicle axes, of any length."""
     normal: Position = Field(examples=[[0, 0.6, 1]])
     """Normal of the sheet in vehicle axes, of any length; what of it lies along the direction is left out."""
@@ -199,8 +198,6 @@ class SheetLight(Shining):
     """Radiant intensity inside the sheet for red, green and blue [W/sr]."""
     strobe: Strobe | None = None
     """Strobe: the light flashes with every frame. Absent: it shines all the time."""
-
-    _has_direction = field_validator("direction")(_check_direction)
 
     @field_validator("normal")
     @classmethod

@@ -306,8 +306,6 @@ class ColorChart(Movable):
     shading: Literal["flat", "smooth"] = "flat"
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
-    _written = unwritten_if_absent("path", "class_")
-
     @model_validator(mode="after")
     def _patches_lie_on_it(self):
         for size, side, count in zip(self.size_m, ("wide", "high"), (6, 4), strict=True):

@@ -32,21 +32,9 @@ DENSITIES = tuple(
 """Keys of Kalibr and EuRoC that are ours."""
 RATES = ("update_rate", "rate_hz")
 """Keys of Kalibr and of EuRoC for the rate [Hz]."""
-BESIDE = (
-    "rostopic",
-    "time_offset",
-    "model",
-    "T_i_b",
-    "accelerometers",
-    "gyroscopes",
-    "sensor_type",
-    "comment",
-    "T_BS",
-    "Tw",
-    "Ta",
-    "Tg",
-    "R_IMUtoGYRO",
-    "R_IMUtoACC",
+BESIDE = tuple(
+    "rostopic time_offset model T_i_b accelerometers gyroscopes sensor_type comment T_BS Tw Ta Tg R_IMUtoGYRO "
+    "R_IMUtoACC".split()
 )
 """Keys of Kalibr, OpenVINS and EuRoC that do not tell of noise."""
 MODELS = (None, "calibrated", "kalibr")

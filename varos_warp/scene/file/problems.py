@@ -22,6 +22,7 @@ from varos_warp.scene.file.schema import (
     plain,
 )
 from varos_warp.scene.file.source import Source
+from varos_warp.scene.headers import LENGTHS
 
 ELSEWHERE = {
     "sigma_a": ("a", "absorption", "absorption_coefficient", "absorption_coefficients", "mu_a"),
@@ -47,62 +48,15 @@ ELSEWHERE = {
     "frame_rate_hz": ("fps", "frame_rate", "rate_hz"),
 }
 """Names that other tools have for our keys."""
-HEIGHTS = (
-    "heightmap",
-    "heightfield",
-    "height_map",
-    "height_field",
-    "heights",
-    "depths",
-    "dem",
-    "dtm",
-    "bathymetry",
-    "grid",
-    "geotiff",
-    "raster",
-)
+HEIGHTS = "heightmap heightfield height_map height_field heights depths dem dtm bathymetry grid geotiff raster".split()
 """Names of heights on a grid; ours is a kind."""
 AS_FILE = "Heights on a grid are given as kind: heights and file; docs/terrain.md tells of their keys."
-INTRINSICS = (
-    "k",
-    "fx",
-    "fy",
-    "cx",
-    "cy",
-    "camera_matrix",
-    "principal_point",
-    "camera_info",
-    "fov",
-    "fov_deg",
-    "hfov",
-    "horizontal_fov",
-)
+INTRINSICS = "k fx fy cx cy camera_matrix principal_point camera_info fov fov_deg hfov horizontal_fov".split()
 """What other tools say of a camera."""
 MEASURED = (
     "Measured ones are intrinsics: {fx, fy, cx, cy} in pixels, or calibration: a file of Kalibr, OpenCV or "
     "ROS; else give sensor_mm and focal_mm, by which fx = focal_mm / sensor_mm[0] x width."
 )
-UNITS = {
-    "mm": 0.001,
-    "millimetre": 0.001,
-    "millimeter": 0.001,
-    "cm": 0.01,
-    "centimetre": 0.01,
-    "centimeter": 0.01,
-    "m": 1.0,
-    "metre": 1.0,
-    "meter": 1.0,
-    "km": 1000.0,
-    "kilometre": 1000.0,
-    "kilometer": 1000.0,
-    "in": 0.0254,
-    "inch": 0.0254,
-    "inches": 0.0254,
-    "ft": 0.3048,
-    "foot": 0.3048,
-    "feet": 0.3048,
-}
-"""Metres in the units that people write."""
 MEANT = {
     **{
         (key, f"-{axis}"): f"Give {axis} and turn it upside down: rotation_euler_deg: [180, 0, 0]."
@@ -116,22 +70,8 @@ MEANT = {
 SHORT = 3
 """Words of so many letters at most are like too many others for a guess at what was meant."""
 TYPES = frozenset(
-    (
-        "float_type",
-        "float_parsing",
-        "int_type",
-        "int_parsing",
-        "int_from_float",
-        "bool_type",
-        "bool_parsing",
-        "string_type",
-        "string_pattern_mismatch",
-        "tuple_type",
-        "list_type",
-        "dict_type",
-        "model_type",
-        "model_attributes_type",
-    )
+    "float_type float_parsing int_type int_parsing int_from_float bool_type bool_parsing string_type "
+    "string_pattern_mismatch tuple_type list_type dict_type model_type model_attributes_type".split()
 )
 """Errors of validation that mean: something else belongs there."""
 
@@ -289,12 +229,9 @@ def _should_be(path: tuple, e: dict, known: list[Entry], as_block: str | None) -
     elif e["type"] == "string_type":
         remedy = "Put quotes around it if it is text."
     elif words.startswith(("number", "whole")):
-        alone = isinstance(value, str) and re.match(r"\s*[-+.]?\d", value)
-        remedy = (
-            f"Give the number alone{f'; the unit is {unit}' * bool(unit)}."
-            if alone
-            else ("Give a whole number." if words.startswith("whole") else "Give a number.")
-        )
+        remedy = "Give a whole number." if words.startswith("whole") else "Give a number."
+        if isinstance(value, str) and re.match(r"\s*[-+.]?\d", value):
+            remedy = f"Give the number alone{f'; the unit is {unit}' * bool(unit)}."
     else:
         such = f"Such as {example}: " if example not in ("", "required", "absent", "none", "see its keys") else ""
         remedy = f"{such}{_first_sentence(known[0])}"
@@ -372,12 +309,10 @@ def _instead(path: tuple, source: Source) -> str:
 def _scale(unit: Any) -> str:
     """What to give for a unit, or metres in it, where a mesh has a ``scale``."""
     word = str(unit).strip().lower()
-    metres = UNITS.get(word, UNITS.get(word.removesuffix("s")))
-    return (
-        "Give scale, metres in one unit of the file, such as 0.001 for mm."
-        if metres is None
-        else (f"Give scale: {metres:g}, the metres in one unit of the file.")
-    )
+    metres = LENGTHS.get(word, LENGTHS.get(word.removesuffix("s")))
+    if metres is None:
+        return "Give scale, metres in one unit of the file, such as 0.001 for mm."
+    return f"Give scale: {metres:g}, the metres in one unit of the file."
 
 
 def _where_it_fits(word: str, value: Any, model: type[BaseModel]) -> list[str]:

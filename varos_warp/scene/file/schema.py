@@ -14,43 +14,9 @@ from varos_warp.errors import InputError, did_you_mean
 from varos_warp.scene.description import Scene
 
 UNITS = frozenset(
-    (
-        "m",
-        "mm",
-        "s",
-        "Hz",
-        "kg",
-        "kg m^2",
-        "N",
-        "N m",
-        "N m s",
-        "N s/m",
-        "N s^2/m^2",
-        "N m s^2",
-        "T",
-        "W/sr",
-        "1/m",
-        "m/s",
-        "m/s^2",
-        "rad/s",
-        "m/s^2/sqrt(Hz)",
-        "m/s^3/sqrt(Hz)",
-        "rad/s/sqrt(Hz)",
-        "rad/s^2/sqrt(Hz)",
-        "degrees",
-        "degrees/s",
-        "degrees Celsius",
-        "per mille",
-        "pixels",
-        "e-",
-        "e-/s",
-        "e-/DN",
-        "e- per W/sr/m^2",
-        "W",
-        "lm",
-        "mg/m^3",
-        "g/m^3",
-    )
+    "m, mm, s, Hz, kg, kg m^2, N, N m, N m s, N s/m, N s^2/m^2, N m s^2, T, W/sr, 1/m, m/s, m/s^2, rad/s, "
+    "m/s^2/sqrt(Hz), m/s^3/sqrt(Hz), rad/s/sqrt(Hz), rad/s^2/sqrt(Hz), degrees, degrees/s, degrees Celsius, per mille, "
+    "pixels, e-, e-/s, e-/DN, e- per W/sr/m^2, W, lm, mg/m^3, g/m^3".split(", ")
 )
 """What may stand in brackets in the description of a key: its unit."""
 KIND_KEYS = ("kind", "model")
@@ -303,12 +269,9 @@ def in_words(schema: dict, several: bool = False) -> str:
     lists = "lists" if several else "list"
     if "prefixItems" in schema:
         items = schema["prefixItems"]
-        alike = len(set(map(in_words, items))) == 1
-        return (
-            f"{lists} of {len(items)} {in_words(items[0], several=True)}"
-            if alike
-            else f"{lists} of {len(items)}: {', '.join(map(in_words, items))}"
-        )
+        if len(set(map(in_words, items))) == 1:
+            return f"{lists} of {len(items)} {in_words(items[0], several=True)}"
+        return f"{lists} of {len(items)}: {', '.join(map(in_words, items))}"
     if schema.get("type") == "array":
         return f"{lists} of {in_words(schema['items'], several=True)}"
     if "pattern" in schema:

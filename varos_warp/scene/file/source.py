@@ -67,10 +67,10 @@ def _located(scene: Scene, error: InputError) -> InputError:
     if path[0] not in source.model.model_fields:
         return error
     if error.file is None:
-        return InputError(error.problem, **source.where(path), value=error.value, remedy=error.remedy)
+        return error.but(**source.where(path))
     given = source.value(path)
     names = {(*path, i): name for i, name in enumerate(given)} if isinstance(given, list) else {path: given}
     for at, name in names.items():
         if isinstance(name, str) and scene.resolve(name) == Path(error.file):
-            return InputError(f"{error.problem} ({error.file})", **source.where(at), value=name, remedy=error.remedy)
+            return error.but(problem=f"{error.problem} ({error.file})", **source.where(at), value=name)
     return error  # about the file of a dataset, or one that another file names

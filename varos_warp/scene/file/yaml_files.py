@@ -16,12 +16,6 @@ OPENCV = "%YAML:1.0"
 def parse_file(path: Path, what: str, remedy: str, model: type[BaseModel]) -> Source:
     """Data and line numbers of a YAML file.
 
-    Args:
-        path: The file.
-        what: Its name in messages.
-        remedy: What to do where there is no such file.
-        model: What the data are to be.
-
     Raises:
         InputError: It cannot be read, is not YAML, repeats a key, or is no mapping of keys to values.
     """

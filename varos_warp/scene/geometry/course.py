@@ -30,7 +30,6 @@ def find_course(scene: Scene, parts: list[Part | Instances] | None = None) -> No
     """Find the waypoints of a course along a surface, or read a recorded one, once; other courses know theirs.
 
     Args:
-        scene: Its trajectory keeps what is found.
         parts: The scene's geometry; absent: what is followed is built.
 
     Raises:
@@ -148,11 +147,9 @@ class Shell:
         return np.where(self._inside(points + side)[:, None], -normal, normal)
 
     def _inside(self, points: np.ndarray) -> np.ndarray:
-        return (
-            is_inside(self._surface.vertices, self._surface.faces, points)
-            if self._closed
-            else np.zeros(len(points), bool)
-        )
+        if not self._closed:
+            return np.zeros(len(points), bool)
+        return is_inside(self._surface.vertices, self._surface.faces, points)
 
 
 def _along(shell: Shell, places: np.ndarray, pattern: HullFollowing) -> np.ndarray:

@@ -14,81 +14,34 @@ ARCHIVE = "Unpack it first"
 HEIGHTS = "Heights are a terrain: give terrain: {kind: heights, file: ...}"
 
 REMEDIES = {
-    **dict.fromkeys((".blend", ".blend1"), "Open it in Blender and export it: File > Export > glTF 2.0 (.glb)"),
-    **dict.fromkeys(
-        (".fbx", ".3ds", ".abc", ".usd", ".usda", ".usdc", ".usdz", ".x3d", ".wrl", ".vrml", ".lwo", ".vrm"), BLENDER
-    ),
-    **dict.fromkeys(
-        (".max", ".ma", ".mb", ".c4d", ".skp", ".hip", ".ztl", ".uasset", ".prefab"),
-        "Export it from the program that made it as glTF 2.0 (.glb)",
-    ),
-    **dict.fromkeys(
+    ending: remedy
+    for remedy, endings in (
+        ("Open it in Blender and export it: File > Export > glTF 2.0 (.glb)", ".blend .blend1"),
+        (BLENDER, ".fbx .3ds .abc .usd .usda .usdc .usdz .x3d .wrl .vrml .lwo .vrm"),
         (
-            ".step",
-            ".stp",
-            ".iges",
-            ".igs",
-            ".brep",
-            ".sldprt",
-            ".sldasm",
-            ".ipt",
-            ".iam",
-            ".3dm",
-            ".dwg",
-            ".dxf",
-            ".fcstd",
-            ".catpart",
-            ".catproduct",
-            ".prt",
-            ".sat",
-            ".x_t",
-            ".jt",
-            ".ifc",
-            ".3mf",
-            ".amf",
+            "Export it from the program that made it as glTF 2.0 (.glb)",
+            ".max .ma .mb .c4d .skp .hip .ztl .uasset .prefab",
         ),
-        CAD,
-    ),
-    **dict.fromkeys(
-        (".e57", ".pcd", ".pts", ".ptx", ".copc", ".rcp", ".rcs", ".fls", ".zfs", ".spz", ".splat"), POINTS
-    ),
-    **dict.fromkeys(
         (
-            ".bag",
-            ".nc",
-            ".nc4",
-            ".cdf",
-            ".grd",
-            ".netcdf",
-            ".h5",
-            ".hdf",
-            ".hdf5",
-            ".vrt",
-            ".img",
-            ".dem",
-            ".bil",
-            ".flt",
-            ".hgt",
-            ".adf",
-            ".dt0",
-            ".dt1",
-            ".dt2",
-            ".csar",
-            ".gtx",
-            ".jp2",
-            ".ecw",
-            ".sid",
-            ".mbtiles",
+            CAD,
+            ".step .stp .iges .igs .brep .sldprt .sldasm .ipt .iam .3dm .dwg .dxf .fcstd .catpart .catproduct .prt "
+            ".sat .x_t .jt .ifc .3mf .amf",
         ),
-        RASTER,
-    ),
-    **dict.fromkeys((".all", ".kmall", ".s7k", ".gsf", ".xtf", ".jsf", ".hsx", ".mb88", ".mb56"), SONAR),
-    **dict.fromkeys((".shp", ".gpkg", ".kml", ".kmz", ".geojson", ".gml", ".000"), VECTOR),
-    **dict.fromkeys((".vtk", ".vtp", ".vtu", ".msh", ".mesh", ".inp", ".ctm", ".drc"), MESHES),
-    **dict.fromkeys((".jpg", ".jpeg", ".exr", ".bmp", ".webp", ".gif", ".hdr", ".tga", ".psd"), PICTURE),
-    **dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".bz2", ".xz"), ARCHIVE),
-    ".npz": "Save one array of heights with numpy.save, for terrain: {kind: heights}",
-    **dict.fromkeys(ENDINGS, HEIGHTS),
+        (POINTS, ".e57 .pcd .pts .ptx .copc .rcp .rcs .fls .zfs .spz .splat"),
+        (
+            RASTER,
+            ".bag .nc .nc4 .cdf .grd .netcdf .h5 .hdf .hdf5 .vrt .img .dem .bil .flt .hgt .adf .dt0 .dt1 .dt2 .csar "
+            ".gtx .jp2 .ecw .sid .mbtiles",
+        ),
+        (SONAR, ".all .kmall .s7k .gsf .xtf .jsf .hsx .mb88 .mb56"),
+        (VECTOR, ".shp .gpkg .kml .kmz .geojson .gml .000"),
+        (MESHES, ".vtk .vtp .vtu .msh .mesh .inp .ctm .drc"),
+        (PICTURE, ".jpg .jpeg .exr .bmp .webp .gif .hdr .tga .psd"),
+        (ARCHIVE, ".zip .gz .7z .rar .tar .bz2 .xz"),
+        ("Save one array of heights with numpy.save, for terrain: {kind: heights}", ".npz"),
+        (HEIGHTS, " ".join(ENDINGS)),
+    )
+    for ending in endings.split()
 }
 
 

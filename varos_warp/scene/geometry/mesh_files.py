@@ -74,10 +74,7 @@ def load_mesh(path: str | Path, key: str = "file", up_axis: str | None = None, *
     warned of.
 
     Args:
-        path: The file.
-        key: The scene file's key that names it, for messages.
         up_axis: Overrides which axis of the file points up: x, y or z.
-        with_skin: Whether to read the colours that the file brings along.
 
     Raises:
         InputError: The file is missing, empty, unreadable, requires what is not read, has no triangles, or holds
@@ -158,14 +155,7 @@ def _guarded(read, path, key):
         return read()
     except InputError as error:
         inner = error.key if error.key is None or error.key.startswith(key) else f"{key}: {error.key}"
-        raise InputError(
-            error.problem,
-            file=error.file or path,
-            key=inner or key,
-            value=error.value,
-            remedy=error.remedy,
-            line=error.line,
-        ) from error
+        raise error.but(file=error.file or path, key=inner or key) from error
     except RecursionError as error:
         raise InputError(
             "is nested too deeply", file=path, key=key, remedy="Export it anew, with fewer nodes."

@@ -40,49 +40,38 @@ def fbm(
     gain: float = 0.5,
     edge: np.ndarray | float = 0.0,
     device: str = "cpu",
+    kind: int = kernels.FBM,
 ) -> np.ndarray:
     """Fractal sum of gradient noise: mean 0, standard deviation 0.18 to 0.2 of several octaves, seldom beyond 0.6.
 
     Args:
         p: Places, float64 [N, 3] [m].
         cycles_per_m: Cells of the first octave [1/m]; each octave after it has 2.03 times as many.
-        octaves: How many.
         seed: Another seed is another noise.
         gain: Weight of an octave over that of the octave before.
         edge: Length of a mesh's edges at the places, one or [N] [m]: octaves whose cells have fewer than 2.5 edges
             fade, those of fewer than 1.33 are left out. 0: all are there.
         device: Where to compute, ``cpu`` or ``cuda:N``.
+        kind: Of another sum: RIDGED, a multifractal (Musgrave) with sharp crests, rough where they are high, about 0 to
+            1, mean 0.5; or BILLOW, round humps with sharp clefts between them, about -1 to 1, of mean -0.38.
 
     Returns:
         float64 [N]; on a CPU the same bytes whatever the number of threads.
     """
-    return _sum(kernels.FBM, p, cycles_per_m, octaves, seed, gain, edge, device)
-
-
-def ridged(
-    p: np.ndarray,
-    cycles_per_m: Cycles,
-    octaves: int = 5,
-    seed: int = 0,
-    gain: float = 0.55,
-    edge: np.ndarray | float = 0.0,
-    device: str = "cpu",
-) -> np.ndarray:
-    """Ridged multifractal (Musgrave): sharp crests, rough where they are high; about 0 to 1, mean 0.5; see `fbm`."""
-    return _sum(kernels.RIDGED, p, cycles_per_m, octaves, seed, gain, edge, device)
-
-
-def billow(
-    p: np.ndarray,
-    cycles_per_m: Cycles,
-    octaves: int = 4,
-    seed: int = 0,
-    gain: float = 0.5,
-    edge: np.ndarray | float = 0.0,
-    device: str = "cpu",
-) -> np.ndarray:
-    """Round humps with sharp clefts between them; see `fbm`. About -1 to 1, of mean -0.38."""
-    return _sum(kernels.BILLOW, p, cycles_per_m, octaves, seed, gain, edge, device)
+    value = wp.empty(len(p), dtype=wp.float32, device=device)
+    edges = np.broadcast_to(np.asarray(edge, np.float32), len(p))
+    arguments = {
+        "kind": int(kind),
+        "seed": _bits(seed),
+        "cycles": _vector(cycles_per_m),
+        "octaves": octaves,
+        "gain": gain,
+        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
+        "edge": upload(edges, wp.float32, device),
+        "value": value,
+    }
+    launch(kernels.sum_octaves, len(p), arguments, device)
+    return value.numpy().astype(np.float64)
 
 
 def fbm_vector(
@@ -101,11 +90,8 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
     """Cells around jittered points, one in each cube of a lattice; it is not limited to a band.
 
     Args:
-        p: Places, float64 [N, 3] [m].
         cycles_per_m: Cubes of the lattice along each axis [1/m].
-        seed: Another seed is another noise.
         flat: Whether z does not count: points of a plane, one in each square.
-        device: Where to compute.
     """
     cell = wp.empty(len(p), dtype=wp.vec4, device=device)
     arguments = {
@@ -151,15 +137,15 @@ class Patterns:
 
     def fbm(self, cycles: Cycles, octaves: int, salt: int, gain: float = 0.5) -> np.ndarray:
         """`fbm`, [N]."""
-        return fbm(self.p, cycles, octaves, self._salted(salt), gain, self.edge, self.device)
+        return self._sum(kernels.FBM, cycles, octaves, salt, gain)
 
     def ridged(self, cycles: Cycles, octaves: int, salt: int, gain: float = 0.55) -> np.ndarray:
-        """`ridged`, [N]."""
-        return ridged(self.p, cycles, octaves, self._salted(salt), gain, self.edge, self.device)
+        """`fbm` with sharp crests, [N]."""
+        return self._sum(kernels.RIDGED, cycles, octaves, salt, gain)
 
     def billow(self, cycles: Cycles, octaves: int, salt: int, gain: float = 0.5) -> np.ndarray:
-        """`billow`, [N]."""
-        return billow(self.p, cycles, octaves, self._salted(salt), gain, self.edge, self.device)
+        """`fbm` with round humps, [N]."""
+        return self._sum(kernels.BILLOW, cycles, octaves, salt, gain)
 
     def worley(self, cycles: Cycles, salt: int, *, flat: bool = False) -> Cells:
         """`worley`."""
@@ -169,25 +155,11 @@ class Patterns:
         """`resolved`, [N]."""
         return resolved(length_m, self.edge)
 
+    def _sum(self, kind: int, cycles: Cycles, octaves: int, salt: int, gain: float) -> np.ndarray:
+        return fbm(self.p, cycles, octaves, self._salted(salt), gain, self.edge, self.device, kind)
+
     def _salted(self, salt: int) -> int:
         return 1009 * self.seed + salt
-
-
-def _sum(kind, p, cycles, octaves, seed, gain, edge, device):
-    value = wp.empty(len(p), dtype=wp.float32, device=device)
-    edges = np.broadcast_to(np.asarray(edge, np.float32), len(p))
-    arguments = {
-        "kind": int(kind),
-        "seed": _bits(seed),
-        "cycles": _vector(cycles),
-        "octaves": octaves,
-        "gain": gain,
-        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
-        "edge": upload(edges, wp.float32, device),
-        "value": value,
-    }
-    launch(kernels.sum_octaves, len(p), arguments, device)
-    return value.numpy().astype(np.float64)
 
 
 def _vector(cycles: Cycles) -> wp.vec3d:

@@ -1,5 +1,6 @@
 """The parts of a world as plain arrays: what mesh loading, terrain and assets make, and the device scene uploads."""
 
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Self
@@ -80,29 +81,17 @@ class Skin:
 
     def repeated(self, count: int) -> "Skin":
         """The skin of so many copies, one after another."""
-        page, tints, cut = (
-            None if values is None else np.concatenate([values] * count) for values in (self.page, self.tints, self.cut)
-        )
-        return Skin(
-            np.concatenate([self.corners] * count),
-            self.pages,
-            page,
-            tints,
-            cut,
-            self.spectra and replace(self.spectra, of_face=np.concatenate([self.spectra.of_face] * count)),
-        )
+        return self._with(lambda values: np.concatenate([values] * count))
 
     def of_faces(self, chosen: np.ndarray) -> "Skin":
         """The skin of some of the faces, by their numbers or bool [F]."""
-        page, tints, cut = (None if values is None else values[chosen] for values in (self.page, self.tints, self.cut))
-        return Skin(
-            self.corners[chosen],
-            self.pages,
-            page,
-            tints,
-            cut,
-            self.spectra and replace(self.spectra, of_face=self.spectra.of_face[chosen]),
-        )
+        return self._with(lambda values: values[chosen])
+
+    def _with(self, of: Callable[[np.ndarray], np.ndarray]) -> "Skin":
+        """The skin with other faces, given what becomes of an array that has a row for each."""
+        rows = {name: getattr(self, name) for name in ("corners", "page", "tints", "cut")}
+        spectra = self.spectra and replace(self.spectra, of_face=of(self.spectra.of_face))
+        return replace(self, **{name: of(own) for name, own in rows.items() if own is not None}, spectra=spectra)
 
 
 @dataclass(frozen=True)

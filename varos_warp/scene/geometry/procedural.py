@@ -17,8 +17,6 @@ def fractal_field(resolution: int, seed: int, cycles: float = 2.0, roughness: fl
     Spectral synthesis (Saupe, in "The Science of Fractal Images", 1988): random phases under a power law.
 
     Args:
-        resolution: Samples along a side.
-        seed: Seed of the phases.
         cycles: Wavenumber, in cycles over the side, below which the spectrum stays level.
         roughness: Exponent of the power law.
     """

@@ -101,10 +101,8 @@ def ranges(parts: list[Part | Instances], points: np.ndarray, directions: np.nda
     """Distance [N] along rays to the first surface, float64 [m]; infinite where there is none within ``reach`` [m].
 
     Args:
-        parts: Everything solid, from ``build_parts``.
         points: Where the rays start, float64 [N, 3] [m], world axes.
         directions: Unit vectors [N, 3].
-        reach: [m]
     """
     return Solids(parts).first_met(points, directions, reach, {})[0]
 
@@ -113,7 +111,6 @@ class Solids:
     """Everything solid, for rays from here and there: each BVH is built when first asked for, and kept.
 
     Args:
-        parts: From ``build_parts``.
         grown: Whether what grows on them counts; beams of sound are wider than it.
     """
 

@@ -54,12 +54,9 @@ def scatter(block: Scatter, key: str, prototypes: list[Part], ground: Ground, se
     """Place the copies of one block, and mark their ground as taken.
 
     Args:
-        block: The block ``scatter`` of the scene file.
         key: Where it stands, ``scatter.0``: the name of the result, and for messages.
         prototypes: The shapes of the object that is copied, scale and rotation applied, around its origin. Copies have
             them in turn, and all keep the distance that the largest needs.
-        ground: The terrain and what stands there.
-        seed: Seed of the scene.
 
     Returns:
         The copies of each shape that has any.

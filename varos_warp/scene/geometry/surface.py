@@ -48,18 +48,7 @@ class Surface:
         """
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         place = wp.zeros(len(points), dtype=wp.vec3, device=self.device)
-        launch(
-            project.find_nearest,
-            len(points),
-            {
-                "mesh": self.mesh.id,
-                "points": upload(points, wp.vec3, self.device),
-                "reach": reach,
-                "face": face,
-                "place": place,
-            },
-            self.device,
-        )
+        self._ask(project.find_nearest, points, reach=reach, face=face, place=place)
         return place.numpy(), face.numpy()
 
     def nearest(self, points: np.ndarray, reach: float = FAR) -> tuple[np.ndarray, np.ndarray]:
@@ -84,18 +73,8 @@ class Surface:
         directions = np.broadcast_to(np.asarray(directions, np.float32), points.shape)
         face = wp.empty(len(points), dtype=wp.int32, device=self.device)
         side = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        launch(
-            project.find_first_hits,
-            len(points),
-            {
-                "mesh": self.mesh.id,
-                "points": upload(self.local(points), wp.vec3, self.device),
-                "directions": upload(directions, wp.vec3, self.device),
-                "face": face,
-                "side": side,
-            },
-            self.device,
-        )
+        along = upload(directions, wp.vec3, self.device)
+        self._ask(project.find_first_hits, self.local(points), directions=along, face=face, side=side)
         return face.numpy(), side.numpy()
 
     def distances(self, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -117,19 +96,14 @@ class Surface:
         ``known``, int8 [N], is -1 or 1 where the sign is known already, else 0.
         """
         value = wp.zeros(len(points), dtype=wp.float32, device=self.device)
-        launch(
-            project.sample_signed_distance,
-            len(points),
-            {
-                "mesh": self.mesh.id,
-                "points": upload(points, wp.vec3, self.device),
-                "known": upload(known, wp.int8, self.device),
-                "threshold": float(threshold),
-                "value": value,
-            },
-            self.device,
-        )
+        known = upload(known, wp.int8, self.device)
+        self._ask(project.sample_signed_distance, points, known=known, threshold=float(threshold), value=value)
         return value.numpy()
+
+    def _ask(self, kernel: wp.Kernel, points: np.ndarray, **given) -> None:
+        """Run a kernel for local points."""
+        arguments = {"mesh": self.mesh.id, "points": upload(points, wp.vec3, self.device), **given}
+        launch(kernel, len(points), arguments, self.device)
 
 
 def _along(points, directions, corners):

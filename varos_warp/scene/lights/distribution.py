@@ -147,7 +147,7 @@ def _of_file(path: Path, key: str) -> Distribution:
     try:
         return of_profile(profile)
     except InputError as error:
-        raise InputError(error.problem, file=path, key=key, remedy=error.remedy) from None
+        raise error.but(file=path, key=key) from None
 
 
 def of_profile(profile: Profile) -> Distribution:
@@ -175,7 +175,6 @@ def _at_nodes(angle: np.ndarray, intensity: np.ndarray, peak: float) -> tuple[fl
     """The last angle to the axis [rad] with light, and the values [planes, NODES + 1] of a profile up to there.
 
     Args:
-        angle: Angles to the axis [rad], increasing.
         intensity: Intensities [planes, angle].
         peak: The highest intensity of the file, which becomes 1.
     """

@@ -52,10 +52,6 @@ class IesFile:
 def read_ies(path: Path, key: str) -> IesFile:
     """Read a file; whether its angles are those of a lamp is not looked at.
 
-    Args:
-        path: Path of the file.
-        key: That names it, for messages.
-
     Raises:
         InputError: The file is missing, or is no IES LM-63, or its tilt is in another file.
     """

@@ -27,12 +27,9 @@ AROUND = ("polar_deg", "azimuth_deg", "intensity")
 
 
 def read_profile(path: Path, key: str) -> Profile:
-    """The profile of a lamp in a file.
+    """The profile of a lamp in a file: IES LM-63 if its name ends in .ies, else CSV.
 
-    Args:
-        path: A file whose name ends in .ies is read as IES LM-63, any other as CSV with angle_deg and intensity, or
-            polar_deg, azimuth_deg and intensity.
-        key: Key of the scene that names the file, for messages.
+    That has the columns angle_deg and intensity, or polar_deg, azimuth_deg and intensity.
 
     Raises:
         InputError: The file is missing, or is no profile of a lamp.
@@ -69,60 +66,43 @@ def read_profile(path: Path, key: str) -> Profile:
     table = read_csv(path, key, TABLE.what)
     if "azimuth_deg" in table.names:
         return _read_around(table)
-    angle_deg, intensity, _ = TABLE.of(table)
+    angle_deg, intensity = TABLE.of(table).values.T
     return Profile(np.radians(angle_deg), np.zeros(1), intensity[None], "CSV")
 
 
 def _read_around(table: CsvFile) -> Profile:
     """The profile of intensities at every pair of some angles to the axis and some half planes around it."""
-    (rows, lines), path, key = table.rows(AROUND), table.path, table.key
-
-    def wrong(problem, at, column, remedy):
-        return InputError(problem, file=path, line=lines[at], key=key, value=float(rows[at, column]), remedy=remedy)
-
-    for bad, column, problem, remedy in (
-        (
-            (rows[:, 0] < 0.0) | (rows[:, 0] > 180.0),
-            0,
-            "polar_deg is not between 0 and 180",
-            "Give the angle to the axis in degrees; 0 is straight on.",
-        ),
-        (np.abs(rows[:, 1]) > 360.0, 1, "azimuth_deg is not between -360 and 360", "Give degrees."),
-        (rows[:, 2] < 0.0, 2, "intensity is negative", TABLE.not_negative),
-    ):
-        if bad.any():
-            raise wrong(problem, int(np.argmax(bad)), column, remedy)
-    if not rows[:, 2].any():
-        raise InputError("intensity is 0 everywhere", file=path, key=key, remedy=TABLE.not_all_0)
-    azimuth_deg, at_azimuth = np.unique(rows[:, 1] % 360.0, return_inverse=True)
-    polar_deg, at_polar = np.unique(rows[:, 0], return_inverse=True)
-    intensity = np.full((len(azimuth_deg), len(polar_deg)), np.nan)
+    rows = table.rows(*AROUND)
+    polar, azimuth, measured = rows.values.T
+    off, straight = (polar < 0.0) | (polar > 180.0), "Give the angle to the axis in degrees; 0 is straight on."
+    rows.refuse(off, 0, "polar_deg is not between 0 and 180", straight)
+    rows.refuse(np.abs(azimuth) > 360.0, 1, "azimuth_deg is not between -360 and 360", "Give degrees.")
+    rows.refuse_amounts(2, TABLE.not_negative, TABLE.not_all_0)
+    azimuth_deg, at_azimuth = np.unique(azimuth % 360.0, return_inverse=True)
+    polar_deg, at_polar = np.unique(polar, return_inverse=True)
+    intensity, again = np.full((len(azimuth_deg), len(polar_deg)), np.nan), np.zeros(len(measured), bool)
     for row, place in enumerate(zip(at_azimuth, at_polar, strict=True)):
-        if not np.isnan(intensity[place]) and intensity[place] != rows[row, 2]:
-            raise wrong("has two intensities in one direction", row, 2, "360 degrees of azimuth are 0.")
-        intensity[place] = rows[row, 2]
-    _check_grid(path, key, azimuth_deg, polar_deg, intensity)
+        again[row] = not np.isnan(intensity[place]) and intensity[place] != measured[row]
+        intensity[place] = measured[row]
+    rows.refuse(again, 2, "has two intensities in one direction", "360 degrees of azimuth are 0.")
+    _check_grid(table, azimuth_deg, polar_deg, intensity)
     return full_turn(np.radians(polar_deg), np.radians(azimuth_deg), intensity, f"CSV, {len(azimuth_deg)} azimuths")
 
 
-def _check_grid(path: Path, key: str, azimuth_deg: np.ndarray, polar_deg: np.ndarray, intensity: np.ndarray) -> None:
+def _check_grid(table: CsvFile, azimuth_deg: np.ndarray, polar_deg: np.ndarray, intensity: np.ndarray) -> None:
     """Refuse a table in which a direction has no intensity, or whose half planes are not all around."""
     missing = np.argwhere(np.isnan(intensity))
     if len(missing):
         azimuth, polar = azimuth_deg[missing[0, 0]], polar_deg[missing[0, 1]]
-        raise InputError(
+        raise table.error(
             f"has no intensity at polar_deg {polar:g}, azimuth_deg {azimuth:g}",
-            file=path,
-            key=key,
-            remedy="Give every azimuth the same polar angles.",
+            "Give every azimuth the same polar angles.",
         )
     gap = np.diff(azimuth_deg, append=azimuth_deg[0] + 360.0).max()
     if len(polar_deg) < 2 or (gap > WIDEST_GAP_DEG and len(azimuth_deg) > 1):
         radians = " These look like radians: give degrees." if azimuth_deg[-1] < FULL_TURN else ""
-        raise InputError(
+        raise table.error(
             "has one angle to the axis" if len(polar_deg) < 2 else f"has no azimuth in a gap of {gap:g} degrees",
-            file=path,
-            key=key,
-            remedy="Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
+            "Give the whole lamp: several polar_deg, and azimuth_deg all around, at most "
             f"{WIDEST_GAP_DEG:g} apart.{radians}",
         )

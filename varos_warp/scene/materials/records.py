@@ -22,9 +22,7 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
 
     Args:
         part: The part, or a box around it: its lowest corner anchors the pattern.
-        scene: Gives the seed and the names of materials.
         local_origin: float64 [3], origin of the device's world.
-        textures: Where images come from; must outlive the record.
 
     Raises:
         InputError: An image of the material is missing or damaged.
@@ -163,12 +161,10 @@ def tints_of(parts: list[Part | Instances]) -> tuple[np.ndarray, np.ndarray]:
     tints, places, count = [np.zeros((0, 4), np.float32)], [np.zeros(0, np.int32)], 0
     for part in parts:
         own = None if part.skin is None else part.skin.tints
-        places.append(
-            np.full(len(part.faces), -1, np.int32)
-            if own is None
-            else np.arange(count, count + len(own), dtype=np.int32)
-        )
-        if own is not None:
+        if own is None:
+            places.append(np.full(len(part.faces), -1, np.int32))
+        else:
+            places.append(np.arange(count, count + len(own), dtype=np.int32))
             tints.append(own.reshape(-1, 4))
             count += len(own)
     return np.concatenate(places if count else places[:1]), np.concatenate(tints)

@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import warp as wp
 from scipy.special import ndtr, ndtri
 
 from varos_warp.cache import cached, code_hash, digest
-from varos_warp.device.launch import launch_rows
+from varos_warp.device.launch import in_threads, launch_rows
 from varos_warp.files import require_file
 from varos_warp.kernels.mesh import bake
 from varos_warp.kernels.world.texture import Layer
@@ -141,11 +140,11 @@ def tile_pyramid(reflectance: np.ndarray, seed: int = 1) -> Pyramid:
     basis = basis[:, ::-1]  # the axis of largest variance first
     rng = np.random.default_rng(seed)
     along = np.ascontiguousarray((pixels @ basis.astype(np.float32)).T)
-    with ThreadPoolExecutor() as pool:
-        spread = [rng.random(len(pixels), dtype=np.float32) for _ in along]
-        gaussian, quantiles = zip(*pool.map(_gaussianise, along, spread), strict=True)
-        levels = _levels(np.stack(gaussian, axis=1).reshape(reflectance.shape))
-        variances = [*pool.map(_variance, levels)]
+    spread = [rng.random(len(pixels), dtype=np.float32) for _ in along]
+    found = in_threads(lambda pair: _gaussianise(*pair), list(zip(along, spread, strict=True)))
+    gaussian, quantiles = zip(*found, strict=True)
+    levels = _levels(np.stack(gaussian, axis=1).reshape(reflectance.shape))
+    variances = in_threads(_variance, levels)
     colours = np.stack([_colours(quantiles, np.maximum(variances[0] - variance, 0.0)) for variance in variances])
     packed = [_packed((level + REACH) / (2 * REACH)) for level in levels]
     return _pyramid(packed, colours=colours.astype(np.float32), basis=basis)

@@ -136,14 +136,7 @@ class CameraModel:
         return self.lens.model != "none" and not np.isfinite(self.directions(np.concatenate(sides))).all()
 
     def lens_settles(self, width: int, height: int, halvings: int, steps: int) -> bool:
-        """Return whether kernels find in float32 what its lens sees all over an image, by a fixed number of steps.
-
-        Args:
-            width: Width of an image in which the lens does not end [pixels].
-            height: Height of it [pixels].
-            halvings: Number of halvings, as for `Lens.settles`.
-            steps: Number of Newton's steps, likewise.
-        """
+        """Return whether kernels find in float32 what its lens sees all over an image, by a fixed number of steps."""
         if self.lens.is_closed_form:
             return True
         inner = np.meshgrid(np.arange(0, width, TRIED_PX), np.arange(0, height, TRIED_PX))

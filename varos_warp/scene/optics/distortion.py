@@ -92,14 +92,7 @@ class Lens:
         return min(1.1 * self._law.measure(float(angle)), self._law.radial_end)
 
     def settles(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> bool:
-        """Return whether a fixed number of steps in float32 leads to the directions seen at all points [N, 2].
-
-        Args:
-            xy: Points of the image plane, at which the lens sees something.
-            reach: What `reach` gives for them.
-            halvings: Number of halvings of the interval up to there.
-            steps: Number of Newton's steps that follow.
-        """
+        """Return whether a fixed number of steps in float32 leads to the directions seen at all points [N, 2]."""
         target = xy.astype(np.float32)
         with np.errstate(all="ignore"):  # where steps lead anywhere
             found = self._law.short_directions(target, reach, halvings, steps).astype(float)

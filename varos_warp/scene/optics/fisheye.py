@@ -62,14 +62,7 @@ class KannalaBrandt(Fisheye):
         return np.concatenate([beside, np.cos(angle)[..., None]], -1)
 
     def short_directions(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> np.ndarray:
-        """Directions [N, 3] that kernels find in float32 for points [N, 2], by a fixed number of steps.
-
-        Args:
-            xy: Float32.
-            reach: Angle [rad] that none of them exceeds.
-            halvings: Number of halvings of the interval up to there.
-            steps: Number of Newton's steps.
-        """
+        """Directions [N, 3] that kernels find in float32 for points [N, 2], at angles up to ``reach`` [rad]."""
         r = np.hypot(xy[..., 0], xy[..., 1])
         angle = solve_shortly(lambda a: odd_polynomial(self.k, a), r, reach, halvings, steps)
         beside = xy * (np.sin(angle) / np.where(r > 0.0, r, 1.0))[:, None]

@@ -93,13 +93,9 @@ class Perspective(ABC):
         return along(self._undistorted(xy))
 
     def short_directions(self, xy: np.ndarray, reach: float, halvings: int, steps: int) -> np.ndarray:
-        """Directions [N, 3] of any length that kernels find in float32 for points [N, 2], by a fixed number of steps.
+        """Directions [N, 3] of any length that kernels find in float32 for points [N, 2], of tangents up to ``reach``.
 
-        Args:
-            xy: Float32.
-            reach: Tangent that none of them exceeds.
-            halvings: Number of halvings of the interval up to there.
-            steps: Number of Newton's steps, of the radial part and then of both.
+        Halvings and Newton's steps solve the radial part, as many steps then both.
         """
         r = np.hypot(xy[..., 0], xy[..., 1])
         found = xy * (solve_shortly(self._along_radius, r, reach, halvings, steps) / np.where(r > 0.0, r, 1.0))[:, None]

@@ -54,7 +54,6 @@ def port_worth(camera: Any, ranges: np.ndarray) -> PortWorth:
     """What the port of a scene's camera block is worth.
 
     Args:
-        camera: With a port.
         ranges: Distances [K] from the port along the rays [m], all as frequent as each other.
     """
     model, (width, height) = camera_model(camera), camera.resolution

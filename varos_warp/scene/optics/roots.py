@@ -46,15 +46,7 @@ def solve_shortly(
     halvings: int,
     steps: int,
 ) -> np.ndarray:
-    """The root in [0, high] that a fixed number of halvings, then of Newton's steps, finds, in float32 [N].
-
-    Args:
-        function: Gives values [N] and slopes [N] at x [N].
-        target: Float32 [N].
-        high: End of the interval.
-        halvings: Number of halvings.
-        steps: Number of Newton's steps, which are not bounded.
-    """
+    """The root in [0, high] that a fixed number of halvings, then of Newton's steps, finds, in float32 [N]."""
     low, top = np.zeros_like(target), np.full_like(target, high)
     for _ in range(halvings):
         middle = np.float32(0.5) * (low + top)

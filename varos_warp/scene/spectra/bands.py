@@ -120,7 +120,6 @@ def choose_bands(
     """The bands for a water, its lamps and a camera.
 
     Args:
-        water: The water by wavelength.
         lamps: Relative power of each lamp, of any scale.
         response: Sensitivities of the camera on `GRID`, of any scale, float64 [3, 301].
         distances: Shortest and longest path from lamp to surface to camera [m].

@@ -16,12 +16,7 @@ SECOND_RADIATION_CONSTANT = 1.438776877e7
 
 
 def lamp_spectrum(name: str, resolve: Callable[[str], Path], key: str) -> Spectrum:
-    """Relative power of a lamp by wavelength.
-
-    Args:
-        name: A lamp of the package, or a CSV file with the columns wavelength_nm and power.
-        resolve: Leads from the name of a file to its path.
-        key: The key that names it, for messages.
+    """Relative power by wavelength of a lamp of the package, or of a CSV file with the columns wavelength_nm and power.
 
     Raises:
         InputError: The file is missing, or is no spectrum.
@@ -54,12 +49,7 @@ def watts_of_lumen(lamp: Spectrum, lumen: float) -> float:
 
 
 def camera_response(name: str, resolve: Callable[[str], Path], key: str) -> np.ndarray:
-    """Sensitivities of a camera's channels on `GRID`, of any scale, float64 [3, 301].
-
-    Args:
-        name: A camera of the package, or a CSV file with the columns wavelength_nm, r, g and b.
-        resolve: Leads from the name of a file to its path.
-        key: The key that names it, for messages.
+    """Sensitivities of a camera of the package, or in a CSV file (wavelength_nm, r, g, b), on `GRID`, float64 [3, 301].
 
     Raises:
         InputError: The file is missing, or is no such table.

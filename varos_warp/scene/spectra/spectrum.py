@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError, did_you_mean
+from varos_warp.errors import did_you_mean
 from varos_warp.files import require_file
-from varos_warp.scene.angle_table import CsvFile, read_csv
+from varos_warp.scene.angle_table import CsvRows, read_csv
 
 DATA = Path(__file__).parents[2] / "data" / "spectra"
 """Spectra that come with the package; the head of each file names its source."""
@@ -42,62 +42,31 @@ class Spectrum:
 def read_spectra(path: Path, key: str, what: str, columns: tuple[str, ...]) -> dict[str, Spectrum]:
     """Spectra of a CSV file with ``wavelength_nm`` and other columns.
 
-    Args:
-        path: The file.
-        key: The key that names it, for messages.
-        what: What it is, for messages.
-        columns: Names of the columns that are read; others are left.
-
     Raises:
         InputError: The file is missing or no such table, has a negative value, or does not cover 400 to 700 nm.
     """
-    file = read_csv(path, key, what)
-    rows, lines = file.rows(("wavelength_nm", *columns))
-    _check_wavelengths(file, rows[:, 0], lines)
-    for i, column in enumerate(columns, start=1):
-        if (rows[:, i] < 0.0).any():
-            at = int(np.argmax(rows[:, i] < 0.0))
-            raise InputError(
-                f"{column} is negative",
-                file=path,
-                line=lines[at],
-                key=key,
-                value=float(rows[at, i]),
-                remedy="Light has no negative amounts: 0 where noise takes it below.",
-            )
-        if not rows[:, i].any():
-            raise InputError(f"{column} is 0 everywhere", file=path, key=key, remedy=f"Give a {what}.")
-    return {column: Spectrum(rows[:, 0], rows[:, i]) for i, column in enumerate(columns, start=1)}
+    rows = read_csv(path, key, what).rows("wavelength_nm", *columns)
+    _check_wavelengths(rows)
+    for i in range(1, 1 + len(columns)):
+        rows.refuse_amounts(i, "Light has no negative amounts: 0 where noise takes it below.", f"Give a {what}.")
+    nm, *values = rows.values.T
+    return {column: Spectrum(nm, curve) for column, curve in zip(columns, values, strict=True)}
 
 
-def _check_wavelengths(file: CsvFile, wavelength_nm: np.ndarray, lines: list[int]) -> None:
+def _check_wavelengths(rows: CsvRows) -> None:
     """Wavelengths ascend, are nanometres, and cover the visible."""
-    first, last = float(wavelength_nm.min()), float(wavelength_nm.max())
+    first, last = float(rows.values[:, 0].min()), float(rows.values[:, 0].max())
     for unit, factor in (("micrometres", 1e3), ("metres", 1e9), ("Angstrom", 0.1)):
         if 200.0 <= first * factor <= 3000.0 and not 200.0 <= first <= 3000.0:
-            raise InputError(
+            raise rows.file.error(
                 f"wavelength_nm goes from {first:g} to {last:g}, which look like {unit}",
-                file=file.path,
-                key=file.key,
-                remedy=f"Give nanometres: multiply by {factor:g}.",
+                f"Give nanometres: multiply by {factor:g}.",
             )
-    falls = np.concatenate([[False], np.diff(wavelength_nm) <= 0.0])
-    if falls.any():
-        at = int(np.argmax(falls))
-        raise InputError(
-            "wavelength_nm does not increase",
-            file=file.path,
-            line=lines[at],
-            key=file.key,
-            value=float(wavelength_nm[at]),
-            remedy="Sort the rows by wavelength, each wavelength once.",
-        )
+    rows.refuse_falls(0, "Sort the rows by wavelength, each wavelength once.")
     if first > VISIBLE[0] or last < VISIBLE[1]:
-        raise InputError(
+        raise rows.file.error(
             f"goes from {first:g} to {last:g} nm",
-            file=file.path,
-            key=file.key,
-            remedy="A spectrum must cover 400 to 700 nm; give 0 where there is no light.",
+            "A spectrum must cover 400 to 700 nm; give 0 where there is no light.",
         )
 
 

@@ -11,7 +11,6 @@ from varos_warp.scene.device import DeviceScene
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 from varos_warp.scene.geometry.parts import Instances
-from varos_warp.scene.geometry.relief import apply, drifts
 
 CAMERA = {"id": "M0", "resolution": [640, 360], "sensor_mm": [4.8, 2.7], "focal_mm": 4.8}
 STONE = {"kind": "boulder", "diameter": 1.0, "position": [0, 3, 0], "material": "rock"}
@@ -155,8 +154,7 @@ def test_bytes_do_not_depend_on_the_number_of_threads(monkeypatch, tmp_path):
     made = []
     for threads in (1, 5):
         monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / str(threads)))  # or the second were read, not made
-        for module in (launch, apply, drifts):
-            monkeypatch.setattr(module, "usable_cores", lambda count=threads: count)
+        monkeypatch.setattr(launch, "usable_cores", lambda count=threads: count)
         monkeypatch.setattr(launch, "CHUNK", 1 << 10)
         terrain = {
             "kind": "procedural",

@@ -89,8 +89,6 @@ def make_asset(
     ``default_chord_error``. No less than 4e-6 of the radius is made of it.
 
     Args:
-        block: The object.
-        key: Where it stands in the scene file, for messages.
         max_edge_m: Longest edge in the world [m], instead of the block's own: it is made of even grids then, whose
             triangles are no slivers on smooth walls. None: the block's own; absent there, too: no longest edge.
 

@@ -74,8 +74,6 @@ def fill_between(loops: list[np.ndarray], edge: float, seen=lambda loops: loops)
     """Fill the plane between outlines, and halve those of their edges that no triangle would have, again and again.
 
     Args:
-        loops: As for `fill`.
-        edge: As for `fill`.
         seen: Where the outlines are filled, if not at their own place: takes and returns outlines.
 
     Returns:

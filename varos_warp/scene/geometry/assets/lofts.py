@@ -186,9 +186,7 @@ def loft(rings, detail: Detail, closed: bool = False, cap: np.ndarray | None = N
     """Join rings [R, m, 3] to a solid with outward normals: closed to a torus, or capped.
 
     Args:
-        rings: Points around the solid, ring after ring.
         detail: In a grid, caps are filled with points as far apart as its edges.
-        closed: The last ring is joined with the first.
         cap: Triangles [F, 3] of one ring's points that fill it; absent: a fan around its centre.
     """
     rings = np.asarray(rings)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from varos_warp.errors import InputError
 from varos_warp.scene.geometry.files.dae_materials import DaeMaterials
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, damaged, in_words
 from varos_warp.scene.geometry.files.polygons import fill, strip
 
 SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
@@ -26,13 +26,11 @@ def read_dae(path: Path, with_colours: bool) -> MeshFile:
     try:
         root = ET.parse(path).getroot()
     except ET.ParseError as error:
-        raise InputError(
-            f"is not valid XML: {error}", file=path, remedy="Export it anew from the program that made it."
-        ) from None
+        raise InputError(f"is not valid XML: {error}", remedy="Export it anew from the program that made it.") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != "COLLADA":
-        raise InputError(f"is XML, but of <{root.tag}>, not COLLADA", file=path, remedy="Export it as COLLADA.")
+        raise InputError(f"is XML, but of <{root.tag}>, not COLLADA", remedy="Export it as COLLADA.")
     return _Reader(root, path, with_colours).read()
 
 
@@ -54,7 +52,6 @@ class _Reader:
         if not (np.isfinite(self.file.unit_m) and self.file.unit_m > 0.0):
             raise InputError(
                 "is no length",
-                file=self.file.path,
                 key="asset.unit.meter",
                 value=self.file.unit_m,
                 remedy="Correct it, or export the model anew.",
@@ -92,16 +89,11 @@ class _Reader:
 
     def _node(self, node, matrix, above) -> None:
         if node in above:
-            raise InputError(
-                "is below itself",
-                file=self.file.path,
-                key=f"node {node.get('id')}",
-                remedy="The file is damaged; export it again.",
-            )
+            raise damaged("is below itself", key=f"node {node.get('id')}")
         self.file.count_copy()
         for child in node:
             if child.tag in ("matrix", "translate", "rotate", "scale", "lookat", "skew"):
-                matrix = matrix @ _transform(child, self.file)
+                matrix = matrix @ _transform(child)
         self._children(node, matrix, (*above, node))
 
     def _instance(self, instance, matrix) -> None:
@@ -128,11 +120,9 @@ class _Reader:
         if skin is not None and (bind := skin.find("bind_shape_matrix")) is not None:
             matrix = matrix @ numbers(bind).reshape(4, 4)
         source = self.target(inner.get("source"))
-        return (
-            self._of_controller(source, matrix)
-            if source is not None and source.tag == "controller"
-            else (source, matrix)
-        )
+        if source is not None and source.tag == "controller":
+            return self._of_controller(source, matrix)
+        return source, matrix
 
     # --------------------------------------------------------------------------------------------------- geometry
 
@@ -237,11 +227,7 @@ class _Reader:
                 return corners[: len(corners) // 3 * 3], np.full(len(corners) // 3, 3), {}
             counts = numbers(element.find("vcount"), int)
             if (counts < 0).any() or counts.sum() > len(corners):
-                raise InputError(
-                    f"has a polylist of {counts.sum()} corners, of which {len(corners)} are there",
-                    file=self.file.path,
-                    remedy="The file is damaged; export it again.",
-                )
+                raise damaged(f"has a polylist of {counts.sum()} corners, of which {len(corners)} are there")
             return corners, counts, {}
         outlines, inner = [], {}
         for child in element:
@@ -275,12 +261,7 @@ class _Reader:
         named = [i for i, param in enumerate(accessor.findall("param")) if param.get("name")]
         columns = (named if len(named) >= width else list(range(stride)))[:width]
         if stride < 1 or offset < 0 or count < 0 or len(columns) < width or max(columns) >= stride:
-            raise InputError(
-                f"has a source of {stride} numbers a row, {width} are needed",
-                file=self.file.path,
-                key=source.get("id"),
-                remedy="The file is damaged; export it again.",
-            )
+            raise damaged(f"has a source of {stride} numbers a row, {width} are needed", key=source.get("id"))
         return values[offset : offset + count * stride].reshape(count, stride)[:, columns]
 
 
@@ -290,7 +271,7 @@ def _fan(corners):
     return np.stack([np.broadcast_to(corners[:1], i.shape), corners[i], corners[i + 1]], axis=1)
 
 
-def _transform(step, file) -> np.ndarray:
+def _transform(step) -> np.ndarray:
     """Matrix [4, 4] of one transform of a node."""
     values, T = numbers(step), np.eye(4)
     if step.tag == "matrix":
@@ -309,7 +290,7 @@ def _transform(step, file) -> np.ndarray:
         right /= np.linalg.norm(right)
         T[:3, :4] = np.stack([right, np.cross(back, right), back, eye], axis=1)
     else:
-        raise InputError("is not read", file=file.path, key="skew", remedy="Apply the transforms before export.")
+        raise InputError("is not read", key="skew", remedy="Apply the transforms before export.")
     return T
 
 

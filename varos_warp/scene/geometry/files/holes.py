@@ -12,7 +12,6 @@ def may_cut(page: Page, uv: np.ndarray, fade: np.ndarray | None) -> np.ndarray:
     """Return whether a mask may cut each of some triangles, on the safe side.
 
     Args:
-        page: The page, which masks.
         uv: Its coordinates at the corners [F, 3, 2], v up.
         fade: Alpha of the corners [F, 3], which multiplies that of the page; None: it is 1.
 

@@ -66,7 +66,7 @@ def _of_gltf(path: Path) -> list[Path]:
 
 
 def _of_ply(path: Path) -> list[Path]:
-    return [path.parent / name for name in read_header(_beginning(path), path)[2]]
+    return [path.parent / name for name in read_header(_beginning(path))[2]]
 
 
 def _of_dae(path: Path) -> list[Path]:

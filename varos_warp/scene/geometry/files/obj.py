@@ -9,7 +9,7 @@ import numpy as np
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.mtl import MtlMaterial, outside_tiles, read_mtl, tiles_of
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, damaged, in_words
 from varos_warp.scene.geometry.files.wavefront import (
     GEOMETRY,
     joined,
@@ -101,7 +101,7 @@ class _Text:
         self.path, self.file = path, file
         data = text_of(path.read_bytes())
         if b"\0" in data[:4096]:
-            raise InputError("is not a text file", file=path, remedy="Binary OBJ files are not read; export text.")
+            raise InputError("is not a text file", remedy="Binary OBJ files are not read; export text.")
         data = without_comments(joined(data, GEOMETRY), GEOMETRY)
         self.names: list[str] = [""]
         """Names of the materials, in the order of their first use; the first, empty, is that of faces without any."""
@@ -148,7 +148,6 @@ class _Text:
         if not self._rows[b"f"]:
             raise InputError(
                 "its keywords are in capitals, those of OBJ are small letters",
-                file=self.path,
                 value=keyword,
                 remedy="Write v, vt, f, usemtl and mtllib, or export it anew.",
             )
@@ -180,7 +179,6 @@ class _Text:
         raise InputError(
             f"has colours of vertices from {low:g} to {high:g}, which are neither within 0..1 nor whole "
             "numbers of 0..255",
-            file=self.path,
             key="v",
             remedy="Export it with colours of 0 to 1, or give it a material of the scene.",
         )
@@ -215,11 +213,9 @@ class _Text:
         rows, widths = self._rows[keyword], self._widths_of(keyword)
         least, what = (3, "vertex") if keyword == b"v" else (1, "texture coordinate")
         if (short := np.flatnonzero(widths < least)).size:
-            raise InputError(
+            raise damaged(
                 f"has a {what} of {widths[short[0]]} numbers: {rows[short[0]][:60].decode('utf-8', 'replace')}",
-                file=self.path,
                 key=keyword.decode(),
-                remedy="The file is damaged; export it again.",
             )
         values, starts, out = _flat(rows), np.cumsum(widths) - widths, np.zeros((len(rows), width))
         if values is not None:
@@ -232,11 +228,7 @@ class _Text:
             try:
                 out[i, : len(words)] = [float(word) for word in words]
             except ValueError:
-                raise InputError(
-                    f"has a line that is no numbers: {row[:60].decode('utf-8', 'replace')}",
-                    file=self.path,
-                    remedy="The file is damaged; export it again.",
-                ) from None
+                raise damaged(f"has a line that is no numbers: {row[:60].decode('utf-8', 'replace')}") from None
         return out
 
     def _widths_of(self, keyword: bytes) -> np.ndarray:
@@ -253,7 +245,7 @@ class _Text:
             face and the number of corners int64 [F + 1], and the material of each face int64 [F].
         """
         rows = self._rows[b"f"]
-        corners, counts = _corners(rows, self.path)
+        corners, counts = _corners(rows)
         starts = np.concatenate([[0], np.cumsum(counts)])
         runs = np.array(self._events, np.int64).reshape(-1, 4)
         lengths = np.diff(np.append(runs[:, 0], len(rows)))
@@ -327,7 +319,7 @@ def _flat(rows):
         return None
 
 
-def _corners(rows, path):
+def _corners(rows):
     """Numbers int64 [C, 2] of the corners of faces, and how many each has int64 [F]."""
     counts = _widths(rows)
     words = b" ".join(rows).split()
@@ -339,7 +331,5 @@ def _corners(rows, path):
         pairs = [(word.split(b"/") + [b""])[:2] for word in words]
         flat = np.array([number or b"0" for number in itertools.chain.from_iterable(pairs)], dtype=np.int64)
     except (ValueError, OverflowError):
-        raise InputError(
-            "has a face that is no numbers of vertices", file=path, remedy="The file is damaged; export it again."
-        ) from None
+        raise damaged("has a face that is no numbers of vertices") from None
     return flat.reshape(-1, 2), counts

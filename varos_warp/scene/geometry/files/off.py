@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, damaged
 from varos_warp.scene.images import srgb_to_linear
 
 
@@ -16,9 +16,7 @@ def read_off(path: Path, with_colours: bool) -> MeshFile:
     vertices = np.array([row[:3] for row in points], float).reshape(-1, 3)
     counts = [int(row[0]) for row in polygons]
     if any(len(row) <= count or count < 0 for row, count in zip(polygons, counts, strict=True)):
-        raise InputError(
-            "has a face with fewer vertices than it says", file=path, remedy="The file is damaged; export it again."
-        )
+        raise damaged("has a face with fewer vertices than it says")
     corners = np.array([word for row, n in zip(polygons, counts, strict=True) for word in row[1 : n + 1]], np.int64)
     chosen, polygon = file.triangulated(vertices, corners, np.concatenate([[0], np.cumsum(counts)]).astype(int))
     faces, colours = corners[chosen], None
@@ -43,14 +41,12 @@ def _rows(path):
     if set(prefix) - set("STCN") or lines[:1] == [["BINARY"]]:
         raise InputError(
             f"is a file of kind {' '.join([header[0], *lines[0][:1]])}, which is not read",
-            file=path,
             remedy="Export it as plain OFF, or as PLY.",
         )
     points, polygons = (int(word) for word in lines[0][:2])
     if points < 0 or polygons < 0 or len(lines) - 1 < points + polygons:
         raise InputError(
             f"ends within its {points} vertices and {polygons} faces",
-            file=path,
             remedy="Copy or export it again; the transfer may have broken off.",
         )
     return prefix, lines[1 : 1 + points], lines[1 + points : 1 + points + polygons]
@@ -60,11 +56,7 @@ def _vertex_colours(rows, first, file):
     """Linear colours float32 [V, 3] of the words behind the coordinates."""
     words = [row[first : first + 4] for row in rows]
     if not all(len(row) >= 3 for row in words):
-        raise InputError(
-            "has vertices without the colours that its header promises",
-            file=file.path,
-            remedy="The file is damaged; export it again.",
-        )
+        raise damaged("has vertices without the colours that its header promises")
     return _linear(words, file)
 
 
@@ -93,7 +85,5 @@ def _linear(words, file):
         whole = False
     top = 255.0 if whole else 1.0
     if not ((values >= 0.0) & (values <= top)).all():
-        raise InputError(
-            f"has colours that are not within 0..{top:g}", file=file.path, remedy="Export it with colours of 0 to 255."
-        )
+        raise InputError(f"has colours that are not within 0..{top:g}", remedy="Export it with colours of 0 to 255.")
     return (srgb_to_linear(values / 255.0) if whole else values).astype(np.float32)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,20 +115,10 @@ class MeshFile:
         self.pieces.append(piece)
 
     def check(self, numbers: np.ndarray, count: int, what: str) -> None:
-        """Refuse faces that name what is not there.
-
-        Args:
-            numbers: What they name, counted from 0.
-            count: How many there are.
-            what: Of what, for the message.
-        """
+        """Refuse faces whose numbers, from 0, name ``what`` is not among so many."""
         if numbers.size and (numbers.min() < 0 or numbers.max() >= count):
             worst = numbers.min() if numbers.min() < 0 else numbers.max()
-            raise InputError(
-                f"a face names {what} {worst} of {count}",
-                file=self.path,
-                remedy="The file is damaged; export it again.",
-            )
+            raise damaged(f"a face names {what} {worst} of {count}")
 
     def triangulated(self, vertices: np.ndarray, corners: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
         """Triangles of many polygons; those that cross themselves are noted.
@@ -158,6 +149,11 @@ class MeshFile:
         """
         self.copies += 1
         check_limit("COPIES", self.copies, file=self.path)
+
+
+def damaged(problem: str, key: str | None = None, value: Any = None) -> InputError:
+    """The error of a file that is not what its format says; who calls the reader names the file (mesh_files.py)."""
+    return InputError(problem, key=key, value=value, remedy="The file is damaged; export it again.")
 
 
 def in_words(names: Iterable[str], most: int = 5) -> str:

@@ -7,29 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from varos_warp.errors import InputError, counted
-from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture, in_words
+from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Piece, Texture, damaged, in_words
 from varos_warp.scene.geometry.files.polygons import strip
 from varos_warp.scene.geometry.files.wavefront import shown, text_of
 from varos_warp.scene.images import srgb_to_linear
 
-KINDS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "float32": "f4",
-    "float64": "f8",
-}
+NAMES = "char uchar short ushort int uint float double".split()
+SIZED = "int8 uint8 int16 uint16 int32 uint32 float32 float64".split()
+KINDS = {name: np.dtype(sized).str[1:] for names in (NAMES, SIZED) for name, sized in zip(names, SIZED, strict=True)}
+"""NumPy's types of a number by PLY's names of them, the older and the newer ones."""
 INDICES = ("vertex_indices", "vertex_index")
 COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
@@ -68,11 +54,11 @@ def read_ply(path: Path, with_colours: bool) -> MeshFile:
     """Read a PLY file; it does not say which way is up, nor its unit."""
     file = MeshFile(path)
     data = path.read_bytes()
-    form, elements, textures, start = read_header(data, path)
+    form, elements, textures, start = read_header(data)
     columns = _read_body(data, start, form, elements, file)
     vertex, face, strips = (_by_small_letters(columns, name) for name in ("vertex", "face", "tristrips"))
     if not all(axis in vertex for axis in "xyz"):
-        raise InputError("has no vertices with x, y, z", file=path, remedy="Export a surface as PLY.")
+        raise InputError("has no vertices with x, y, z", remedy="Export a surface as PLY.")
     vertices = np.stack([vertex[axis] for axis in "xyz"], axis=1).astype(float)
     if (rings := _rings(face)) is not None:
         _add_polygons(file, vertices, vertex, face, rings, textures, with_colours)
@@ -142,12 +128,7 @@ def _add_textured(file, vertices, faces, uv, colours, number, textures):
             file.add(Piece(vertices, faces[mine], None, None, None if colours is None else colours[mine]))
             continue
         if not 0 <= k < len(textures):
-            raise InputError(
-                f"a face has texture {k} of {len(textures)}",
-                file=file.path,
-                key="texnumber",
-                remedy="The file is damaged; export it again.",
-            )
+            raise damaged(f"a face has texture {k} of {len(textures)}", key="texnumber")
         texture = Texture(file.path.parent / textures[k], f"TextureFile {shown(textures[k])}")
         file.add(
             Piece(
@@ -192,7 +173,6 @@ def _colours(columns, file) -> np.ndarray | None:
     if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
         raise InputError(
             "has colours in real numbers that are not within 0..1",
-            file=file.path,
             key=names[0],
             remedy="Export colours of 8 bits.",
         )
@@ -223,11 +203,11 @@ def _strip_faces(strips) -> np.ndarray:
 # -------------------------------------------------------------------------------------------------------------- header
 
 
-def read_header(data, path):
+def read_header(data):
     """Byte order (ascii, <, >), elements, names of textures, and where the body begins."""
     found = END.search(data, 0, LONGEST_HEADER)
     if not data.startswith(b"ply") or found is None:
-        raise InputError("has no PLY header", file=path, remedy="Export it anew from the program that made it.")
+        raise InputError("has no PLY header", remedy="Export it anew from the program that made it.")
     end = found.start() + 1
     start = data.find(b"\n", end) + 1 or len(data)
     if data[end + 10 : end + 11] == b"\r" and data[end + 11 : end + 12] != b"\n":
@@ -242,30 +222,23 @@ def read_header(data, path):
         elif words[:1] == ["element"]:
             elements.append(Element(words[1], int(words[2]), []))
         elif words[:1] == ["property"]:
-            elements[-1].properties.append(_property(words, path))
+            elements[-1].properties.append(_property(words))
     if form is None:
         raise InputError(
             "is of a format that PLY does not have",
-            file=path,
             key="format",
             remedy="Export it as binary_little_endian.",
         )
     if any(element.count < 0 for element in elements):
-        raise InputError(
-            "has an element of less than no rows",
-            file=path,
-            key="element",
-            remedy="The file is damaged; export it again.",
-        )
+        raise damaged("has an element of less than no rows", key="element")
     return form, elements, textures, start
 
 
-def _property(words, path) -> Property:
+def _property(words) -> Property:
     kinds = words[2:4] if words[1] == "list" else [words[1]]
     if not all(kind in KINDS for kind in kinds):
         raise InputError(
             f"has a type that PLY does not have: {' '.join(words)}",
-            file=path,
             key="property",
             remedy="Export it anew from the program that made it.",
         )
@@ -280,12 +253,12 @@ def _property(words, path) -> Property:
 def _read_body(data, start, form, elements, file) -> dict[str, dict]:
     """Columns of all elements by name: arrays, or `Lists`; what stands behind them is noted."""
     found, at = {}, start
-    words = _AsciiBody(data[start:], file.path) if form == "ascii" else None
+    words = _AsciiBody(data[start:]) if form == "ascii" else None
     for element in elements:
         if words is not None:
             found[element.name] = words.read(element)
         else:
-            found[element.name], at = _read_binary(data, at, form, element, file.path)
+            found[element.name], at = _read_binary(data, at, form, element)
     rest = len(data[at:] if data[at:].strip() else b"") if words is None else len(words.words) - words.at
     if rest:
         file.note(
@@ -294,26 +267,25 @@ def _read_body(data, start, form, elements, file) -> dict[str, dict]:
     return found
 
 
-def _cut_off(path, element):
+def _cut_off(element):
     return InputError(
         f"ends within its {element.count} rows of '{element.name}'",
-        file=path,
         remedy="Copy or export it again; the transfer may have broken off.",
     )
 
 
-def _read_binary(data, at, order, element, path):
+def _read_binary(data, at, order, element):
     """Columns of one element, and where the next begins."""
     if not any(p.count_kind for p in element.properties):
         row = np.dtype([(f"{i}", order + p.kind) for i, p in enumerate(element.properties)])
         if at + row.itemsize * element.count > len(data):
-            raise _cut_off(path, element)
+            raise _cut_off(element)
         table = np.frombuffer(data, row, element.count, at)
         return {p.name: table[f"{i}"] for i, p in enumerate(element.properties)}, at + row.itemsize * element.count
     even = _read_even(data, at, order, element)
     if even is not None:
         return even
-    return _read_uneven(data, at, order, element, path)
+    return _read_uneven(data, at, order, element)
 
 
 def _read_even(data, at, order, element):
@@ -346,7 +318,7 @@ def _read_even(data, at, order, element):
     return columns, at + row.itemsize * element.count
 
 
-def _read_uneven(data, at, order, element, path):
+def _read_uneven(data, at, order, element):
     """Return what `_read_binary` does, reading row by row."""
     kinds = [
         (np.dtype(order + p.kind), None if p.count_kind is None else np.dtype(order + p.count_kind))
@@ -358,12 +330,12 @@ def _read_uneven(data, at, order, element, path):
             length = 1
             if head is not None:
                 if at + head.itemsize > len(data):
-                    raise _cut_off(path, element)
+                    raise _cut_off(element)
                 length = int(np.frombuffer(data, head, 1, at)[0])
                 at += head.itemsize
             end = at + length * kind.itemsize
             if length < 0 or end > len(data):
-                raise _cut_off(path, element)
+                raise _cut_off(element)
             pieces[k].append(data[at:end])
             lengths[k].append(length)
             at = end
@@ -378,8 +350,8 @@ def _read_uneven(data, at, order, element, path):
 class _AsciiBody:
     """The words of an ASCII body, element by element."""
 
-    def __init__(self, text: bytes, path: Path):
-        self.words, self.path, self.at = text.split(), path, 0
+    def __init__(self, text: bytes):
+        self.words, self.at = text.split(), 0
 
     def read(self, element: Element) -> dict:
         """Columns of the next element."""
@@ -405,7 +377,7 @@ class _AsciiBody:
 
     def _take(self, count, element):
         if self.at + count > len(self.words):
-            raise _cut_off(self.path, element)
+            raise _cut_off(element)
         self.at += count
         return self.words[self.at - count : self.at]
 
@@ -415,11 +387,7 @@ class _AsciiBody:
         except ValueError:
             length = -1
         if length < 0:
-            raise InputError(
-                f"has a row of '{element.name}' whose length is {word[:20]!r}",
-                file=self.path,
-                remedy="The file is damaged; export it again.",
-            )
+            raise damaged(f"has a row of '{element.name}' whose length is {word[:20]!r}")
         return length
 
     def _numbers(self, words, p):
@@ -427,16 +395,10 @@ class _AsciiBody:
         try:
             numbers = np.array(words, dtype=np.float64) if words else np.zeros(0)
         except ValueError:
-            raise InputError(
-                f"has a '{p.name}' that is no number", file=self.path, remedy="The file is damaged; export it again."
-            ) from None
+            raise damaged(f"has a '{p.name}' that is no number") from None
         if p.kind[0] == "f":
             return numbers
         low, high = np.iinfo(p.kind).min, np.iinfo(p.kind).max
         if not ((numbers >= low) & (numbers <= high)).all():
-            raise InputError(
-                f"has a '{p.name}' that its type does not hold",
-                file=self.path,
-                remedy="The file is damaged; export it again.",
-            )
+            raise damaged(f"has a '{p.name}' that its type does not hold")
         return numbers.astype(p.kind)

@@ -23,12 +23,7 @@ FARTHEST_UV = 1e9
 
 
 class Skins:
-    """Makes the skin of a file; notes what it finds wrong in the file's notes.
-
-    Args:
-        file: The file with its pieces.
-        key: The scene file's key that names it, for messages.
-    """
+    """Makes the skin of a file; notes what it finds wrong in the file's notes."""
 
     def __init__(self, file: MeshFile, key: str | None):
         self.file, self.key = file, key
@@ -50,11 +45,9 @@ class Skins:
                 self.file.note("its materials make it black all over: give it a material, if that is not meant")
             return pieces, Skin(np.concatenate(corners))
         plain = [np.ones((len(c), 3, 4), np.float32) for c in corners]
-        tints = (
-            None
-            if all(tint is None for tint in tints)
-            else np.concatenate([white if tint is None else tint for tint, white in zip(tints, plain, strict=True)])
-        )
+        tinted = any(tint is not None for tint in tints)
+        tints = [white if tint is None else tint for tint, white in zip(tints, plain, strict=True)]
+        tints = np.concatenate(tints) if tinted else None
         numbers = np.concatenate([np.full(len(c), page, np.int32) for c, page in zip(corners, pages, strict=True)])
         values = np.concatenate([c if c.shape[-1] == 3 else np.pad(c, ((0, 0), (0, 0), (0, 1))) for c in corners])
         only = len(self.pages) == 1 and not numbers.any()

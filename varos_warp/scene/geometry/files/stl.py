@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 
 from varos_warp.errors import InputError, counted
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, damaged
 from varos_warp.scene.geometry.files.wavefront import text_of
 
 HEADER, TRIANGLE = 84, 50
@@ -23,7 +23,7 @@ def read_stl(path: Path, with_colours: bool) -> MeshFile:
     data = path.read_bytes()
     if _is_text(data):
         data = SOLID.sub(lambda match: b"endsolid" if match[1] else b"solid", text_of(data).lower())  # without names
-        count = _count_facets(data, path)
+        count = _count_facets(data)
     else:
         count = _count_triangles(data, file)
         data = data[: HEADER + TRIANGLE * count]
@@ -36,11 +36,7 @@ def read_stl(path: Path, with_colours: bool) -> MeshFile:
             if with_colours and np.any(mesh.face_attributes.get("stl", 0)):
                 file.note("the colours of binary STL files, which differ between programs, are not read: it is grey")
     if file.triangles != count:
-        raise InputError(
-            f"has {counted(count, 'triangle')}, of which {file.triangles} can be read",
-            file=path,
-            remedy="The file is damaged; export it again.",
-        )
+        raise damaged(f"has {counted(count, 'triangle')}, of which {file.triangles} can be read")
     return file
 
 
@@ -60,22 +56,18 @@ def _count_triangles(data, file):
     """Triangles of a binary file, which are there."""
     count, found = _stated(data), (len(data) - HEADER) // TRIANGLE
     if count is None:
-        raise InputError(
-            "begins neither with 'solid' nor with the 84 bytes of a binary STL", file=file.path, remedy=AGAIN
-        )
+        raise InputError("begins neither with 'solid' nor with the 84 bytes of a binary STL", remedy=AGAIN)
     if found < count:
-        raise InputError(
-            f"says that it has {count} triangles, of which {found} are there", file=file.path, remedy=AGAIN
-        )
+        raise InputError(f"says that it has {count} triangles, of which {found} are there", remedy=AGAIN)
     rest = len(data) - HEADER - TRIANGLE * count
     if rest and not count:
-        raise InputError(f"says that it has 0 triangles, but {rest} bytes follow", file=file.path, remedy=AGAIN)
+        raise InputError(f"says that it has 0 triangles, but {rest} bytes follow", remedy=AGAIN)
     if rest:
         file.note(f"{rest} bytes behind its {count} triangles are left out")
     return count
 
 
-def _count_facets(text, path):
+def _count_facets(text):
     """Facets of a text in small letters and without names, in which all that begins also ends."""
     ends = [bool(match[1]) for match in SOLID.finditer(text)]
     bare = SOLID.sub(b"", text)
@@ -88,10 +80,10 @@ def _count_facets(text, path):
         ("loop", loops, closed),
     ):
         if begun != over:
-            raise InputError(f"begins {counted(begun, what)} and ends {over}", file=path, remedy=AGAIN)
+            raise InputError(f"begins {counted(begun, what)} and ends {over}", remedy=AGAIN)
     outside, *corners = (part.count(b"vertex") for part in re.split(rb"\bfacet\b", bare))
     if odd := [count for count in corners if count != 3]:
-        raise InputError(f"has a facet whose count of vertices is {odd[0]}, not 3", file=path, remedy=AGAIN)
+        raise InputError(f"has a facet whose count of vertices is {odd[0]}, not 3", remedy=AGAIN)
     if outside:
-        raise InputError("has a vertex before its first facet", file=path, remedy=AGAIN)
+        raise InputError("has a vertex before its first facet", remedy=AGAIN)
     return facets

@@ -2,15 +2,13 @@
 
 import itertools
 import zlib
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from threading import Lock
 
 import numpy as np
 
 from varos_warp.cache import cached, code_hash, digest
-from varos_warp.device.devices import usable_cores
-from varos_warp.device.launch import in_tiles
+from varos_warp.device.launch import in_threads, in_tiles
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.surfaces import Layered
@@ -41,7 +39,6 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
 
     Args:
         scene: Its course says how near cameras come, its ``render.max_triangles`` how much form there may be.
-        parts: What is solid in it.
     """
     if not any(isinstance(part.material, Layered) for part in parts):
         return parts
@@ -55,11 +52,10 @@ def with_relief(scene: Scene, parts: list[Part | Instances]) -> list[Part | Inst
     ]
     unformed = {i: Unformed(scene, part, seen) for i, part in enumerate(parts) if isinstance(part.material, Layered)}
     most = scene.render.max_triangles or MOST_TRIANGLES
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        # without bodies, of which every vehicle sees others: all see the same world
-        alike = [each for each in unformed.values() if each.part.name not in scene.companions]
-        factor = _factor(alike, seen, most, pool)
-        done = _all_formed(scene, parts, unformed, seen, factor, pool)
+    # without bodies, of which every vehicle sees others: all see the same world
+    alike = [each for each in unformed.values() if each.part.name not in scene.companions]
+    factor = _factor(alike, seen, most)
+    done = _all_formed(scene, parts, unformed, seen, factor)
     if factor > TOLD_FACTOR:
         warn(
             f"render.max_triangles: {most} triangles are few for surfaces with relief: their edges are {factor:.1f} "
@@ -95,7 +91,7 @@ class Unformed:
         return rough(base.vertices, base.faces, self.pixels(), base.normals)
 
 
-def _all_formed(scene, parts, unformed, seen, factor, pool):
+def _all_formed(scene, parts, unformed, seen, factor):
     """Parts with their relief by their numbers: the ground last, as it lies against all others."""
     ground = Ground(next((part for part in parts if part.name == "terrain"), None))
 
@@ -103,7 +99,7 @@ def _all_formed(scene, parts, unformed, seen, factor, pool):
         return _formed(scene, unformed[i], now, ground, seen, factor)
 
     free, last = ([i for i in unformed if (parts[i].name == "terrain") == is_last] for is_last in (False, True))
-    done = dict(zip(free, pool.map(lambda i: form(i, parts), free), strict=True))
+    done = dict(zip(free, in_threads(lambda i: form(i, parts), free), strict=True))
     return done | {i: form(i, [done.get(k, part) for k, part in enumerate(parts)]) for i in last}
 
 
@@ -127,7 +123,7 @@ class Ground:
         return self.part is not None and part.name != "terrain" and not isinstance(part, Moving)
 
 
-def _factor(surfaces, seen, most, pool):
+def _factor(surfaces, seen, most):
     """By how much all edges are longer than asked; kept, as it takes seconds."""
     depends_on = {
         "meshes": [each.digest for each in surfaces],
@@ -138,7 +134,7 @@ def _factor(surfaces, seen, most, pool):
     }
 
     def build():
-        return {"factor": np.array(factor_for(list(pool.map(Unformed.rough, surfaces)), most))}
+        return {"factor": np.array(factor_for(in_threads(Unformed.rough, surfaces), most))}
 
     return float(cached("relief_factor", depends_on, build)["factor"])
 

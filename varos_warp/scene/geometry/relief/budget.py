@@ -47,8 +47,6 @@ def rough(vertices: np.ndarray, faces: np.ndarray, pixel: Pixels, normals: np.nd
     Args:
         vertices: float64 [V, 3] [m].
         faces: int32 [F, 3].
-        pixel: How wide a pixel is on it.
-        normals: As of `refine`.
     """
     v, f, _ = refine(vertices, faces, lambda points, normals: longest_edge(pixel(points, normals), COARSE), normals)
     middles, twice = np.concatenate([v[f[some]].mean(axis=1) for some in chunks(len(f))]), area_normals(v, f)

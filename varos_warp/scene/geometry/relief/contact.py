@@ -59,11 +59,9 @@ def foot_of(
     Copies of one mesh share what lies on it, by the mean of where they stand.
 
     Args:
-        part: What stands there.
         ground: The terrain before its relief.
         middle: Of the part's base: points are about it.
         banked: Whether the ground banks up against what stands in it.
-        seed: As of `surroundings`.
     """
     if ground is None or isinstance(part, Moving):
         return None

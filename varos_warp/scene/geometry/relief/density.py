@@ -78,24 +78,20 @@ class Footprint:
         """
         middle = self.eyes.mean(axis=0)
         nearest, seen = (wp.empty(len(points), dtype=wp.float32, device="cpu") for _ in range(2))
-        launch(
-            find_nearest_view,
-            len(points),
-            {
-                "eyes": upload((self.eyes - middle).astype(np.float32), wp.vec3, "cpu"),
-                "axes": upload(self.axes.astype(np.float32), wp.vec3, "cpu"),
-                "halves": upload(self.halves.astype(np.float32), wp.float32, "cpu"),
-                "cosines": upload(np.cos(self.halves).astype(np.float32), wp.float32, "cpu"),
-                "radius": upload(np.broadcast_to(np.float32(radius), len(points)).copy(), wp.float32, "cpu"),
-                "points": upload((points - middle).astype(np.float32), wp.vec3, "cpu"),
-                "normals": upload(
-                    np.asarray(np.zeros(points.shape) if normals is None else normals, np.float32), wp.vec3, "cpu"
-                ),
-                "distance": nearest,
-                "seen": seen,
-            },
-            "cpu",
-        )
+
+        def single(values, kind=wp.vec3):
+            return upload(np.asarray(values, np.float32), kind, "cpu")
+
+        given = {
+            "eyes": single(self.eyes - middle),
+            "axes": single(self.axes),
+            "halves": single(self.halves, wp.float32),
+            "cosines": single(np.cos(self.halves), wp.float32),
+            "radius": single(np.broadcast_to(np.float32(radius), len(points)), wp.float32),
+            "points": single(points - middle),
+            "normals": single(np.zeros(points.shape) if normals is None else normals),
+        }
+        launch(find_nearest_view, len(points), {**given, "distance": nearest, "seen": seen}, "cpu")
         found = np.minimum(seen.numpy(), UNSEEN * nearest.numpy()).astype(float)
         return np.maximum(found - self.aside, NEAREST_M)
 
@@ -113,8 +109,6 @@ def footprint(scene: Scene, parts: list[Part | Instances], but: str | None = Non
     """What the cameras of a scene come to see, of all of its vehicles alike.
 
     Args:
-        scene: Its courses are found, if they follow a surface.
-        parts: The scene's geometry before relief.
         but: Id of a vehicle whose cameras do not count, as they never see its body; unless it is the only one.
     """
     others = [vehicle for vehicle in scene.vehicles or () if vehicle.id != but] or scene.vehicles

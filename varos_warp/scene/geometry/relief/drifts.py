@@ -5,12 +5,11 @@ scour before it and along its sides, and a tail in its lee. Banks lean on what i
 with a toe that thins out.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
 
-from varos_warp.device.devices import usable_cores
+from varos_warp.device.launch import in_threads
 from varos_warp.scene.geometry.noise import fbm
 from varos_warp.scene.geometry.parts import Instances, Moving, Part
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
@@ -42,10 +41,8 @@ def surroundings(
     """What the ground knows of all that stands near: objects and copies, by their surfaces.
 
     Args:
-        points: float64 [N, 3], of the ground.
         parts: All else; what moves leaves no trace.
         current: float64 [2]: the current's horizontal direction; zeros: it comes from everywhere alike.
-        seed: Of how uneven banks are.
 
     Returns:
         Distance [N] from the nearest [m], infinite where nothing is near, and the height [N] that all together
@@ -61,7 +58,8 @@ def surroundings(
     near = [partial(_near_object, points, squares, part) for part in objects]
     near += _near_copies(points, squares, groups, reaches)
 
-    def found(some, own):
+    def found(one):
+        some, own = one
         trace = some()
         if trace is None:
             return None
@@ -69,10 +67,10 @@ def surroundings(
         return chosen, distance, drift(distance, size, aside @ current, own + unevenness(points[chosen], size, seed))
 
     unlike = np.random.default_rng([seed, 1]).uniform(-UNLIKE, UNLIKE, len(near))
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        for chosen, distance, added in filter(None, pool.map(found, near, unlike)):  # in the order of the parts
-            clear[chosen] = np.minimum(clear[chosen], distance)
-            height[chosen] += added
+    traces = in_threads(found, list(zip(near, unlike, strict=True)))
+    for chosen, distance, added in filter(None, traces):  # in the order of the parts
+        clear[chosen] = np.minimum(clear[chosen], distance)
+        height[chosen] += added
     return clear, height
 
 
@@ -180,7 +178,6 @@ class Squares:
     """Points of a plane by the squares of a grid that they lie in: which are near is told without a list of them.
 
     Args:
-        points: float64 [N, 2] [m].
         side: Of the squares [m], about as long as radii will be.
     """
 

@@ -230,11 +230,7 @@ def read_points(request: Request) -> Cloud:
 
 
 def _checked_remarks(reference: Reference, table: Table, columns: list[int], middle: np.ndarray) -> list[str]:
-    """Notes of what remarks say of units that is not followed.
-
-    Raises:
-        InputError: One says another unit of length than the file is read in, or that coordinates are degrees.
-    """
+    """Notes of what remarks say of units that is not followed."""
     asked, request = table.request.asked, table.request
     stated = all(parse_name(table.called(i), LENGTHS).unit for i in columns) or asked.unit is not None
     in_part = asked.height_unit is not None or asked.height_scale is not None
@@ -272,11 +268,7 @@ def _checked_remarks(reference: Reference, table: Table, columns: list[int], mid
 
 
 def _with_units_of_header(reference: Reference, table: Table, columns: list[int]) -> Reference:
-    """The reference with the units that the names of the columns end with, which say more than a system.
-
-    Raises:
-        InputError: They are not the same along x and y, or not those of the file beside it, or there is a scale, too.
-    """
+    """The reference with the units that the names of the columns end with, which say more than a system."""
     if not (table.names or table.units) or max(columns) >= table.width:
         return reference
     request, named = table.request, [table.called(i) for i in columns]

@@ -19,34 +19,13 @@ UNITS = {"m": 1.0, "ft": FOOT, "us_ft": US_FOOT}
 EPSG_UNITS = {9001: 1.0, 9002: FOOT, 9003: US_FOOT, 9014: 6 * FOOT, 9036: 1000.0}
 """Metres in a unit of length by its EPSG code."""
 DEPTHS = (
-    5336,
-    5612,
-    5614,
-    5706,
-    5715,
-    5734,
-    5739,
-    5789,
-    5831,
-    *range(5861, 5868),
-    5873,
-    *range(6357, 6360),
-    7976,
-    8051,
-    8053,
-    8358,
-    9287,
-    9288,
-    9672,
-    10150,
-    10151,
-    10349,
-    10364,
-    *range(10370, 10380),
-    *range(10547, 10553),
-    10649,
-    10650,
-    10678,
+    *map(int, "5336 5612 5614 5706 5715 5734 5739 5789 5831 5873 7976 8051 8053 8358 9287 9288 9672".split()),
+    *map(int, "10150 10151 10349 10364 10649 10650 10678".split()),
+    *(
+        code
+        for first, end in ((5861, 5868), (6357, 6360), (10370, 10380), (10547, 10553))
+        for code in range(first, end)
+    ),
 )
 """EPSG codes of vertical systems that count downwards."""
 MERCATORS = (3857, 3785, 3395, 900913, 102100, 102113, 54004)
@@ -106,7 +85,6 @@ def of_geokeys(keys: dict[int, object], request: Request, middle: tuple[float, f
 
     Args:
         keys: Values by the number of the key: ints, floats and texts.
-        request: For messages.
         middle: x, y of the middle of the file, in its own axes.
 
     Raises:

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import InputError, refused_as
 from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Reference, Request
@@ -45,7 +45,7 @@ def read_geotiff(request: Request) -> Raster:
     """
     import tifffile
 
-    try:
+    with refused_as(lambda error: _unread(error, request)):  # tifffile raises many kinds
         with tifffile.TiffFile(request.path) as file:
             page, mask = _pages(file, request)
             tags = {number: page.tags.valueof(number) for number in TAGS}
@@ -56,10 +56,6 @@ def read_geotiff(request: Request) -> Raster:
             more = _mask_beside(replace(request, path=outside), values.shape)
             mask = more if mask is None else mask | more
         return _placed(values, mask, tags, request)
-    except InputError:
-        raise
-    except Exception as error:  # tifffile raises many kinds
-        raise _unread(error, request) from error
 
 
 def _unread(error: Exception, request: Request) -> InputError:
@@ -122,13 +118,8 @@ def _mask_beside(request: Request, shape: tuple[int, ...]) -> np.ndarray:
     """Return whether GDAL's mask in a file of its own says that there is nothing, bool [rows, columns]."""
     import tifffile
 
-    try:
-        with tifffile.TiffFile(request.path) as file:
-            mask = _mask(file.pages.first, request)
-    except InputError:
-        raise
-    except Exception as error:  # tifffile raises many kinds
-        raise _unread(error, request) from error
+    with refused_as(lambda error: _unread(error, request)), tifffile.TiffFile(request.path) as file:
+        mask = _mask(file.pages.first, request)
     if mask.shape != shape:
         raise request.error(
             "is a mask of another size than the heights beside it", "Write both anew: gdal_translate in.tif out.tif."

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from varos_warp.errors import InputError
+from varos_warp.errors import refused_as
 from varos_warp.files import beside
 from varos_warp.limits import check_limit
 from varos_warp.scene.geometry.survey.content import Raster, Request
@@ -15,19 +15,16 @@ def read_picture(request: Request) -> Raster:
     Raises:
         InputError: It is damaged or coloured, or its keys do not say what grey means and how far apart pixels are.
     """
-    try:
-        with open_image(request.path, f"{request.key}.file", limit="HEIGHTS", formats=("PNG",)) as image:
-            if image.mode not in ("L", "I;16", "I;16B", "I"):
-                raise request.error(
-                    f"is a coloured picture (mode {image.mode}), not heights",
-                    "Give a grey PNG of 8 or 16 bits, a GeoTIFF or an NPY file.",
-                )
-            values = np.asarray(image)
-            clear = image.info.get("transparency")  # of the chunk tRNS: the grey that is not there
-    except InputError:
-        raise
-    except Exception as error:  # Pillow raises many kinds
-        raise request.error(f"cannot be read as a PNG: {error}", "The file may be damaged; export it again.") from error
+    again = "The file may be damaged; export it again."
+    opened = open_image(request.path, f"{request.key}.file", limit="HEIGHTS", formats=("PNG",))
+    with refused_as(lambda error: request.error(f"cannot be read as a PNG: {error}", again)), opened as image:
+        if image.mode not in ("L", "I;16", "I;16B", "I"):
+            raise request.error(
+                f"is a coloured picture (mode {image.mode}), not heights",
+                "Give a grey PNG of 8 or 16 bits, a GeoTIFF or an NPY file.",
+            )
+        values = np.asarray(image)
+        clear = image.info.get("transparency")  # of the chunk tRNS: the grey that is not there
     if values.dtype.kind == "i":  # Pillow keeps 16 bits in 32
         values = values.astype(np.uint16)
     mask = None if clear is None else values == clear
@@ -66,8 +63,6 @@ def placed(shape: tuple[int, ...], request: Request, told: np.ndarray | None = N
     """The places of the nodes [rows, columns] of a picture, float64 [2, 3], and whether its files tell them.
 
     Args:
-        shape: Rows and columns.
-        request: The keys of the block, for pictures that do not say where they lie.
         told: The places by the picture itself; None if it has none, so that a world file may tell them.
     """
     T = world_file(request) if told is None else told
@@ -125,9 +120,7 @@ def to_heights(
     """Values [rows, columns] as float64, NaN for those that stand for none, and grey by ``height_range_m``.
 
     Args:
-        values: As the file holds them.
         nodata: What stands for none by the file; the block's own counts before it.
-        request: The keys of the block.
         measured: Whether whole numbers of more than 8 bits are heights; those of pictures only mean some.
         mask: Where there are none, bool [rows, columns].
     """

@@ -56,11 +56,6 @@ class Survey:
 def read_survey(asked: Heights, resolve: Callable[[str], Path] = Path, key: str = "terrain") -> Survey:
     """Read the files of a block.
 
-    Args:
-        asked: The block.
-        resolve: Makes a path of a file's name.
-        key: Key of the block, for messages.
-
     Raises:
         InputError: A file cannot be read, or its heights or places are not what a sea floor is made of.
     """
@@ -136,11 +131,7 @@ def _unread(path: Path) -> list[str]:
 
 
 def _in_metres(read: Raster | Cloud, request: Request) -> Raster | Cloud:
-    """Coordinates and heights in metres, up, with the offset, in the region.
-
-    Raises:
-        InputError: The unit or the sign is not known, or nothing is left.
-    """
+    """Coordinates and heights in metres, up, with the offset, in the region."""
     asked, (unit, height_unit) = request.asked, _units(read.reference, request)
     factor = height_unit * (1.0 if asked.height_scale is None else asked.height_scale)
     factor = -factor if _downwards(read.reference, request) else factor
@@ -296,7 +287,7 @@ def _surface_of_points(cloud: Cloud, asked: Heights, path: Path, key: str):
     try:
         vertices, faces, holes, median = scattered.triangulate(alone, asked.longest_edge_m, key)
     except InputError as error:
-        raise InputError(error.problem, file=path, key=error.key, value=error.value, remedy=error.remedy) from None
+        raise error.but(file=path) from None
     return (
         vertices,
         faces,
@@ -328,11 +319,9 @@ def _doubts(facts: dict, asked: Heights) -> list[str]:
     if low > 0.0 and not stated:
         found.append(f"its heights are all above 0, {low:.3g} to {high:.3g} m; if they are depths, give positive: down")
     if facts["holes"]:
-        what = (
-            "preprocess fills those that are narrow enough"
-            if asked.preprocess
-            else ("they are left open (preprocess: {fill_holes_m: WIDTH} fills them)")
-        )
+        what = "they are left open (preprocess: {fill_holes_m: WIDTH} fills them)"
+        if asked.preprocess:
+            what = "preprocess fills those that are narrow enough"
         count, area = counted(facts["holes"], "hole"), facts["hole_area_m2"]
         found.append(f"{count} without heights, {area:.4g} m2 in all; {what}")
     if stacked := facts.get("stacked"):

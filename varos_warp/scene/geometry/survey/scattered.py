@@ -88,11 +88,6 @@ def merge_stacked(points: np.ndarray) -> np.ndarray:
 def triangulate(points: np.ndarray, longest: float | None, key: str) -> tuple[np.ndarray, np.ndarray, Holes, float]:
     """Join scattered points by edges no longer than ``longest`` seen from above [m].
 
-    Args:
-        points: float64 [N, 3].
-        longest: The longest edge [m]; None for five median edges.
-        key: Key of the block, for messages.
-
     Returns:
         Vertices float64 [V, 3], faces int32 [F, 3], counter-clockwise seen from above, the holes, and the median edge.
 

@@ -53,10 +53,6 @@ def one_sided_distance(source, target, samples: int = DISTANCE_SAMPLES, *, devic
     nearest face.
 
     Args:
-        source: The mesh on which points are sampled.
-        target: The mesh to which the distances go.
-        samples: Their number.
-        device: Where the nearest points are found.
         region: Only points in xmin, ymin, xmax, ymax [m] count.
     """
     points, face = sample_surface(*source, samples)

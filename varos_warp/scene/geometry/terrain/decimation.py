@@ -37,14 +37,7 @@ MENDINGS = 8
 
 
 def decimate(vertices, faces, target_vertices: int, progress=lambda share: None):
-    """About ``target_vertices`` vertices. Large meshes are first thinned out tile by tile, seams untouched.
-
-    Args:
-        vertices: float64 [V, 3] [m].
-        faces: int32 [F, 3].
-        target_vertices: At most about so many.
-        progress: Called with the share that is done.
-    """
+    """About ``target_vertices`` vertices. Large meshes are first thinned out tile by tile, seams untouched."""
     target = max(4, round(len(faces) * target_vertices / len(vertices)))
     centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))  # quadrics of large coordinates lose digits
     scale = SIDE / max(np.ptp(vertices, axis=0).max(), 1e-30)

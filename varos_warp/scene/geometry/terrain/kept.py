@@ -26,9 +26,6 @@ class Model:
     """A mesh before the steps that could ruin it.
 
     Args:
-        vertices: float64 [V, 3] [m].
-        faces: int32 [F, 3].
-        device: Where the distances are found.
         region: Only what is in xmin, ymin, xmax, ymax [m] is looked for.
     """
 

@@ -173,9 +173,7 @@ def _wrap(vertices, faces, asked, sheet, *, device, key, share):
             vertices, faces, asked.shrinkwrap_resolution, asked.region, sheet=sheet, device=device, progress=share
         )
     except InputError as error:
-        raise InputError(
-            error.problem, key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution, remedy=error.remedy
-        ) from None
+        raise error.but(key=f"{key}.{error.key}", value=asked.shrinkwrap_resolution) from None
 
 
 def _refuse_loss(model, mesh, log, *, key, value, remedy):
@@ -314,12 +312,8 @@ def _read_survey(files, keys: dict | None) -> Survey | None:
         asked = Heights(**block)
     except ValidationError as error:
         found = input_error(error, Source(block, Heights))
-        raise InputError(
-            found.problem,
-            key=f"survey.{found.key}",
-            value=found.value,
-            remedy=(f"{found.remedy or ''} `varos-warp schema terrain.heights` tells of the keys.").strip(),
-        ) from None
+        more = f"{found.remedy or ''} `varos-warp schema terrain.heights` tells of the keys.".strip()
+        raise found.but(key=f"survey.{found.key}", remedy=more) from None
     return read_survey(asked, key="survey")
 
 

@@ -298,29 +298,11 @@ def project_rounds(model: Surface, wrap: Wrap, step: float, rounds: int) -> None
     points = upload(wrap.points, wp.vec3, device)
     moved, held = wp.empty_like(points), wp.empty(count, dtype=wp.int8, device=device)
     for _ in range(rounds):
-        launch(
-            project.move_vertices,
-            count,
-            {
-                "mesh": model.mesh.id,
-                "points": points,
-                "faces": faces,
-                "first": first,
-                "incident": incident,
-                "lock": lock,
-                "step": step,
-                "moved": moved,
-                "held": held,
-            },
-            device,
-        )
+        fans = {"faces": faces, "first": first, "incident": incident}
+        move = {"mesh": model.mesh.id, "points": points, "lock": lock, "step": step, "moved": moved, "held": held}
+        launch(project.move_vertices, count, move | fans, device)
         after = wp.empty_like(points)
-        launch(
-            project.undo_folds,
-            count,
-            {"before": points, "moved": moved, "faces": faces, "first": first, "incident": incident, "after": after},
-            device,
-        )
+        launch(project.undo_folds, count, {"before": points, "moved": moved, "after": after} | fans, device)
         points = after
     wrap.points, wrap.held = points.numpy(), held.numpy().astype(bool)
 

@@ -15,11 +15,6 @@ from varos_warp.scene.water.phase.tabulated import Tabulated, read_table
 def make_phase(block, resolve: Callable[[str], Path] = Path, key: str = "phase") -> PhaseFunction:
     """The phase function that a block of the scene file describes.
 
-    Args:
-        block: One of scene/description/water.py.
-        resolve: Finds a file that the block names.
-        key: Where the block stands, for messages.
-
     Raises:
         InputError: A file that it names cannot be used.
     """

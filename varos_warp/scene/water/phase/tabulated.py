@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from varos_warp.errors import InputError
-from varos_warp.scene.angle_table import AngleTable
+from varos_warp.scene.angle_table import AngleTable, read_csv
 from varos_warp.scene.water.phase.phase_function import PhaseFunction
 from varos_warp.scene.water.phase.power_table import S_CUT
 
@@ -96,14 +95,9 @@ def read_table(path: Path, key: str) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         InputError: The file is missing, or is no such table.
     """
-    angle_deg, p, lines = TABLE.read(path, key)
-    if angle_deg[1] <= SMALLEST_DEG:
-        raise InputError(
-            f"has two angles up to {SMALLEST_DEG:g} degrees, which are one here",
-            file=path,
-            key=key,
-            line=lines[1],
-            value=float(angle_deg[1]),
-            remedy="Leave the smaller ones out.",
-        )
+    rows = TABLE.of(read_csv(path, key, TABLE.what))
+    angle_deg, p = rows.values.T
+    same = (angle_deg <= SMALLEST_DEG) & (np.arange(len(p)) == 1)
+    two = f"has two angles up to {SMALLEST_DEG:g} degrees, which are one here"
+    rows.refuse(same, 0, two, "Leave the smaller ones out.")
     return angle_deg, p

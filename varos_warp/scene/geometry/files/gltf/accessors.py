@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from varos_warp.errors import InputError, optional
+from varos_warp.errors import InputError, optional, refused_as
 from varos_warp.scene.geometry.files.gltf.document import Document
+from varos_warp.scene.geometry.files.pieces import damaged
 
 TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4", 5130: "<f8"}
 """Types of components by their codes; 5130 is that of KHR_accessor_float64."""
@@ -25,9 +26,9 @@ def read_accessor(document: Document, index: Any) -> np.ndarray:
     kind, width = TYPES.get(block.get("componentType")), WIDTHS.get(block.get("type"))
     count = block.get("count")
     if kind is None or width is None or not isinstance(count, int) or not 0 <= count < MOST_ROWS:
-        raise document.damaged("has a componentType, type or count that glTF does not have", key)
+        raise damaged("has a componentType, type or count that glTF does not have", key)
     if block.get("bufferView") is None:
-        rows = _zeros(document, block, count, width, kind, key)
+        rows = _zeros(count, width, kind, key)
     else:
         rows = _rows(document, block["bufferView"], block.get("byteOffset", 0), count, width, kind, key)
     if block.get("sparse") is not None:
@@ -50,12 +51,11 @@ def as_numbers(values: np.ndarray, normalized: bool) -> np.ndarray:
     return np.maximum(values.astype(np.float64) / top, -1.0)
 
 
-def _zeros(document, block, count, width, kind, key):
+def _zeros(count, width, kind, key):
     """Zeros, which sparse values replace; there is no file whose size bounds their number."""
     if count * width > MOST_ZEROS:
         raise InputError(
             f"has {count} elements without bytes of their own, more than a file may ask for",
-            file=document.path,
             key=key,
             remedy="Export it without sparse accessors.",
         )
@@ -67,9 +67,9 @@ def _rows(document, view, offset, count, width, kind, key):
     data, dtype = document.view(view), np.dtype(kind)
     stride = document.get("bufferViews", view).get("byteStride") or width * dtype.itemsize
     if not all(isinstance(n, int) and n >= 0 for n in (offset, stride)):
-        raise document.damaged("has a byteOffset or byteStride that is no number of bytes", key)
+        raise damaged("has a byteOffset or byteStride that is no number of bytes", key)
     if count and offset + (count - 1) * stride + width * dtype.itemsize > len(data):
-        raise document.damaged(f"ends after its buffer view of {len(data)} bytes", key)
+        raise damaged(f"ends after its buffer view of {len(data)} bytes", key)
     return np.ndarray((count, width), dtype, data if count else b"", offset if count else 0, (stride, dtype.itemsize))
 
 
@@ -77,11 +77,11 @@ def _with_sparse(document, sparse, rows, kind, key):
     """A copy of the rows, in which those that ``sparse`` names are replaced."""
     count, where, values = sparse["count"], sparse["indices"], sparse["values"]
     if not isinstance(count, int) or not 0 <= count <= len(rows):
-        raise document.damaged("has more sparse values than elements", key)
+        raise damaged("has more sparse values than elements", key)
     at = _rows(document, where["bufferView"], where.get("byteOffset", 0), count, 1, TYPES[where["componentType"]], key)
     new = _rows(document, values["bufferView"], values.get("byteOffset", 0), count, rows.shape[1], kind, key)
     if count and at.max() >= len(rows):
-        raise document.damaged(f"has a sparse value for element {at.max()} of {len(rows)}", key)
+        raise damaged(f"has a sparse value for element {at.max()} of {len(rows)}", key)
     rows = rows.copy()
     rows[at[:, 0]] = new
     return rows
@@ -103,15 +103,11 @@ class DracoPrimitive:
             "the mesh is compressed by Draco, and DracoPy, which decodes that,",
             "draco",
             ", or export it without compression",
-            file=document.path,
             key="KHR_draco_mesh_compression",
         )
-        try:
+        name = "KHR_draco_mesh_compression"
+        with refused_as(lambda error: damaged(f"Draco cannot decode it: {error}", name)):
             self.mesh = draco.decode(bytes(document.view(extension.get("bufferView"))))
-        except InputError:
-            raise
-        except Exception as error:
-            raise document.damaged(f"Draco cannot decode it: {error}", "KHR_draco_mesh_compression") from None
         self.ids = extension.get("attributes") or {}
 
     @property

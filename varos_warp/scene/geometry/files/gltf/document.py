@@ -12,34 +12,17 @@ import numpy as np
 
 from varos_warp.errors import InputError
 from varos_warp.files import is_file
-from varos_warp.scene.geometry.files.pieces import in_words
+from varos_warp.scene.geometry.files.pieces import damaged, in_words
 
 READ = {
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "KHR_draco_mesh_compression",
-    "EXT_mesh_gpu_instancing",
-    "EXT_texture_webp",
-    "KHR_materials_unlit",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_node_visibility",
+    *"KHR_mesh_quantization KHR_texture_transform KHR_draco_mesh_compression EXT_mesh_gpu_instancing".split(),
+    *"EXT_texture_webp KHR_materials_unlit KHR_materials_pbrSpecularGlossiness KHR_node_visibility".split(),
 }
 """Extensions that are read."""
 NO_EFFECT = {
-    "KHR_xmp",
-    "KHR_xmp_json_ld",
-    "KHR_materials_ior",
-    "KHR_materials_specular",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_anisotropy",
-    "KHR_materials_dispersion",
-    "KHR_node_hoverability",
-    "KHR_node_selectability",
-    "KHR_interactivity",
-    "KHR_animation_pointer",
-    "KHR_accessor_float64",
-    "EXT_mesh_manifold",
-    "FB_ngon_encoding",
+    *"KHR_xmp KHR_xmp_json_ld KHR_materials_ior KHR_materials_specular KHR_materials_emissive_strength".split(),
+    *"KHR_materials_anisotropy KHR_materials_dispersion KHR_node_hoverability KHR_node_selectability".split(),
+    *"KHR_interactivity KHR_animation_pointer KHR_accessor_float64 EXT_mesh_manifold FB_ngon_encoding".split(),
 }
 """Extensions that change nothing of what is modelled: shape, and Lambertian colour without light of its own."""
 IGNORED = {
@@ -73,9 +56,6 @@ ANEW = "Export it without this extension."
 class Document:
     """A glTF file.
 
-    Args:
-        path: A .gltf or .glb file.
-
     Raises:
         InputError: It is no glTF 2.0, or requires an extension that is not read.
     """
@@ -88,42 +68,35 @@ class Document:
             data, self.chunk = self._chunks(data)
         self.json = json.loads(data.decode("utf-8-sig"))
         if not isinstance(self.json, dict):
-            raise self.damaged("is no glTF: its JSON is not an object")
+            raise damaged("is no glTF: its JSON is not an object")
         version = str(self.json.get("asset", {}).get("version", ""))
         if version.split(".", maxsplit=1)[0] != "2":
             raise InputError(
                 f"is glTF {version or 'of no version'}; version 2 is read",
-                file=path,
                 key="asset.version",
                 remedy="Export it as glTF 2.0.",
             )
         self._buffers: dict[int, bytes | np.memmap] = {}
         self._check_extensions()
 
-    def damaged(self, problem: str, key: str | None = None, value: Any = None) -> InputError:
-        """The error of a file that is not what glTF says."""
-        return InputError(problem, file=self.path, key=key, value=value, remedy="The file is damaged; export it again.")
-
     def _chunks(self, data: bytes) -> tuple[bytes, bytes | None]:
         """JSON and binary chunk of a GLB container."""
         if len(data) < 20:
-            raise self.damaged("is a GLB that ends in its header")
+            raise damaged("is a GLB that ends in its header")
         version, length = struct.unpack_from("<II", data, 4)
         if version != 2:
-            raise InputError(
-                f"is a GLB of version {version}; version 2 is read", file=self.path, remedy="Export it as glTF 2.0."
-            )
+            raise InputError(f"is a GLB of version {version}; version 2 is read", remedy="Export it as glTF 2.0.")
         if length > len(data):
-            raise self.damaged(f"is a GLB of {length} bytes, of which {len(data)} are there")
+            raise damaged(f"is a GLB of {length} bytes, of which {len(data)} are there")
         chunks, at = {}, 12
         while at + 8 <= length:
             size, kind = struct.unpack_from("<I4s", data, at)
             if at + 8 + size > length:
-                raise self.damaged("is a GLB with a chunk that ends after the file")
+                raise damaged("is a GLB with a chunk that ends after the file")
             chunks.setdefault(kind, data[at + 8 : at + 8 + size])
             at += 8 + size
         if b"JSON" not in chunks:
-            raise self.damaged("is a GLB without JSON")
+            raise damaged("is a GLB without JSON")
         return chunks[b"JSON"], chunks.get(b"BIN\0")
 
     def _check_extensions(self) -> None:
@@ -132,7 +105,6 @@ class Document:
             if name not in READ | NO_EFFECT:
                 raise InputError(
                     "the file requires this extension, which is not read",
-                    file=self.path,
                     key="extensionsRequired",
                     value=name,
                     remedy=REMEDIES.get(name, ANEW),
@@ -153,23 +125,23 @@ class Document:
         """The list of one kind of objects: nodes, meshes, accessors ..."""
         found = self.json.get(kind, [])
         if not isinstance(found, list):
-            raise self.damaged("is no list", kind)
+            raise damaged("is no list", kind)
         return found
 
     def get(self, kind: str, index: Any) -> dict:
         """One object of a kind by its number."""
         entries = self.all(kind)
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
-            raise self.damaged(f"is named, but there are {len(entries)}", f"{kind}.{index}")
+            raise damaged(f"is named, but there are {len(entries)}", f"{kind}.{index}")
         if not isinstance(entries[index], dict):
-            raise self.damaged("is no object", f"{kind}.{index}")
+            raise damaged("is no object", f"{kind}.{index}")
         return entries[index]
 
     def extension(self, block: dict, name: str) -> dict | None:
         """What an extension says of an object; None where it says nothing."""
         found = (block.get("extensions") or {}).get(name)
         if found is not None and not isinstance(found, dict):
-            raise self.damaged("is no object", f"extensions.{name}")
+            raise damaged("is no object", f"extensions.{name}")
         return found
 
     # ----------------------------------------------------------------------------------------------------- bytes
@@ -180,14 +152,14 @@ class Document:
         data = self._buffer(block.get("buffer"))
         start, length = int(block.get("byteOffset", 0)), int(block.get("byteLength", -1))
         if start < 0 or length < 0 or start + length > len(data):
-            raise self.damaged(f"ends at byte {start + length} of a buffer of {len(data)}", f"bufferViews.{index}")
+            raise damaged(f"ends at byte {start + length} of a buffer of {len(data)}", f"bufferViews.{index}")
         return memoryview(data)[start : start + length]
 
     def _buffer(self, index: Any):
         if index not in self._buffers:
             uri = self.get("buffers", index).get("uri")
             if uri is None and self.chunk is None:
-                raise self.damaged("has no bytes in this file", f"buffers.{index}")
+                raise damaged("has no bytes in this file", f"buffers.{index}")
             self._buffers[index] = self.chunk if uri is None else self.bytes_of(uri, f"buffers.{index}.uri")
         return self._buffers[index]
 
@@ -198,13 +170,12 @@ class Document:
     def bytes_of(self, uri: Any, key: str) -> bytes:
         """The bytes that a URI names or holds."""
         if not isinstance(uri, str):
-            raise self.damaged("is no text", key)
+            raise damaged("is no text", key)
         path = self.beside(uri)
         if path is not None:
             if not is_file(path):
                 raise InputError(
                     f"there is no such file beside {self.path.name}: {path.name}",
-                    file=self.path,
                     key=key,
                     remedy="Copy it there too, or export everything into one GLB.",
                 )
@@ -213,4 +184,4 @@ class Document:
             head, _, data = uri.partition(",")
             return base64.b64decode(data, validate=True) if head.endswith(";base64") else unquote(data).encode("latin1")
         except (binascii.Error, UnicodeEncodeError):
-            raise self.damaged("holds data that cannot be decoded", key) from None
+            raise damaged("holds data that cannot be decoded", key) from None

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from varos_warp.scene.geometry.files.gltf.document import Document
-from varos_warp.scene.geometry.files.pieces import FileMaterial, Texture
+from varos_warp.scene.geometry.files.pieces import FileMaterial, Texture, damaged
 
 WRAPPING = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 NEAREST = 9728
@@ -85,9 +85,9 @@ class Materials:
         """Factors of red, green, blue and alpha, which rounding may leave just above 1."""
         colour = np.asarray([1.0, 1.0, 1.0, 1.0] if factor is None else factor, float)
         if colour.shape != (4,):
-            raise self.document.damaged(f"has a {name} that is not 4 numbers (red, green, blue, alpha)", key)
+            raise damaged(f"has a {name} that is not 4 numbers (red, green, blue, alpha)", key)
         if not ((colour >= 0.0) & (colour <= 1.0 + ROUNDING)).all():
-            raise self.document.damaged(f"{name} is not within 0..1", key)
+            raise damaged(f"{name} is not within 0..1", key)
         return np.minimum(colour, 1.0)
 
     def _transform(self, info):

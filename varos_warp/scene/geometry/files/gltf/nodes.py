@@ -16,7 +16,7 @@ from varos_warp.scene.geometry.files.gltf.accessors import (
 )
 from varos_warp.scene.geometry.files.gltf.document import Document
 from varos_warp.scene.geometry.files.gltf.materials import Materials
-from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, in_words
+from varos_warp.scene.geometry.files.pieces import MeshFile, Piece, damaged, in_words
 from varos_warp.scene.geometry.files.polygons import strip
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
@@ -64,7 +64,7 @@ class _Reader:
         """Nodes with their matrices to the scene and their keys, depth first."""
         for index in nodes:
             if index in above or len(above) > DEEPEST:
-                raise self.document.damaged("is below itself", f"nodes.{index}")
+                raise damaged("is below itself", f"nodes.{index}")
             node = self.document.get("nodes", index)
             if (self.document.extension(node, "KHR_node_visibility") or {}).get("visible", True) is False:
                 continue
@@ -80,14 +80,14 @@ class _Reader:
         else:
             rotation = np.asarray(node.get("rotation", (0, 0, 0, 1)), float)
             if rotation.shape != (4,) or not np.linalg.norm(rotation) > 0.0:
-                raise self.document.damaged("is no rotation", f"{key}.rotation", node["rotation"])
+                raise damaged("is no rotation", f"{key}.rotation", node["rotation"])
             matrix = pose(
                 np.asarray(node.get("translation", (0, 0, 0)), float),
                 rotation,
                 np.asarray(node.get("scale", (1, 1, 1)), float),
             )
         if not np.isfinite(matrix).all():
-            raise self.document.damaged("has a matrix that is not finite", key)
+            raise damaged("has a matrix that is not finite", key)
         return matrix
 
     # ----------------------------------------------------------------------------------------------------- places
@@ -114,14 +114,14 @@ class _Reader:
         given = {name: read_numbers(self.document, attributes[name]) for name in names if name in attributes}
         counts = {self.document.get("accessors", index).get("count") for index in attributes.values()}
         if len(counts) != 1:
-            raise self.document.damaged(f"has {'attributes of different counts' if counts else 'no attributes'}", key)
+            raise damaged(f"has {'attributes of different counts' if counts else 'no attributes'}", key)
         if others := [name for name in attributes if name not in names]:
             self.file.note(
                 f"{in_words(others)} of EXT_mesh_gpu_instancing {'is' if len(others) == 1 else 'are'} not "
                 "read: copies differ by place, turn and scale alone"
             )
         if "ROTATION" in given and not (np.linalg.norm(given["ROTATION"], axis=1) > 0.0).all():
-            raise self.document.damaged("has a rotation 0 0 0 0", key)
+            raise damaged("has a rotation 0 0 0 0", key)
         for i in range(counts.pop()):
             yield pose(
                 *(
@@ -195,7 +195,7 @@ class _Reader:
             return values if values is None else values.astype(np.float64)
         index = stored.block["attributes"]["COLOR_0"]
         if values.dtype.kind != "u" or values.dtype.itemsize > 2:
-            raise self.document.damaged("is COLOR_0 of a type that glTF does not have there", f"accessors.{index}")
+            raise damaged("is COLOR_0 of a type that glTF does not have there", f"accessors.{index}")
         if not self.document.get("accessors", index).get("normalized", False):
             self.file.note(
                 "COLOR_0 holds integers that are not normalized, which glTF does not have: they are taken as normalized"
@@ -206,7 +206,7 @@ class _Reader:
         """Vertices where their joints have them (section 3.7.3.3), in the axes of the scene."""
         skin = self.document.get("skins", index)
         if outside := [joint for joint in skin["joints"] if joint not in self.matrices]:
-            raise self.document.damaged(
+            raise damaged(
                 f"names joint {outside[0]}, which is not a node of the scene that is shown", f"skins.{index}.joints"
             )
         joints = np.array([self.matrices[joint] for joint in skin["joints"]])

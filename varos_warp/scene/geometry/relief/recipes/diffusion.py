@@ -4,12 +4,10 @@ Threads share the tiles; sums go over tiles in their order, so that no byte depe
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy import sparse
 
-from varos_warp.device.devices import usable_cores
 from varos_warp.device.launch import in_threads, tiles_of
 
 ITERATIONS = 80
@@ -46,16 +44,14 @@ def smoothed(
     start = (values - offset).astype(np.float32)
     first = start if near is None else (near - offset).astype(np.float32)
     tiles = [(rows, adjacency[rows]) for rows in tiles_of(len(p))]
-    with ThreadPoolExecutor(min(usable_cores(), max(len(tiles), 1))) as pool:
-        found = _Search(mass, diagonal, tiles, pool).run(start, first)
-    return offset + found
+    return offset + _Search(mass, diagonal, tiles).run(start, first)
 
 
 class _Search:
     """Conjugate gradients in (diagonal - neighbours) q = mass values, with the diagonal as preconditioner."""
 
-    def __init__(self, mass: np.ndarray, diagonal: np.ndarray, tiles: list[Tile], pool: ThreadPoolExecutor):
-        self._mass, self._diagonal, self._tiles, self._pool = mass, diagonal, tiles, pool
+    def __init__(self, mass: np.ndarray, diagonal: np.ndarray, tiles: list[Tile]):
+        self._mass, self._diagonal, self._tiles = mass, diagonal, tiles
 
     def run(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
         """The solution float64 [N, K], each column by itself; ``q`` [N, K] is what it is sought from.
@@ -76,7 +72,7 @@ class _Search:
         return q.astype(np.float64)
 
     def _sum(self, part: Callable[[Tile], np.ndarray | float]):
-        return sum(self._pool.map(part, self._tiles))
+        return sum(in_threads(part, self._tiles))
 
     def _product(self, q, tile):
         rows, near = tile

@@ -7,7 +7,6 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.geometry.noise import Patterns
 from varos_warp.scene.geometry.relief.recipes.masks import Shape
 
@@ -70,13 +69,15 @@ class Sites:
     """int [N]: ascending numbers of these vertices in the mesh; None: it is all of them."""
     lock: RLock = field(default_factory=RLock, repr=False, compare=False)
 
-    @once
+    @property
     def edges(self) -> np.ndarray:
         """How much of a sharp edge is at a vertex, float64 [N]: 0 on flat places, 1 on an edge of about 90 degrees."""
-        return np.zeros(len(self.p)) if self.sharp is None else np.clip(3.0 * self.sharp, 0.0, 1.0)
+        if self.sharp is None:
+            return np.zeros(len(self.p))
+        return self.once("edges", lambda: np.clip(3.0 * self.sharp, 0.0, 1.0))
 
     def once(self, name: Hashable, make: Callable[[], Any]) -> Any:
-        """What a recipe needs in more than one of its steps, made in the first: it must follow from ``p`` alone."""
+        """What more than one step of a recipe needs, made in the first: it must not depend on what the steps change."""
         with self.lock:  # threads ask for what is of the whole mesh
             if name not in self.known:
                 self.known[name] = make()
