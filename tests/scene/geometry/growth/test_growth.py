@@ -184,7 +184,7 @@ def test_batches_do_not_show(monkeypatch):
 
 
 def test_bodies_do_not_overlap():
-    groups = grown({"on": ["terrain"], "kind": "starfish", "per_m2": 30, "size_m": [0.2, 0.4]})
+    groups = grown({"on": ["terrain"], "kind": "starfish", "per_m2": 3, "size_m": [0.2, 0.4]})
     points, size = roots(groups), sizes(groups)
     gap = np.linalg.norm(points[:, None] - points, axis=2) - 0.5 * (size[:, None] + size)
     np.fill_diagonal(gap, np.inf)
@@ -200,6 +200,11 @@ def test_thinning_is_that_of_one_after_the_other():
         if all(np.linalg.norm(points[i] - points[j]) >= 0.4 * (size[i] + size[j]) for j in kept):
             kept.append(i)
     assert set(np.flatnonzero(apart(points, size, 0.8, priority.astype(np.uint64)))) == set(kept)
+
+
+def test_more_than_find_room_are_told_so():
+    with pytest.warns(UserWarning, match=r"growth\.0\.per_m2: no 300 starfish of 0\.2 to 0\.4 m find room.*lower it"):
+        assert grown({"on": ["terrain"], "kind": "starfish", "per_m2": 300, "size_m": [0.2, 0.4]})
 
 
 def test_a_block_that_asks_for_none_is_told_so():

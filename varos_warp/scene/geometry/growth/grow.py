@@ -71,6 +71,12 @@ def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> Placed:
         "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh")),
     }
     kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
+    if (most := float(kept["most"])) < wanted.per_m2:
+        warn(
+            f"{wanted.key}.per_m2: no {wanted.per_m2:g} {wanted.block.kind} of {wanted.size_m[0]:g} to "
+            f"{wanted.size_m[1]:g} m find room on a square metre, but about {most:.2g}, which there are; "
+            "lower it, or size_m"
+        )
     return Placed(
         kept["names"].tolist(), kept["silt"], Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))
     )
@@ -87,9 +93,13 @@ def _place(wanted, carriers, near):
     # the larger stays, so that what is too small to be placed would not have driven out any that is
     priority = np.argsort(np.lexsort([copies.keys, copies.size])).astype(np.uint64)
     copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, priority))
-    return {"names": np.array(names, str), "silt": np.array(silt, float), "too_small": np.array(copies.too_small)} | {
-        name: getattr(copies, name) for name in COLUMNS
-    }
+    most = wanted.per_m2 if wanted.filling is None else wanted.filling.most
+    return {
+        "names": np.array(names, str),
+        "silt": np.array(silt, float),
+        "too_small": np.array(copies.too_small),
+        "most": np.array(most),
+    } | {name: getattr(copies, name) for name in COLUMNS}
 
 
 def _groups(wanted: Wanted, placed: Placed) -> list[Grown]:

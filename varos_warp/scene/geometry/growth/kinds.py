@@ -66,7 +66,8 @@ class Kind:
     territory: float = 0.0
     """Where it is the dominant kind, in turns of a field of the host: half a turn away there is next to none of it."""
     cover: float = 0.0
-    """What bodies in a clump cover before those that find no room are left out, over its area; 0: it may be loose."""
+    """What bodies in a clump cover where there are no scars, before those that find no room are left out, over its
+    area; 0: it may be loose."""
     smaller: float = 0.0
     """Share of its size that a copy lacks at the rim of its clump."""
     stray: float = STRAY
@@ -109,7 +110,7 @@ KINDS = {
         (0.018, 0.058),
         0.07,
         territory=0.65,
-        cover=1.4,
+        cover=2.1,
         smaller=0.3,
         stray=0.15,
         under=0.7,
@@ -127,7 +128,7 @@ KINDS = {
         jitter=0.25,
         tall=True,
         territory=0.8,
-        cover=0.7,
+        cover=1.05,
         smaller=0.5,
         stray=0.1,
         dusty=((0.95, 0.92, 0.86),),
@@ -255,7 +256,7 @@ KINDS = {
         jitter=0.3,
         tall=True,
         territory=0.9,
-        cover=0.9,
+        cover=1.35,
         smaller=0.65,
         stray=0.05,
         dusty=((0.8, 0.78, 0.7),),
