@@ -10,10 +10,10 @@ from scipy.stats import kstest
 
 from varos_warp.scene.description.growth import Growth
 from varos_warp.scene.geometry.growth.chance import key_of, uniform
-from varos_warp.scene.geometry.growth.clumps import _left_by_scars, crowding, left_by_scars, scars, share_of
+from varos_warp.scene.geometry.growth.clumps import EMPTY_FROM, _left_by_scars, crowding, left_by_scars, scars, share_of
 from varos_warp.scene.geometry.growth.coat import Placed, coated
 from varos_warp.scene.geometry.growth.dust import FROM, SILT, dusted
-from varos_warp.scene.geometry.growth.grow import _poses, _silted, _which
+from varos_warp.scene.geometry.growth.grow import CURRENT, _poses, _silted, _which
 from varos_warp.scene.geometry.growth.hosts import Host
 from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
 from varos_warp.scene.geometry.growth.placing import Rooted, Wanted, joined, rooted
@@ -151,7 +151,7 @@ def test_clumps_have_their_radius():
     wide = [np.ptp(grid[there.clump == key], axis=0).max() for key in np.unique(there.clump[there.clump > 0])]
     assert len(wide) > 5
     assert 0.06 < np.median(wide) < 0.3
-    assert max(wide) < 2.0 * 1.1 * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
+    assert max(wide) < 2.0 * EMPTY_FROM * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
 
 
 def test_places_are_the_same_whatever_else_is_asked_for():
@@ -196,6 +196,16 @@ def test_on_walls_silt_is_on_the_upper_side():
     some = copies(200, [0.0, -1.0, 0.0])
     up = _poses(some, KINDS["barnacle"], np.ones(200, bool))[:, 2, :3] / 0.02 @ FROM
     assert up.min() > 0.2
+
+
+def test_hydroids_of_a_wall_bend_with_the_current_and_barnacles_do_not():
+    some = copies(400, [0.0, -1.0, 0.0])
+    clean = np.zeros(400, bool)
+    along = CURRENT - [0.0, CURRENT[1], 0.0]
+    along /= np.linalg.norm(along)
+    bent, any_way = (_poses(some, KINDS[kind], clean)[:, :3, 1] / 0.02 @ along for kind in ("hydroid", "barnacle"))
+    assert np.quantile(bent, 0.1) > 0.3, "those that lean far have none of their own way"
+    assert abs(any_way.mean()) < 4.0 * np.sqrt(0.5 / 400)
 
 
 def test_dust_lies_where_it_comes_from():

@@ -29,7 +29,7 @@ IN_SCARS = 0.04
 """Share of growth that scars have."""
 SPREAD, TAIL = 0.6, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
-FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.05, 1.3
+FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.6, 1.2, 0.06, 1.5
 """In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
 OUTLINE, OUTLINE_MOST = 0.27, 1.5
 """By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""

@@ -18,6 +18,7 @@ from varos_warp.scene.geometry.growth.kinds import SMOOTH, Kind, prototypes
 from varos_warp.scene.geometry.growth.levels import LEVELS, level_of
 from varos_warp.scene.geometry.growth.placing import COLUMNS, LEAST_PIXELS, Rooted, Wanted, joined, rooted
 from varos_warp.scene.geometry.growth.spacing import apart
+from varos_warp.scene.geometry.normals import UP
 from varos_warp.scene.geometry.parts import Grown, Instances, Part, Skin
 from varos_warp.scene.geometry.relief.density import Footprint, footprint
 
@@ -29,6 +30,11 @@ ALONE = 1.2
 """By how many tints copies of one clump differ."""
 LEVEL = 0.95
 """Where the normal is so nearly vertical, silt has no side."""
+
+CURRENT = np.array([0.8, 0.55, 0.1])
+"""Where the water went, mostly, while things grew."""
+EDDIES = 1.8
+"""By how much that differs from copy to copy [rad]."""
 
 
 def grow(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:
@@ -194,13 +200,20 @@ def _poses(copies: Rooted, kind: Kind, silted: np.ndarray) -> np.ndarray:
     z = z + radius[:, None] * (np.cos(2.0 * np.pi * u[1])[:, None] * x + np.sin(2.0 * np.pi * u[1])[:, None] * y)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     x, y = _across(z)
-    upwards = np.arctan2(-x[:, 2], y[:, 2]) + (u[2] - 0.5)
-    spin = np.where(silted & (np.abs(z[:, 2]) < LEVEL), upwards, 2.0 * np.pi * u[2])[:, None]
+    spin = np.where(silted & (np.abs(z[:, 2]) < LEVEL), _towards(UP, x, y) + (u[2] - 0.5), 2.0 * np.pi * u[2])
+    if kind.flows:
+        spin = _towards(CURRENT, x, y) + EDDIES * (u[2] - 0.5)
+    spin = spin[:, None]
     x, y = np.cos(spin) * x + np.sin(spin) * y, np.cos(spin) * y - np.sin(spin) * x
     T = np.tile(np.eye(4), (len(z), 1, 1))
     T[:, :3, :3] = copies.size[:, None, None] * np.stack([x, y, z], axis=2)
     T[:, :3, 3] = copies.points
     return T
+
+
+def _towards(direction, x, y):
+    """Angles [N] by which unit vectors are turned so that y, of each two of them [N, 3], is towards a direction."""
+    return np.arctan2(-x @ direction, y @ direction)
 
 
 def _across(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
