@@ -3,7 +3,9 @@
 import pytest
 
 from varos_warp.errors import InputError
+from varos_warp.scene.description.growth import LARGEST_M
 from varos_warp.scene.file.load import load_scene, scene_from_dict
+from varos_warp.scene.geometry.growth.kinds import KINDS
 
 BARE = {
     "trajectory": {"poses": [{"position": [0, 0, 2]}]},
@@ -40,12 +42,22 @@ def test_a_good_block_is_read():
         ({"up": [-2, 1]}, r"growth\.0\.up"),
         ({"size_m": [0.0, 0.1]}, r"growth\.0\.size_m"),
         ({"size_m": [0.2, 0.1]}, r"growth\.0\.size_m.*begins above its end"),
+        ({"size_m": [0.1, 10]}, r"growth\.0.*size_m.*larger than any barnacle is; 0\.3 m is the most"),
+        ({"kind": "turf", "size_m": [0.1, 0.6]}, r"growth\.0.*size_m.*larger than any turf.*0\.5 m"),
         ({"depth_m": [20, 10]}, r"growth\.0\.depth_m.*begins above its end"),
     ],
 )
 def test_bad_blocks_are_refused_by_key(changes, problem):
     with pytest.raises(InputError, match=problem):
         scene(**changes)
+
+
+def test_every_kind_has_a_largest_size():
+    for kind, largest in LARGEST_M.items():
+        own = KINDS[kind].size_m
+        assert scene(kind=kind, size_m=[own[0], largest]).growth[0].size_m[1] == largest
+        assert own[1] <= 0.5 * largest
+    assert set(LARGEST_M) == set(KINDS)
 
 
 def test_two_blocks_do_not_put_copies_in_the_same_places():

@@ -23,6 +23,21 @@ GrowthKind = Literal[
     "turf",
 ]
 SizeM = Annotated[float, Field(ge=1e-4, le=20.0)]
+LARGEST_M: dict[str, float] = {
+    "barnacle": 0.3,
+    "tube_worm": 0.5,
+    "hydroid": 0.6,
+    "anemone": 1.0,
+    "coralline": 2.0,
+    "mussel": 0.5,
+    "starfish": 1.5,
+    "shell": 1.5,
+    "pebble": 1.0,
+    "kelp": 20.0,
+    "seagrass": 7.0,
+    "turf": 0.5,
+}
+"""No copy of a kind is larger [m]: about as the largest that has been found in any sea, and somewhat more."""
 Cosine = Annotated[float, Field(ge=-1.0, le=1.0)]
 Depth = Annotated[float, Field(ge=-1e4, le=1.2e4)]
 
@@ -45,8 +60,8 @@ class Growth(Block):
     """Least and largest vertical part of the surface's normal where they may be: -1 is an underside, 0 a wall, 1 level
     ground. Absent: the kind's own."""
     size_m: tuple[SizeM, SizeM] | None = Field(default=None, examples=[[0.007, 0.024]])
-    """Smallest and largest size [m]: how wide it is, of anemones, hydroids and plants how high. Absent: the kind's
-    own."""
+    """Smallest and largest size [m]: how wide it is, of anemones, hydroids and plants how high. At most what
+    the largest of its kind may be (docs/growth.md). Absent: the kind's own."""
     depth_m: tuple[Depth, Depth] | None = Field(default=None, examples=[[0, 20]])
     """Least and greatest depth below the sea surface at which it grows [m]. Absent: at all depths."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
@@ -58,6 +73,16 @@ class Growth(Block):
             value = getattr(self, key)
             if value is not None and value[0] > value[1]:
                 raise ValueError(f"{key}: {list(value)} begins above its end; give [low, high]")
+        return self
+
+    @model_validator(mode="after")
+    def _no_larger_than_any(self):
+        most = LARGEST_M[self.kind]
+        if self.size_m is not None and self.size_m[1] > most:
+            raise ValueError(
+                f"size_m: {list(self.size_m)} is larger than any {self.kind} is; {most:g} m is the most, "
+                "give [low, high]"
+            )
         return self
 
     @model_validator(mode="after")

@@ -1,5 +1,6 @@
 """Growth in clumps: how many there are, how large, how near to each other; and what it does to its hosts."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,14 +10,14 @@ from scipy.stats import kstest
 
 from varos_warp.scene.description.growth import Growth
 from varos_warp.scene.geometry.growth.chance import key_of, uniform
-from varos_warp.scene.geometry.growth.clumps import crowding
+from varos_warp.scene.geometry.growth.clumps import EMPTY_FROM, _left_by_scars, crowding, left_by_scars, scars, share_of
 from varos_warp.scene.geometry.growth.coat import Placed, coated
 from varos_warp.scene.geometry.growth.dust import FROM, SILT, dusted
-from varos_warp.scene.geometry.growth.grow import _poses, _silted, _which
+from varos_warp.scene.geometry.growth.grow import CURRENT, _poses, _silted, _which
 from varos_warp.scene.geometry.growth.hosts import Host
 from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
 from varos_warp.scene.geometry.growth.placing import Rooted, Wanted, joined, rooted
-from varos_warp.scene.geometry.growth.room import HIGH, LOW, grown_to, room, sizes
+from varos_warp.scene.geometry.growth.room import HIGH, LOW, filling, full_of, grown_to, left_of, sizes
 from varos_warp.scene.geometry.growth.solids import solid
 from varos_warp.scene.geometry.growth.spacing import apart
 from varos_warp.scene.geometry.parts import Part, Skin
@@ -52,25 +53,56 @@ def settled(kind, seed, **more):
     return some.of(apart(some.points, some.size, wanted.kind.body, priority)), some
 
 
+def inside(some, margin):
+    """How many copies have all of their neighbours on the plane."""
+    return np.count_nonzero(((some.points[:, :2] > margin) & (some.points[:, :2] < SIDE_M - margin)).all(axis=1))
+
+
+def error_of_room(wanted, crowd, monkeypatch):
+    """Relative standard error of the share that finds room, from other bodies laid down by chance."""
+    shares = []
+    for k in range(4):
+        left_of.cache_clear()
+        monkeypatch.setattr("varos_warp.scene.geometry.growth.room.key_of", lambda *words, k=k: key_of(*words, k))
+        share = share_of(crowd.full, crowd.stray, crowd.left)
+        shares.append(left_of(wanted.block.kind, wanted.size_m, crowd.full * wanted.per_m2, share))
+    return np.std(shares, ddof=1) / np.mean(shares)
+
+
 @pytest.mark.parametrize(
-    ("kind", "per_m2", "size_m"),
+    ("kind", "scars", "more"),
     [
-        ("barnacle", 230, (0.012, 0.04)),
-        ("mussel", 250, (0.02, 0.06)),
-        ("coralline", 18, (0.015, 0.11)),
-        ("tube_worm", 60, (0.018, 0.058)),
+        ("barnacle", True, {"per_m2": 230, "size_m": (0.012, 0.04)}),
+        ("mussel", True, {}),
+        ("mussel", False, {}),
+        ("coralline", True, {}),
+        ("anemone", True, {"per_m2": 1}),
+        ("pebble", False, {"per_m2": 400, "size_m": (0.01, 0.07)}),
     ],
 )
-def test_the_mean_number_is_per_m2_though_bodies_need_room(kind, per_m2, size_m, monkeypatch):
-    """Seeds scatter far more than Poisson numbers would; what a kind prefers is left out, as it moves the mean."""
+def test_the_mean_number_is_per_m2_though_bodies_need_room(kind, scars, more, monkeypatch):
+    """Counted by a ratio estimator: most of the scatter between seeds is that of clumps, whose mean is known.
+
+    What a kind prefers is left out, as it moves the mean.
+    """
     monkeypatch.setattr("varos_warp.scene.geometry.growth.placing._liking", lambda *_: 0.0)
-    counts = (
-        np.array([len(settled(kind, seed, per_m2=per_m2, size_m=size_m)[0].size) for seed in range(24)]) / SIDE_M**2
-    )
-    error = counts.std(ddof=1) / np.sqrt(len(counts))
-    # of waves that are not quite normal a hundredth, of the share that finds room a hundredth, each of the mean
-    assert abs(counts.mean() - per_m2) < 3.5 * error + 0.02 * per_m2
-    assert counts.std() > 3.0 * np.sqrt(per_m2) / SIDE_M, "clumps, no rain"
+    monkeypatch.setitem(KINDS, kind, replace(KINDS[kind], scars=scars))
+    for known in (filling, left_of):
+        known.cache_clear()
+    try:
+        wanted = Wanted(Growth(on=["plane"], kind=kind, up=(-1, 1), **more), "growth.0", 0, 0.0)
+        crowd, margin = wanted.crowding("plane"), wanted.kind.body * wanted.size_m[1]
+        both = [settled(kind, seed, **more) for seed in range(24)]
+        chance = error_of_room(wanted, crowd, monkeypatch)
+    finally:
+        for known in (filling, left_of):
+            known.cache_clear()
+    left, all_ = np.array([[inside(some, margin) for some in pair] for pair in both], float).T
+    share = share_of(crowd.full, crowd.stray, crowd.left)
+    mean = crowd.stray + (crowd.full * (left_by_scars() if scars else 1.0) - crowd.stray) * share
+    ratio = left.sum() / all_.sum()
+    error = np.sqrt(np.sum((left - ratio * all_) ** 2)) / all_.sum()
+    assert abs(ratio * mean - 1.0) < 4.0 * np.hypot(mean * error, chance)
 
 
 def nearest(some, body):
@@ -119,7 +151,7 @@ def test_clumps_have_their_radius():
     wide = [np.ptp(grid[there.clump == key], axis=0).max() for key in np.unique(there.clump[there.clump > 0])]
     assert len(wide) > 5
     assert 0.06 < np.median(wide) < 0.3
-    assert max(wide) < 2.0 * 1.1 * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
+    assert max(wide) < 2.0 * EMPTY_FROM * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
 
 
 def test_places_are_the_same_whatever_else_is_asked_for():
@@ -166,6 +198,16 @@ def test_on_walls_silt_is_on_the_upper_side():
     assert up.min() > 0.2
 
 
+def test_hydroids_of_a_wall_bend_with_the_current_and_barnacles_do_not():
+    some = copies(400, [0.0, -1.0, 0.0])
+    clean = np.zeros(400, bool)
+    along = CURRENT - [0.0, CURRENT[1], 0.0]
+    along /= np.linalg.norm(along)
+    bent, any_way = (_poses(some, KINDS[kind], clean)[:, :3, 1] / 0.02 @ along for kind in ("hydroid", "barnacle"))
+    assert np.quantile(bent, 0.1) > 0.3, "those that lean far have none of their own way"
+    assert abs(any_way.mean()) < 4.0 * np.sqrt(0.5 / 400)
+
+
 def test_dust_lies_where_it_comes_from():
     for shape in (levels[0] for levels in prototypes("barnacle")[:2]):
         dusty = dusted(solid(shape.vertices, shape.faces, np.zeros(3)), thin=False)
@@ -202,8 +244,26 @@ def test_hosts_are_coated_at_the_feet_of_copies_only():
     assert (part.skin.corners == 0.5).all(), "the part itself is as it was"
 
 
-def test_the_share_that_finds_room_is_that_of_a_plane():
-    full, kept = room("mussel", KINDS["mussel"].size_m)
-    assert 0.2 < kept < 0.9
-    assert room("turf", KINDS["turf"].size_m)[1] == 1.0, "turf may overlap"
-    assert full * kept > 1000.0
+def test_fewer_find_room_where_there_are_more_or_scars():
+    size_m = KINDS["mussel"].size_m
+    full = full_of("mussel", size_m)
+    packed, loose = (left_of("mussel", size_m, density, 0.1) for density in (full, 0.1 * full))
+    assert 0.1 < packed < 0.5 < loose < left_by_scars()
+    assert left_of("turf", KINDS["turf"].size_m, 1e5, 0.1) == left_by_scars(), "turf may overlap"
+    assert left_of("kelp", KINDS["kelp"].size_m, 1e-3, 0.1) == 1.0, "nor does kelp leave scars"
+
+
+def test_what_scars_leave_is_the_mean_of_their_field():
+    z = np.linspace(-8.0, 8.0, 200_001)
+    density = np.exp(-0.5 * z * z)
+    for power in (1, 2):
+        leaves, shares = scars()
+        mean = density @ _left_by_scars(z) ** power / density.sum()
+        assert abs(shares @ leaves**power - mean) < 1e-4
+    assert abs(shares.sum() - 1.0) < 1e-6
+
+
+def test_more_than_find_room_are_told_of():
+    how = filling("barnacle", (0.02, 0.03), 20_000.0, 11.0)
+    assert 100.0 < how.most < 1500.0
+    assert filling("barnacle", (0.02, 0.03), 0.5 * how.most, 11.0).most == 0.5 * how.most

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from varos_warp.scene.geometry.growth.chance import Field, field_of, mixed, poisson_counts, uniform
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
@@ -19,10 +19,8 @@ GROUPS = ((50.0, 0.8), (16.0, 0.6))
 """Wavelengths of a kind's own patches, in the radius of its clumps, and shares of the noise's deviation."""
 TERRITORY_M, TERRITORY = 0.9, 0.92
 """Wavelength [m] of the field by which kinds divide a host, and its share beside that of own patches."""
-MOST_CROWDED = 300.0
-"""No place has more copies in the mean than so many times ``per_m2``."""
 LEAST_CROWDED = 1.06
-"""Nor do clumps have fewer than so many times."""
+"""Were all in clumps, at least so many times ``per_m2`` would be left."""
 STRAY = 0.015
 """Share of the copies that stand alone, by default."""
 BARE_BELOW, FULL_ABOVE = -0.7, -0.1
@@ -31,7 +29,7 @@ IN_SCARS = 0.04
 """Share of growth that scars have."""
 SPREAD, TAIL = 0.6, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
-FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.85, 1.1, 0.05, 1.3
+FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.6, 1.2, 0.06, 1.5
 """In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
 OUTLINE, OUTLINE_MOST = 0.27, 1.5
 """By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
@@ -60,13 +58,13 @@ class Crowding:
     """How much more or less than ``per_m2`` there is at places of one host: 1 in the mean over all seeds."""
 
     full: float
-    """How many times ``per_m2`` clumps have; 1: there are none, copies are as rain."""
+    """How many times ``per_m2`` clumps have where there are no scars; 1: there are none, copies are as rain."""
     radius: float
     """Median of the radii of clumps [m]."""
     stray: float
-    """How many times ``per_m2`` there are outside of clumps."""
-    kept: float
-    """Share of what clumps have that finds room."""
+    """Share of the copies that stand outside of clumps."""
+    left: float
+    """Share of what clumps would have that scars leave and that finds room there, in the mean."""
     key: np.uint64
     patches: tuple[tuple[Field, float], ...]
     """With their shares; the sum of squares of these is 1."""
@@ -76,17 +74,26 @@ class Crowding:
     @property
     def peak(self) -> float:
         """The most that there can be."""
-        return 1.0 if self.full == 1.0 else self.full / self._law.bare
+        return self.full
+
+    @property
+    def kept(self) -> float:
+        """Share of what scars leave of clumps that finds room."""
+        return self.left / self._bare
+
+    @property
+    def _bare(self):
+        return 1.0 if self.scars is None else left_by_scars()
 
     @property
     def _law(self):
-        return _law_of(self.full, self.stray, self.kept, self.scars is not None)
+        return _law_of(self.full, self.stray, self.left, len(self.patches) > 0)
 
     def may(self, points: np.ndarray, above: np.ndarray) -> np.ndarray:
         """Whether weights of points [N, 3] may be above numbers [N], by scars alone, bool [N]: what is quick to say."""
         if self.scars is None:
             return np.ones(len(points), bool)
-        return self.full * _left_by_scars(self.scars(points)) >= above * self._law.bare
+        return self.full * _left_by_scars(self.scars(points)) >= above
 
     def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0, above: np.ndarray | float = 0.0) -> Crowd:
         """At points [N, 3] about the host's own origin [m].
@@ -98,13 +105,14 @@ class Crowding:
         if self.full == 1.0:
             return Crowd(np.ones(n), np.ones(n), np.zeros(n, np.uint64))
         law = self._law
-        gate = law.gate(sum(share * field(points) for field, share in self.patches) + liking)
+        gate = law.gate(sum((share * field(points) for field, share in self.patches), np.zeros(n)) + liking)
         scars = np.ones(n) if self.scars is None else _left_by_scars(self.scars(points))
-        some = np.flatnonzero((gate > 0.0) & (self.full * scars >= above * law.bare))
+        some = np.flatnonzero((gate > 0.0) & (self.full * scars >= above))
         share, depth, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
         wider = np.clip(WIDER * np.broadcast_to(liking, n)[some], -WIDEST, WIDEST)
         share[some], depth[some], clump[some] = self._in_clumps(points[some], gate[some], wider)
-        return Crowd((self.stray + (self.full - self.stray) * share) * scars / law.bare, depth, clump)
+        stray = self.stray / self._bare  # scars take of them too
+        return Crowd((stray + (self.full - stray) * share) * scars, depth, clump)
 
     def _in_clumps(self, points, gate, wider):
         """How full [N], how deep [N] and in which clump [N] points [N, 3] are; 0 outside of all."""
@@ -148,35 +156,40 @@ def crowding(
     host: np.uint64 | None,
     territory: float = 0.0,
     stray: float = STRAY,
-    kept: float = 1.0,
+    left: float | None = None,
+    patchy: bool = True,
 ) -> Crowding:
     """Of a kind on a host.
 
     Args:
-        full: How many times the mean its clumps have.
+        full: How many times the mean its clumps have where there are no scars.
         radius: Median of the radii of its clumps [m].
         own: Key of the kind, the host and the seeds.
         host: Key of the host alone, or None for what leaves no scars and has no territory.
         territory: Where the kind has it, in turns of the host's field.
         stray: Share of the copies that stand outside of clumps.
-        kept: Share of those in clumps that find room there; the mean is 1 without the others.
+        left: Share of that which scars leave and which finds room, in the mean; the mean of what is left is 1. None:
+            all find room.
+        patchy: Whether clumps keep together in patches.
     """
     full = float(full)
     if full == 1.0:
-        return Crowding(1.0, radius, 1.0, 1.0, own, (), None, None)
+        return Crowding(1.0, radius, 0.0, 1.0, own, (), None, None)
     some = [(field_of(mixed(own, np.uint64(k)), times * radius), share) for k, (times, share) in enumerate(GROUPS)]
     if host is not None:
         some = [
             (some[1][0], np.sqrt(1.0 - TERRITORY**2)),
             (field_of(mixed(host, np.uint64(1)), TERRITORY_M, territory), TERRITORY),
         ]
+    if left is None:
+        left = 1.0 if host is None else left_by_scars()
     return Crowding(
-        min(max(full, LEAST_CROWDED / kept), MOST_CROWDED),
+        full,
         radius,
         stray,
-        kept,
+        left,
         own,
-        tuple(some),
+        tuple(some) if patchy else (),
         field_of(mixed(own, np.uint64(9)), 0.9 * radius),
         None if host is None else field_of(host, 0.7),
     )
@@ -190,24 +203,34 @@ class _Law:
     """Mean number of clumps that a point is in, within patches."""
     rim: float
     """Noise at which patches begin."""
-    bare: float
-    """What scars leave in the mean."""
 
     def gate(self, noise):
         """Share of the clumps that there are at places of such a noise."""
         return np.ones(np.shape(noise)) if np.isinf(self.rim) else smoothstep(0.0, 1.0, (noise - self.rim) / PATCH_EDGE)
 
 
+def share_of(full: float, stray: float, left: float) -> float:
+    """Share of a surface that clumps have, by how full they are, so that the mean of what is left is 1.
+
+    Where no share makes it so, nearly all.
+    """
+    return (1.0 - stray) / (max(full * left, LEAST_CROWDED) - stray)
+
+
+def patches_of(share: float) -> float:
+    """Share of a surface that is in patches, by that which is in clumps."""
+    return min(max(PATCHY * share, LEAST_PATCHES), 1.0)
+
+
 @lru_cache
-def _law_of(full: float, stray: float, kept: float, scars: bool) -> _Law:
+def _law_of(full: float, stray: float, left: float, patchy: bool) -> _Law:
     """Expectations over normal variables: of a Boolean model's share of space, 1 - exp(-covered)."""
     z = np.linspace(-8.0, 8.0, 401)
     density = np.exp(-0.5 * z * z)
     density /= density.sum()
-    bare = float(density @ _left_by_scars(z)) if scars else 1.0
-    share = (1.0 - stray) / (full * kept - stray)
-    patches = max(PATCHY * share, LEAST_PATCHES)
-    law = _Law(0.0, -np.inf if patches >= 1.0 else float(-ndtri(patches)) - 0.5 * PATCH_EDGE, bare)
+    share = share_of(full, stray, left)
+    patches = patches_of(share) if patchy else 1.0
+    law = _Law(0.0, -np.inf if patches >= 1.0 else float(-ndtri(patches)) - 0.5 * PATCH_EDGE)
     wider = np.exp(3.0 * OUTLINE * np.clip(z, -OUTLINE_MOST, OUTLINE_MOST))
     most = np.outer(wider, law.gate(z))
 
@@ -264,3 +287,23 @@ def _ball() -> float:
 
 def _left_by_scars(noise):
     return IN_SCARS + (1.0 - IN_SCARS) * smoothstep(BARE_BELOW, FULL_ABOVE, noise)
+
+
+def scars() -> tuple[np.ndarray, np.ndarray]:
+    """What scars leave of growth [6], and shares of a surface [6] where they leave it.
+
+    Means of what follows smoothly from the first are sums with the second: all of what is in scars, all beyond, and
+    Gauss's nodes at their rims.
+    """
+    x, weight = np.polynomial.legendre.leggauss(4)
+    half = 0.5 * (FULL_ABOVE - BARE_BELOW)
+    z = BARE_BELOW + half * (1.0 + x)
+    rims = half * weight * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    leaves = np.array([IN_SCARS, *_left_by_scars(z), 1.0])
+    return leaves, np.array([ndtr(BARE_BELOW), *rims, ndtr(-FULL_ABOVE)])
+
+
+@lru_cache
+def left_by_scars() -> float:
+    """What scars leave of growth, in the mean."""
+    return float(np.dot(*scars()))

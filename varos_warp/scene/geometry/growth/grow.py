@@ -18,6 +18,7 @@ from varos_warp.scene.geometry.growth.kinds import SMOOTH, Kind, prototypes
 from varos_warp.scene.geometry.growth.levels import LEVELS, level_of
 from varos_warp.scene.geometry.growth.placing import COLUMNS, LEAST_PIXELS, Rooted, Wanted, joined, rooted
 from varos_warp.scene.geometry.growth.spacing import apart
+from varos_warp.scene.geometry.normals import UP
 from varos_warp.scene.geometry.parts import Grown, Instances, Part, Skin
 from varos_warp.scene.geometry.relief.density import Footprint, footprint
 
@@ -29,6 +30,11 @@ ALONE = 1.2
 """By how many tints copies of one clump differ."""
 LEVEL = 0.95
 """Where the normal is so nearly vertical, silt has no side."""
+
+CURRENT = np.array([0.8, 0.55, 0.1])
+"""Where the water went, mostly, while things grew."""
+EDDIES = 1.8
+"""By how much that differs from copy to copy [rad]."""
 
 
 def grow(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:
@@ -71,6 +77,12 @@ def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> Placed:
         "code": code_hash(__name__, ("varos_warp.scene.geometry", "varos_warp.kernels.mesh")),
     }
     kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
+    if (most := float(kept["most"])) < wanted.per_m2:
+        warn(
+            f"{wanted.key}.per_m2: no {wanted.per_m2:g} {wanted.block.kind} of {wanted.size_m[0]:g} to "
+            f"{wanted.size_m[1]:g} m find room on a square metre, but about {most:.2g}, and no more are placed; "
+            "lower it, or size_m"
+        )
     return Placed(
         kept["names"].tolist(), kept["silt"], Rooted(*(kept[name] for name in COLUMNS), float(kept["too_small"]))
     )
@@ -87,9 +99,13 @@ def _place(wanted, carriers, near):
     # the larger stays, so that what is too small to be placed would not have driven out any that is
     priority = np.argsort(np.lexsort([copies.keys, copies.size])).astype(np.uint64)
     copies = copies.of(apart(copies.points, copies.size, wanted.kind.body, priority))
-    return {"names": np.array(names, str), "silt": np.array(silt, float), "too_small": np.array(copies.too_small)} | {
-        name: getattr(copies, name) for name in COLUMNS
-    }
+    most = wanted.per_m2 if wanted.filling is None else wanted.filling.most
+    return {
+        "names": np.array(names, str),
+        "silt": np.array(silt, float),
+        "too_small": np.array(copies.too_small),
+        "most": np.array(most),
+    } | {name: getattr(copies, name) for name in COLUMNS}
 
 
 def _groups(wanted: Wanted, placed: Placed) -> list[Grown]:
@@ -184,13 +200,20 @@ def _poses(copies: Rooted, kind: Kind, silted: np.ndarray) -> np.ndarray:
     z = z + radius[:, None] * (np.cos(2.0 * np.pi * u[1])[:, None] * x + np.sin(2.0 * np.pi * u[1])[:, None] * y)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     x, y = _across(z)
-    upwards = np.arctan2(-x[:, 2], y[:, 2]) + (u[2] - 0.5)
-    spin = np.where(silted & (np.abs(z[:, 2]) < LEVEL), upwards, 2.0 * np.pi * u[2])[:, None]
+    spin = np.where(silted & (np.abs(z[:, 2]) < LEVEL), _towards(UP, x, y) + (u[2] - 0.5), 2.0 * np.pi * u[2])
+    if kind.flows:
+        spin = _towards(CURRENT, x, y) + EDDIES * (u[2] - 0.5)
+    spin = spin[:, None]
     x, y = np.cos(spin) * x + np.sin(spin) * y, np.cos(spin) * y - np.sin(spin) * x
     T = np.tile(np.eye(4), (len(z), 1, 1))
     T[:, :3, :3] = copies.size[:, None, None] * np.stack([x, y, z], axis=2)
     T[:, :3, 3] = copies.points
     return T
+
+
+def _towards(direction, x, y):
+    """Angles [N] by which unit vectors are turned so that y, of each two of them [N, 3], is towards a direction."""
+    return np.arctan2(-x @ direction, y @ direction)
 
 
 def _across(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -66,7 +66,8 @@ class Kind:
     territory: float = 0.0
     """Where it is the dominant kind, in turns of a field of the host: half a turn away there is next to none of it."""
     cover: float = 0.0
-    """What bodies in a clump cover before those that find no room are left out, over its area; 0: it may be loose."""
+    """What bodies in a clump cover where there are no scars, before those that find no room are left out, over its
+    area; 0: it may be loose."""
     smaller: float = 0.0
     """Share of its size that a copy lacks at the rim of its clump."""
     stray: float = STRAY
@@ -75,6 +76,8 @@ class Kind:
     """Factors of the colours of copies with silt on them, which stand on hosts with silt."""
     coat: Coat | None = None
     """What covers the host between and about copies."""
+    flows: bool = False
+    """Whether it bends with the current, along its y axis."""
     edges: float = 0.0
     """How much it prefers edges to level places, in deviations of the noise of clumps."""
     under: float = 0.0
@@ -84,18 +87,18 @@ class Kind:
 KINDS = {
     "barnacle": Kind(
         barnacle,
-        4,
-        ((0.55, 0.52, 0.45), (0.76, 0.73, 0.66)),
+        6,
+        ((0.86, 0.83, 0.75),),
         230.0,
         11.0,
         (-1.0, 1.0),
-        (0.007, 0.024),
+        (0.005, 0.028),
         0.04,
         body=0.8,
         territory=0.0,
         cover=2.2,
         smaller=0.55,
-        stray=0.04,
+        stray=0.1,
         dusty=((0.75, 0.72, 0.65),),
         coat=Coat((0.12, 0.108, 0.085), 0.7, 1.2),
     ),
@@ -109,7 +112,7 @@ KINDS = {
         (0.018, 0.058),
         0.07,
         territory=0.65,
-        cover=1.4,
+        cover=2.1,
         smaller=0.3,
         stray=0.15,
         under=0.7,
@@ -127,11 +130,12 @@ KINDS = {
         jitter=0.25,
         tall=True,
         territory=0.8,
-        cover=0.7,
+        cover=1.05,
         smaller=0.5,
         stray=0.1,
         dusty=((0.95, 0.92, 0.86),),
         coat=Coat((0.105, 0.092, 0.066), 0.75, 0.8),
+        flows=True,
         edges=1.4,
     ),
     "anemone": Kind(
@@ -168,21 +172,21 @@ KINDS = {
     ),
     "mussel": Kind(
         mussel,
-        4,
-        ((0.9, 0.9, 0.92), (1.3, 1.18, 1.0)),
+        6,
+        ((1.0, 1.0, 1.0),),
         250.0,
         12.0,
         (-0.5, 1.0),
         (0.02, 0.06),
         0.12,
-        body=0.42,
-        jitter=0.6,
+        body=0.3,
+        jitter=0.35,
         territory=0.4,
-        cover=1.2,
+        cover=2.0,
         smaller=0.5,
         stray=0.01,
         dusty=((1.2, 1.12, 1.0),),
-        coat=Coat((0.08, 0.073, 0.06), 0.85, 0.8),
+        coat=Coat((0.028, 0.025, 0.019), 0.92, 0.6),
     ),
     "starfish": Kind(
         starfish,
@@ -255,7 +259,7 @@ KINDS = {
         jitter=0.3,
         tall=True,
         territory=0.9,
-        cover=0.9,
+        cover=1.35,
         smaller=0.65,
         stray=0.05,
         dusty=((0.8, 0.78, 0.7),),

@@ -10,7 +10,7 @@ from varos_warp.scene.geometry.growth.chance import key_of, mixed, poisson_count
 from varos_warp.scene.geometry.growth.clumps import Crowding, crowding
 from varos_warp.scene.geometry.growth.hosts import REACH_M, Host
 from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
-from varos_warp.scene.geometry.growth.room import PER_CLUSTER, grown_to, room, share_above, sizes
+from varos_warp.scene.geometry.growth.room import Filling, filling, grown_to, most_laid, share_above, sizes
 from varos_warp.scene.geometry.relief.density import Footprint
 
 MOST_COPIES = 1_000_000
@@ -60,13 +60,17 @@ class Wanted:
         kind = self.kind
         own = key_of(self.seed, self.block.seed, self.block.kind, host)
         shared = key_of(self.seed, host) if kind.scars else None
-        if self.cluster == 0.0 or self.per_m2 == 0.0:
+        if self.filling is None:
             return crowding(1.0, kind.clump_m, own, None)
-        full, kept = room(self.block.kind, self.size_m)
-        times = full / self.per_m2
-        if not (kind.cover and kind.body):  # more than is full would find no room
-            times = max(np.exp(PER_CLUSTER * self.cluster), times)
-        return crowding(times, kind.clump_m, own, shared, kind.territory, kind.stray, kept)
+        how = self.filling
+        return crowding(how.times, kind.clump_m, own, shared, kind.territory, kind.stray, how.left)
+
+    @property
+    def filling(self) -> Filling | None:
+        """How full its clumps are; None: it has none."""
+        if self.cluster == 0.0 or self.per_m2 == 0.0:
+            return None
+        return filling(self.block.kind, self.size_m, self.per_m2, self.cluster)
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,8 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
             value=wanted.per_m2,
             remedy="Lower it, or choose a smaller surface, a range of depth_m or of up.",
         )
+    if wanted.filling is None:
+        mean = mean * min(1.0, most_laid(wanted.block.kind, wanted.size_m) / max(wanted.per_m2, 1e-9))
     small = mean[~shows].sum()
     may, mean = may[shows], mean[shows]
     face_keys = mixed(own, host.keys[may])

@@ -1,12 +1,20 @@
 """How large bodies are, and how many find room in a clump."""
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from varos_warp.scene.geometry.growth.chance import key_of, mixed, uniform
-from varos_warp.scene.geometry.growth.clumps import crowding
+from varos_warp.scene.geometry.growth.clumps import (
+    LEAST_CROWDED,
+    crowding,
+    left_by_scars,
+    patches_of,
+    scars,
+    share_of,
+)
 from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
 from varos_warp.scene.geometry.growth.spacing import apart
 
@@ -16,8 +24,18 @@ LOW, HIGH = 1.6, 2.4
 """The smallest and the largest body of a log-normal law are so many deviations from its median."""
 YOUNGEST = 0.45
 """Bodies of the youngest clumps over those of the oldest."""
-SAMPLE = 30_000
-"""Bodies by which the share is found that finds room."""
+MOST_CROWDED = 300.0
+"""No place has more copies in the mean than so many times ``per_m2``."""
+BODIES = 30_000
+"""In clumps, before those that find no room: by so many it is found how many do, to about two in a hundred."""
+SPARSEST = 0.08
+"""Share of a plane that clumps have at least when that is found: they touch so few others that no fewer matter."""
+ROUNDS, ABOUT = 2, 0.25
+"""What is left and how much of a surface clumps have follow from each other: so often, from such a share."""
+CROWDED = 4.0
+"""Where bodies would cover so many times the surface, hardly any more find room."""
+ALONE = 0.02
+"""Where bodies have fewer others in reach, in the mean, all find room: of a hundred one would not."""
 
 
 def sizes(kind: Kind, size_m: tuple[float, float], u: np.ndarray) -> np.ndarray:
@@ -61,28 +79,98 @@ def grown_to(kind: Kind, depth: np.ndarray, clump: np.ndarray) -> np.ndarray:
     return (1.0 - kind.smaller * (1.0 - depth) ** 2) * (YOUNGEST + (1.0 - YOUNGEST) * np.sqrt(uniform(clump, 7)))
 
 
-@lru_cache
-def room(name: str, size_m: tuple[float, float]) -> tuple[float, float]:
-    """How many bodies a square metre of clumps has before those that find no room, and the share that does.
+@dataclass(frozen=True)
+class Filling:
+    """How full clumps are of a kind, so that as many are left as asked for."""
 
-    The share is that on a plane, of clumps by chance on a third of it.
-    """
+    times: float
+    """How many times ``per_m2`` clumps have where there are no scars, before those that find no room."""
+    left: float
+    """Share of these that scars leave and that finds room, in the mean."""
+    most: float
+    """How many a square metre there can be [1/m^2]; fewer than ``per_m2`` where that is too many."""
+
+
+@lru_cache
+def filling(name: str, size_m: tuple[float, float], per_m2: float, cluster: float) -> Filling:
+    """Clumps of what lives packed are as full as bodies make them; of the rest, by ``cluster``, or as full."""
+    kind, most = KINDS[name], most_laid(name, size_m) / per_m2
+    packed = kind.cover > 0.0 and kind.body > 0.0
+    times = most if packed else np.exp(PER_CLUSTER * cluster)
+    if kind.cover > 0.0 and not packed:
+        times = max(times, full_of(name, size_m) / per_m2)
+    times = float(min(times, most, MOST_CROWDED))
+    share = share_of(times, kind.stray, ABOUT)
+    for _ in range(ROUNDS):
+        left = left_of(name, size_m, times * per_m2, share)
+        if times * left < LEAST_CROWDED and not packed:
+            times = float(min(LEAST_CROWDED / left, most))
+        share = share_of(times, kind.stray, left)
+    return Filling(times, left, min(times * left / LEAST_CROWDED, 1.0) * per_m2)
+
+
+def full_of(name: str, size_m: tuple[float, float]) -> float:
+    """How many bodies a square metre of clumps has before those that find no room [1/m^2]."""
+    return _covering(KINDS[name], size_m, KINDS[name].cover)
+
+
+def most_laid(name: str, size_m: tuple[float, float]) -> float:
+    """How many bodies are laid down on a square metre at most, some of which find no room [1/m^2]."""
     kind = KINDS[name]
+    return _covering(kind, size_m, kind.cover or CROWDED) if kind.body > 0.0 else np.inf
+
+
+def _covering(kind, size_m, cover):
+    """How many bodies a square metre has that cover so many times its area [1/m^2]."""
     u = (np.arange(100) + 0.5) / 100
     age = (1.0 - kind.smaller * u**2) if kind.smaller else np.ones(1)
     young = YOUNGEST + (1.0 - YOUNGEST) * np.sqrt(u) if kind.smaller else np.ones(1)
     size = sizes(kind, size_m, u)[:, None, None] * age[:, None] * young
     square = float(np.mean(np.maximum(size, size_m[0]) ** 2))
-    full = kind.cover / (0.25 * np.pi * (kind.body or 1.0) ** 2 * square)
-    if kind.body == 0.0 or kind.cover == 0.0:
-        return full, 1.0
-    keys = mixed(key_of("room", name), np.arange(SAMPLE, dtype=np.uint64))
-    side = np.sqrt(SAMPLE / full)
-    points = side * np.column_stack([uniform(keys, 1), uniform(keys, 2), np.zeros(SAMPLE)])
-    crowd = crowding(3.0, min(kind.clump_m, side / 6.0), key_of("room", name), None, stray=0.0)
+    return cover / (0.25 * np.pi * (kind.body or 1.0) ** 2 * square)
+
+
+@lru_cache
+def left_of(name: str, size_m: tuple[float, float], density: float, share: float) -> float:
+    """Share of so many bodies a square metre of clumps that scars leave and that finds room, in the mean.
+
+    Bodies are laid down on a plane, in clumps as close to each other as they are in patches, for each of what scars
+    may leave.
+
+    Args:
+        name: Kind.
+        size_m: Smallest and largest size [m].
+        density: Where there are no scars, before those that find no room [1/m^2].
+        share: Of the surface that clumps have.
+    """
+    kind = KINDS[name]
+    if density * np.pi * (kind.body * size_m[1]) ** 2 < ALONE:
+        return left_by_scars() if kind.scars else 1.0
+    leaves, weights = scars() if kind.scars else (np.ones(1), np.ones(1))
+    plane = _plane(kind, name, size_m, density, max(share / patches_of(share), SPARSEST))
+    return float(np.dot(weights, [_found_room(kind, *plane, leaf) for leaf in leaves]))
+
+
+def _found_room(kind, keys, points, size, inside, leaf):
+    """Share of all bodies that find room where chance leaves such a share of them."""
+    some = np.flatnonzero(uniform(keys, 12) < leaf)
+    priority = np.argsort(np.lexsort([keys[some], size[some]])).astype(np.uint64)
+    stays = apart(points[some], size[some], kind.body, priority)
+    return np.count_nonzero(stays & inside[some]) / np.count_nonzero(inside)
+
+
+def _plane(kind, name, size_m, density, share):
+    """Keys, places [N, 3], sizes of bodies, and which are so far inside of a plane that they have all neighbours."""
+    count = int(BODIES / share)
+    keys = mixed(key_of("room", name), np.arange(count, dtype=np.uint64))
+    side = np.sqrt(count / density)
+    points = side * np.column_stack([uniform(keys, 1), uniform(keys, 2), np.zeros(count)])
+    crowd = crowding(1.0 / share, min(kind.clump_m, side / 6.0), key_of("room", name), None, stray=0.0, patchy=False)
     there = crowd(points)
     kept = np.flatnonzero(uniform(keys, 4) * crowd.peak < there.weight)
-    size = sizes(kind, size_m, uniform(keys[kept], 3)) * grown_to(kind, there.depth[kept], there.clump[kept])
-    size = np.maximum(size, size_m[0])
-    priority = np.argsort(np.lexsort([keys[kept], size])).astype(np.uint64)
-    return full, float(np.mean(apart(points[kept], size, kind.body, priority)))
+    keys, points, depth = keys[kept], points[kept], there.depth[kept]
+    clump = np.where(there.clump[kept] > 0, there.clump[kept], keys)
+    margin = min(kind.body * size_m[1], 0.2 * side)
+    inside = ((points[:, :2] > margin) & (points[:, :2] < side - margin)).all(axis=1)
+    size = sizes(kind, size_m, uniform(keys, 3)) * grown_to(kind, depth, clump)
+    return keys, points, np.maximum(size, size_m[0]), inside

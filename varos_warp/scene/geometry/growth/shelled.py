@@ -5,27 +5,37 @@ import numpy as np
 from varos_warp.scene.geometry.growth.solids import Form, Solid, Strip, around, grid_faces, revolved, solid, waves
 
 PLATES, SIDES = 6, 30
+DEAD = 0.3
+"""Share of the shapes of barnacles that are empty."""
 
 
 def barnacle(rng: np.random.Generator) -> Form:
-    """A truncated cone of six ribbed plates about a sunken mouth; of unit width."""
-    height, mouth = rng.uniform(0.32, 0.6), rng.uniform(0.19, 0.27)
+    """A truncated cone of six ribbed plates about a sunken mouth, or the open shell of a dead one; of unit width."""
+    dead = rng.random() < DEAD
+    height, mouth = rng.uniform(0.22, 0.62), rng.uniform(0.3, 0.36) if dead else rng.uniform(0.17, 0.26)
     s, t = np.array([0.0, 0.25, 0.55, 0.8, 1.0]), around(SIDES)
     radius = np.concatenate([[0.53], 0.51 + (mouth - 0.51) * s**0.8, [0.84 * mouth, 0.75 * mouth, 0.4 * mouth, 0.01]])
-    z = np.concatenate([[-0.06], height * s, [0.92 * height, 0.45 * height, 0.55 * height, 0.62 * height]])
+    inner = [0.92, 0.3, 0.1, 0.08] if dead else [0.92, 0.45, 0.55, 0.62]
+    z = np.concatenate([[-0.06], height * s, height * np.array(inner)])
     phase = rng.uniform(0.0, 2.0 * np.pi)
-    oval = 1.0 + rng.uniform(0.03, 0.1) * np.cos(2.0 * t + phase)
+    oval = 1.0 + rng.uniform(0.03, 0.16) * np.cos(2.0 * t + phase)
+    oval = oval + sum(rng.normal(0.0, 0.035) * np.cos(k * t + rng.uniform(0.0, 6.3)) for k in (3, 4, 5))
     seam = np.exp(-((np.sin(0.5 * PLATES * t + phase) / 0.3) ** 2))
     ribs = 0.05 * np.cos(2.5 * PLATES * t + 1.0)
     outside = np.array([1, 1, 1, 1, 0.7, 0.3, 0, 0, 0, 0])[:, None]
     girth = oval * (1.0 + outside * (ribs - 0.14 * seam))
     vertices = revolved(radius, z, girth)
-    # the rim is ragged: tips of the plates between the seams
+    vertices[:, :2] += np.outer(np.maximum(vertices[:, 2], 0.0), rng.normal(0.0, 0.22, 2))  # neighbours press it aside
+    # the rim is ragged: tips of the plates between the seams, of dead ones broken
+    broken = 1.0 - (0.8 if dead else 0.25) * np.clip(np.cos(t + rng.uniform(0.0, 6.3)), 0.0, 1.0)
     tips = np.outer([0, 0, 0, 0.3, 0.7, 1, 1, 0, 0, 0], 0.16 * height * (0.4 - seam) * rng.uniform(0.6, 1.4))
+    tips -= np.outer([0, 0, 0, 0.1, 0.5, 1, 1, 0, 0, 0], 0.35 * height * (1.0 - broken))
     vertices[:, 2] += tips.ravel()
     shade = np.array([0.35, 0.5, 0.75, 0.9, 1.0, 1.05, 0.6, 0.09, 0.14, 0.2])[:, None] * (1.0 - 0.45 * outside * seam)
-    shade = shade.ravel() * rng.uniform(0.9, 1.1, len(vertices))
-    return Form(solid(vertices, grid_faces(len(radius), SIDES), np.outer(shade, [0.27, 0.25, 0.205])))
+    shade = shade.ravel() * rng.uniform(0.9, 1.1, len(vertices)) * (1.25 if dead else rng.uniform(0.7, 1.05))
+    colours = np.outer(shade, [0.27, 0.25, 0.205])
+    film = np.clip(rng.uniform(0.0, 0.5) + 0.3 * waves(vertices, 0.5, rng), 0.0, 0.75)[:, None]
+    return Form(solid(vertices, grid_faces(len(radius), SIDES), colours * (1.0 - film * [0.5, 0.52, 0.6])))
 
 
 def tube_worm(rng: np.random.Generator) -> Form:
@@ -78,16 +88,20 @@ def mussel(rng: np.random.Generator) -> Form:
     bow = (0.1 * np.sin(np.pi * s) * rng.uniform(0.6, 1.4))[:, None]
     x, y, z = (each.ravel() for each in (across + bow, np.repeat(s[:, None], sides, 1), through))
     rings = 1.0 + 0.16 * np.sin(np.hypot(x, 1.1 * y) * rng.uniform(55.0, 75.0)) * np.clip(2.0 * y, 0.0, 1.0)
-    shade = (rings * rng.uniform(0.85, 1.15, rows * sides))[:, None] * [0.05, 0.048, 0.052]
-    worn = np.clip(1.0 - y / rng.uniform(0.12, 0.4), 0.0, 1.0)[:, None] * rng.uniform(0.2, 1.0)  # down to the chalk
+    shade = (rings * rng.uniform(0.85, 1.15, rows * sides))[:, None] * [0.0165, 0.017, 0.02] * rng.uniform(0.7, 1.5)
+    worn = np.clip(1.0 - y / rng.uniform(0.15, 0.5), 0.0, 1.0)[:, None] * rng.uniform(0.3, 1.0)  # down to the chalk
     seam = np.repeat(0.5 * np.exp(-((np.sin(t) / 0.2) ** 2))[None], rows, axis=0).reshape(-1, 1)
-    colours = shade + worn * [0.13, 0.11, 0.10] + seam * [0.04, 0.03, 0.018]
-    lean, turn = rng.uniform(0.35, 1.2), rng.uniform(-0.9, 0.9)
+    colours = shade + worn * [0.085, 0.078, 0.08] + seam * [0.024, 0.018, 0.011]
+    spots = np.clip(waves(np.column_stack([x, y, z]), 0.14, rng) - rng.uniform(1.3, 2.4), 0.0, 0.8)[:, None]
+    colours = colours + spots * [0.17, 0.157, 0.128]  # young barnacles
+    lean, turn = rng.uniform(0.7, 1.4), rng.uniform(-0.9, 0.9)
     x, z = x * np.cos(turn) - z * np.sin(turn), x * np.sin(turn) + z * np.cos(turn)
     stood = np.column_stack([x, y * np.cos(lean) - z * np.sin(lean), y * np.sin(lean) + z * np.cos(lean)])
-    stood[:, 1] -= 0.5 * np.cos(lean)
-    stood[:, 2] -= stood[:, 2].min() + rng.uniform(0.08, 0.16)
-    up = np.sin(t + turn) * np.cos(lean)  # of the flanks, about
+    stood[:, 1] -= 0.4 * np.cos(lean)
+    stood[:, 2] -= stood[:, 2].min() + rng.uniform(0.1, 0.42)  # some are on top of the bed, some deep in it
     patchy = np.clip(0.5 + 0.7 * waves(stood, 0.25, rng), 0.0, 1.0)
-    dust = (0.75 * rng.uniform(0.2, 1.0) * patchy * np.clip(0.55 + 0.6 * np.tile(up, rows), 0.0, 1.0))[:, None]
-    return Form(solid(stood, grid_faces(rows, sides)[:, ::-1], colours + dust * ([0.12, 0.108, 0.08] - colours)))
+    # silt and byssus fill what is between them; what stands out is clean, but for some on what looks up
+    up = np.clip(np.sin(t + turn) * np.cos(lean), 0.0, 1.0)
+    between = 0.85 * np.clip(1.0 - stood[:, 2] / rng.uniform(0.25, 0.45), 0.0, 1.0)
+    dust = np.maximum(between, 0.45 * rng.uniform(0.0, 1.0) * patchy * np.tile(up, rows))[:, None]
+    return Form(solid(stood, grid_faces(rows, sides)[:, ::-1], colours + dust * ([0.05, 0.044, 0.033] - colours)))

@@ -1,5 +1,6 @@
 """Soft animals: anemones, hydroids and starfish."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -52,20 +53,23 @@ def _tentacle(rng):
 
 
 def hydroid(rng: np.random.Generator) -> Form:
-    """A tuft of thin bent stems with side branches, as of Obelia or turf; of unit height."""
+    """A tuft of feathers that bend with the current, along y, as of Plumularia or Halecium; of unit height."""
     strips = []
-    for _ in range(rng.integers(13, 20)):
-        t, length, out = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.45, 1.0), abs(rng.normal(0.0, 0.36))
-        root = np.append(rng.normal(0.0, 0.09, 2), -0.05)
-        s, outwards = np.linspace(0.0, 1.0, 6)[:, None], np.array([np.cos(t), np.sin(t), 0.0])
-        path = root + outwards * out * length * s**1.5 + UP * length * (s - 0.25 * out * s**2)
-        path = path + 0.018 * np.cumsum(rng.standard_normal((6, 3)), axis=0)
-        tone = rng.uniform(0.7, 1.3)
-        strips.append(_blade(path, 0.011, tone, rng))
-        for k in (2, 3, 4):
-            away = rng.standard_normal(3) * [1.0, 1.0, 0.4] + [0.0, 0.0, 0.6]
-            reach = 0.22 * length * away / np.linalg.norm(away) * np.linspace(0.0, 1.0, 3)[:, None]
-            strips.append(_blade(path[k] + reach, 0.009, 1.15 * tone, rng))
+    for _ in range(rng.integers(10, 13)):
+        length, away = rng.uniform(0.4, 1.0), rng.normal(0.0, [0.28, 0.2])
+        root = np.append(rng.normal(0.0, 0.12, 2), -0.05)
+        s, bend = np.linspace(0.0, 1.0, 7)[:, None], rng.uniform(0.25, 0.75)
+        path = root + length * (s * [*away, 1.0] + s**2 * [0.0, bend, -0.35 * bend])
+        path = path + 0.012 * np.cumsum(rng.standard_normal((7, 3)), axis=0)
+        tone, side = rng.uniform(0.6, 1.4), rng.standard_normal(3) * [1.0, 1.0, 0.2]
+        side /= np.linalg.norm(side)
+        strips.append(_blade(path, 0.008, 0.8 * tone, rng))
+        for k, way in itertools.product(range(2, 7), (-1.0, 1.0)):
+            out = way * side + 0.8 * (path[k] - path[k - 1]) / np.linalg.norm(path[k] - path[k - 1])
+            out += 0.25 * rng.standard_normal(3)
+            reach = length * 0.24 * (1.0 - 0.7 * ((k - 3) / 4) ** 2) * rng.uniform(0.7, 1.2)
+            tip = np.array([0.0, 0.6, 1.0])[:, None] * reach * out + np.array([0.0, 0.0, 0.15 * reach])[:, None] * UP
+            strips.append(_blade(path[k] + tip[:2] / 0.6, 0.012, 1.1 * tone, rng))
     return Form(None, tuple(strips))
 
 
