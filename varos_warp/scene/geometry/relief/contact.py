@@ -20,7 +20,7 @@ TONE = 0.82
 """Reflectance of what lies at a foot over that of silt: sand is mixed into it."""
 THIN, THINNEST_M, WIDEST_M = 0.22, 0.015, 0.09
 """Height over the bank by which the sediment on a body has thinned out, over the body's size, and its bounds [m]."""
-BESIDE_M = 0.16
+BESIDE_M = 0.08
 """How far from a body the ground has its tone [m]."""
 SALT = 950
 """Of the noise of these layers."""
@@ -94,7 +94,7 @@ def _ground_under(ground, points):
 def beside(clear: np.ndarray, pattern: Patterns) -> np.ndarray:
     """How much of the ground has the tone of what lies at a foot, [N], by the distance from the nearest body."""
     near = np.minimum(clear, 2.0 * BESIDE_M)
-    return 1.0 - smoothstep(0.15 * BESIDE_M, BESIDE_M, near + BESIDE_M * (0.9 * pattern.fbm(7.0, 4, SALT + 2)))
+    return 1.0 - smoothstep(0.15 * BESIDE_M, BESIDE_M, near + BESIDE_M * (1.2 * pattern.fbm(12.0, 4, SALT + 2)))
 
 
 def settled(colour: np.ndarray, cover: np.ndarray, pattern: Patterns, tint: np.ndarray) -> np.ndarray:

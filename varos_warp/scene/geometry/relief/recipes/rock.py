@@ -17,9 +17,9 @@ FINE_LIMIT_M = 0.018
 PALE, DARK = (0.110, 0.099, 0.084), (0.050, 0.046, 0.041)
 IRON = (0.185, 0.118, 0.066)
 CORALLINE = (0.250, 0.120, 0.125)
-FACETS = 2.3, 5.9, 14.0
+FACETS = 2.3, 5.9, 14.0, 33.0
 """Faces along the size of a rock, of each generation."""
-FACET_SLOPE = 0.24
+FACET_SLOPE = 0.30
 """How far its planes lean at most, as a tangent."""
 THICKEST_BED_M, THINNEST_BED_M = 0.25, 0.012
 
@@ -58,9 +58,9 @@ class Rock:
         size, bent = sites.size, _bent(sites, look)
         beds = _wide_beds(sites, look)
         gap, id, joint = _joints(sites, bent)
-        ridges = 0.055 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
+        ridges = 0.030 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
         blocks = 0.032 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
-        h = 0.012 * beds.level - 0.008 * beds.parting + ridges + blocks + _facets(sites, look).height - 0.022 * joint
+        h = 0.012 * beds.level - 0.008 * beds.parting + ridges + blocks + _facets(sites, look).height - 0.008 * joint
         return size * np.clip(h, -LIMIT, LIMIT)
 
     def fine(self, sites: Sites, look: Look) -> np.ndarray:
@@ -72,8 +72,8 @@ class Rock:
         knobs = 0.0040 * min(size, 1.0) * (pattern.billow(least, 5, 60, 0.55) + 0.38)
         cells = pattern.moved(0.02, 9.0, 50).worley(least, 53)
         open = smoothstep(0.0, 0.3, pattern.fbm(6.0, 2, 54)) * pattern.resolved(0.25 / least)
-        cracklets = 0.006 * (1.0 - smoothstep(0.0, 0.09, cells.gap)) * open
-        grain = 0.0024 * pattern.fbm(90.0, 4, 61, 0.6)
+        cracklets = 0.003 * (1.0 - smoothstep(0.0, 0.09, cells.gap)) * open
+        grain = 0.0060 * pattern.fbm(60.0, 4, 61, 0.7)
         return np.clip(laminae + knobs - cracklets + grain, -FINE_LIMIT_M, FINE_LIMIT_M)
 
     def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
@@ -89,9 +89,10 @@ class Rock:
             np.asarray(IRON) * (0.6 + 0.6 * beds.tone)[:, None],
             0.55 * patches(bent.fbm(4.0 / size, 5, 81), 0.22, 0.12),
         )
+        stone = stone * (1.0 + 0.9 * pattern.fbm(70.0, 3, 82, 0.7))[:, None]  # minerals
         edge, groove = np.clip(3.0 * shape.convexity, 0.0, 1.0), shape.hollow
-        dark = np.maximum(joint, 0.7 * beds.parting)
-        stone = stone * (1.0 + 0.30 * edge - 0.35 * groove)[:, None] * (1.0 - 0.5 * dark)[:, None]
+        dark = 0.5 * np.maximum(joint, 0.7 * beds.parting)
+        stone = stone * (1.0 + 0.30 * edge - 0.15 * groove)[:, None] * (1.0 - 0.5 * dark)[:, None]
         if look.film > 0.0:
             stone = mix(stone, _crust_tone(pattern), 0.75 * _crusts(pattern, shape) * min(1.0, 2.0 * look.film))
         if look.paint is not None:
@@ -108,7 +109,8 @@ def _family(seed: int) -> np.ndarray:
 def _bent(sites: Sites, look: Look) -> Patterns:
     """Patterns at places that are bent over the whole object."""
     return sites.once(
-        ("rock", "bent", look.seed), lambda: sites.patterns(look.seed).moved(0.07 * sites.size, 2.0 / sites.size, 10, 3)
+        ("rock", "bent", look.seed),
+        lambda: sites.patterns(look.seed).moved(0.045 * sites.size, 2.0 / sites.size, 10, 3),
     )
 
 
