@@ -57,7 +57,7 @@ def refused_as(made: Callable[[Exception], InputError]) -> Iterator[None]:
     """A ``with`` statement around a library that may raise anything on bad input: it becomes the error that is made."""
     try:
         yield
-    except InputError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:
         raise made(error) from error

@@ -104,3 +104,19 @@ def test_what_is_left_of_a_failed_call_is_not_begun(monkeypatch):
     with pytest.raises(ValueError, match="0"):
         launch.in_threads(fail, range(5))
     assert begun == [0]
+
+
+def test_an_error_in_any_thread_ends_a_call_and_the_first_of_them_is_told():
+    done, started = [], threading.Barrier(2)
+
+    def make(i):
+        if i < 2:
+            started.wait(10.0)
+            time.sleep(0.05 * (1 - i))  # the later one fails first
+            raise ValueError(str(i))
+        time.sleep(0.02)
+        done.append(i)
+
+    with pytest.raises(ValueError, match="0"):
+        launch.in_threads(make, range(200), threads=2)
+    assert len(done) < 100

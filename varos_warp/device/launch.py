@@ -104,12 +104,17 @@ class _Gate:
                 self._inside -= is_open
                 self._change.notify_all()
 
+    def close(self) -> None:
+        """Let no thread in any more."""
+        with self._change:
+            self._is_open = False
+
     def __enter__(self) -> "_Gate":
         return self
 
     def __exit__(self, *_) -> None:
+        self.close()
         with self._change:
-            self._is_open = False
             self._change.wait_for(lambda: self._inside == 0)
 
 
@@ -138,21 +143,25 @@ def in_threads(function: Callable[[T], R], some: Sequence[T], threads: int | Non
     """What a function of Warp's or numpy's, which let go of Python's lock, makes of some things, in their order.
 
     The caller works itself and `_helpers` join it as they are free. So calls within calls neither wait for each other
-    nor start more threads than there are cores.
+    nor start threads of their own.
 
     Args:
         function: Called once for each.
         some: The things.
         threads: At most so many, the caller among them; absent: all cores that the process may use.
     """
-    gate, left, made = _Gate(), iter(range(len(some))), {}
+    gate, left, made, failed = _Gate(), iter(range(len(some))), {}, {}
 
     def work():
         for i in left:  # which gives each number to one thread
             with gate.passed() as is_open:
                 if not is_open:
                     return
-                made[i] = function(some[i])
+                try:
+                    made[i] = function(some[i])
+                except Exception as error:
+                    failed[i] = error
+                    gate.close()
 
     with gate:
         helping = [_helpers().submit(work) for _ in range(min(threads or usable_cores(), len(some)) - 1)]
@@ -160,6 +169,8 @@ def in_threads(function: Callable[[T], R], some: Sequence[T], threads: int | Non
         for helper in helping:
             if not helper.cancel():
                 helper.result()
+    if failed:
+        raise failed[min(failed)]  # what comes before it has all begun, so it is the same whichever thread was faster
     return [made[i] for i in range(len(some))]
 
 

@@ -74,7 +74,10 @@ class Launcher:
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """A ``with`` statement, within ``turn``, that waits for the device or does without it: others may use it."""
+        """A ``with`` statement, within ``turn``, that waits for the device or does without it: others may use it.
+
+        Hold no lock across it that another frame may ask for: that one has the turn then.
+        """
         self.turn.release()
         try:
             yield

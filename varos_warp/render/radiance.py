@@ -116,7 +116,7 @@ class RadianceRenderer:
         return self.world.water
 
     def water(self, shot: Shot) -> RadianceImage:
-        """Render A, with the bodies in the water in front: a GPU draws them while the host decides on samples."""
+        """Render A, with the bodies in the water in front: a GPU draws them while the host waits."""
         if shot.snow is None:
             return self._water(shot, None)
         with self.launcher.meanwhile(shot.snow) as drawn:

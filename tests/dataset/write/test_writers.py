@@ -5,7 +5,6 @@ import hashlib
 import json
 import re
 import textwrap
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from varos_warp.dataset.run.produce import produce
 from varos_warp.dataset.write import tables
 from varos_warp.dataset.write import texts as writers
 from varos_warp.render.decisions import Plan
+from varos_warp.scene.description.lights import SpotLight
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import pose_matrix
 
@@ -99,14 +99,14 @@ def test_light_poses_point_along_the_cone_in_the_world(written):
 
 
 def test_a_light_pointing_straight_down_has_a_proper_pose():
-    light = SimpleNamespace(kind="spot", position=(0, 0, 0), direction=(0, 0, -2.0))
+    light = SpotLight(kind="spot", position=(0, 0, 0), direction=(0, 0, -2.0))
     T = writers.light_pose(light)
     np.testing.assert_allclose(T[:3, 2], [0, 0, -1], atol=1e-14)
     np.testing.assert_allclose(np.linalg.det(T[:3, :3]), 1.0, atol=1e-14)
 
 
 def test_the_pose_of_a_light_keeps_the_digits_of_a_short_direction_and_of_a_far_position():
-    light = SimpleNamespace(kind="spot", position=(5e5, 7e6, 0), direction=(0.0, 3e-6, -4e-6))
+    light = SpotLight(kind="spot", position=(5e5, 7e6, 0), direction=(0.0, 3e-6, -4e-6))
     T = writers.light_pose(light)
     np.testing.assert_allclose(T[:3, 2], [0.0, 0.6, -0.8], atol=1e-15)
     np.testing.assert_array_equal(T[:3, 3], light.position)

@@ -23,7 +23,6 @@ OTHERS = {
     "cli/datasets.py",
     "cli/options.py",
     "dataset/validate/alignment.py",
-    "scene/file/schema.py",
     "sim/simulator.py",
 }
 """Files where such letters in quotes mean something else: modes of Pillow, types of IES, units, an unknown.

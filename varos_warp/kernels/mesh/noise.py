@@ -20,7 +20,7 @@ STRIDE_K = wp.constant(wp.uint32(3266489917))
 STRIDE_OCTAVE = wp.constant(wp.uint32(2654435769))
 AGAIN = wp.constant(wp.uint32(747796405))
 CHAMFER = wp.constant(0.2)
-"""Width of the edge between the faces of two cells, as a difference of distances in cells."""
+"""Width of the edges between faces, as a difference of distances to their points in cells."""
 HALF_DIAGONAL = wp.constant(0.70710678)
 MEAN_ABS = wp.constant(0.15569)
 """Mean of the magnitude of gradient noise (measured on 2 10^7 points; standard error 2e-5)."""
@@ -198,31 +198,29 @@ class Nearest:
     first: float
     second: float
     bits: wp.uint32
-    apart: wp.vec3
-    second_bits: wp.uint32
-    second_apart: wp.vec3
+
+
+@wp.func
+def point_in(h: wp.uint32, offset: wp.vec3):
+    """Where the jittered point of a cell lies from a place, from which its lower corner is ``offset`` away."""
+    return offset + wp.vec3(low_half(h), high_half(h), low_half(h * AGAIN ^ (h >> wp.uint32(7))))
 
 
 @wp.func
 def nearer(found: Nearest, seed: wp.uint32, i: int, j: int, k: int, offset: wp.vec3, is_flat: int):
     """What is nearest with the point of one more cell, whose lower corner lies at ``offset`` from the place."""
     h = bits_at(seed, i, j, k)
-    apart = offset + wp.vec3(low_half(h), high_half(h), low_half(h * AGAIN ^ (h >> wp.uint32(7))))
+    apart = point_in(h, offset)
     if is_flat != 0:
         apart[2] = 0.0
     distance = wp.length(apart)
     out = found
     if distance < found.first:
         out.second = found.first
-        out.second_bits = found.bits
-        out.second_apart = found.apart
         out.first = distance
         out.bits = h
-        out.apart = apart
     elif distance < found.second:
         out.second = distance
-        out.second_bits = h
-        out.second_apart = apart
     return out
 
 
@@ -252,15 +250,6 @@ def random_direction(bits: wp.uint32):
     return wp.vec3(r * wp.cos(around), r * wp.sin(around), z)
 
 
-@wp.func
-def face_height(found: Nearest):
-    """Height over the plane of the nearest cell, and over the mean of both where two meet, so that it has no steps."""
-    own = wp.dot(found.apart, random_direction(found.bits))
-    next = wp.dot(found.second_apart, random_direction(found.second_bits))
-    inside = wp.clamp((found.second - found.first) / CHAMFER, 0.0, 1.0)
-    return wp.lerp(0.5 * (own + next), own, inside * inside * (3.0 - 2.0 * inside))
-
-
 @wp.kernel
 def find_cells(
     first_row: int,
@@ -269,9 +258,9 @@ def find_cells(
     is_flat: int,
     points: wp.array(dtype=wp.vec3d),
     # out
-    cell: wp.array(dtype=wp.vec4),
+    cell: wp.array(dtype=wp.vec3),
 ):
-    """Distances to the nearest two of jittered points, one a cell, a random number and a face of the nearest one.
+    """Distances to the nearest two of jittered points, one a cell, and a random number of the nearest one.
 
     Args:
         first_row: Number of the first thread.
@@ -279,8 +268,7 @@ def find_cells(
         cycles: Cells along each axis [1/m].
         is_flat: Whether z does not count: cells are columns then.
         points: Places [m], shape [N].
-        cell: Distance to the nearest and the second nearest, in cells, a number in [0, 1) and the height of the
-            nearest one's face, in cells, shape [N].
+        cell: Distance to the nearest and the second nearest, in cells, and a number in [0, 1), shape [N].
     """
     n = first_row + wp.tid()
     q = wp.cw_mul(points[n], cycles)
@@ -293,4 +281,49 @@ def find_cells(
     found = search(seed, i, j, k, inside, 1, is_flat)
     if found.second > 1.0:  # beyond the cells around a point may be nearer
         found = search(seed, i, j, k, inside, 2, is_flat)
-    cell[n] = wp.vec4(found.first, found.second, high_half(found.bits * AGAIN), face_height(found))
+    cell[n] = wp.vec3(found.first, found.second, high_half(found.bits * AGAIN))
+
+
+@wp.kernel
+def find_faces(
+    first_row: int,
+    seed: wp.uint32,
+    cycles: wp.vec3d,
+    points: wp.array(dtype=wp.vec3d),
+    # out
+    height: wp.array(dtype=wp.float32),
+):
+    """Height of planes that lean at random, each through the jittered point of a cell; a mean where several meet.
+
+    The weight of a point falls from 1, of the nearest, to 0 where it is CHAMFER farther: so there are no steps.
+
+    Args:
+        first_row: Number of the first thread.
+        seed: Random bits.
+        cycles: Cells along each axis [1/m].
+        points: Places [m], shape [N].
+        height: Over the point, in cells, shape [N].
+    """
+    n = first_row + wp.tid()
+    q = wp.cw_mul(points[n], cycles)
+    i = int(wp.floor(q[0]))
+    j = int(wp.floor(q[1]))
+    k = int(wp.floor(q[2]))
+    inside = wp.vec3(float(q[0] - wp.float64(i)), float(q[1] - wp.float64(j)), float(q[2] - wp.float64(k)))
+    reach = int(1)
+    found = search(seed, i, j, k, inside, reach, 0)
+    if found.first + CHAMFER > 1.0:  # beyond the cells around a point may be near enough
+        reach = 2
+        found = search(seed, i, j, k, inside, reach, 0)
+    total = float(0.0)
+    weights = float(0.0)
+    for dk in range(-reach, reach + 1):
+        for dj in range(-reach, reach + 1):
+            for di in range(-reach, reach + 1):
+                h = bits_at(seed, i + di, j + dj, k + dk)
+                apart = point_in(h, wp.vec3(float(di), float(dj), float(dk)) - inside)
+                w = wp.max(1.0 - (wp.length(apart) - found.first) / CHAMFER, 0.0)
+                w = w * w * (3.0 - 2.0 * w)
+                total += w * wp.dot(apart, random_direction(h))
+                weights += w
+    height[n] = total / weights

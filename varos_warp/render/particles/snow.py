@@ -40,6 +40,7 @@ from varos_warp.render.particles.splats import Seen, seen_cells, splats_by_tiles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
+from varos_warp.scene.geometry.lazily import once
 from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water.particles import ParticleLaw, particle_laws
 from varos_warp.sim.vehicle.current import Current
@@ -71,7 +72,7 @@ class Drawn:
         self.launcher.run(lay_over, image.shape, {"image": image, **bodies, "shown": shown})
         return shown
 
-    @functools.cached_property
+    @once  # its lock is this object's: frames side by side give the device away while they wait for what they fetch
     def on_host(self) -> Snow:
         """Their images."""
         return Snow(**dict(zip(self.images, self.launcher.fetch(*self.images.values()), strict=True)))
@@ -160,7 +161,7 @@ class SnowRenderer:
 
     # --------------------------------------------------------------------------------------------- what is launched
 
-    @functools.cached_property
+    @once
     def _has_field(self) -> bool:
         """True if the field of open water shines on bodies."""
         return lit_by_field(self.scene) and not self.open_water.failure

@@ -23,8 +23,6 @@ class Cells(NamedTuple):
     """float64 [N]: distance to the one after it."""
     id: np.ndarray
     """float64 [N]: a random number in [0, 1) that a whole cell shares."""
-    face: np.ndarray
-    """float64 [N]: height of a plane through the centre that leans at random; between two cells there is no step."""
 
     @property
     def gap(self) -> np.ndarray:
@@ -93,7 +91,7 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
         cycles_per_m: Cubes of the lattice along each axis [1/m].
         flat: Whether z does not count: points of a plane, one in each square.
     """
-    cell = wp.empty(len(p), dtype=wp.vec4, device=device)
+    cell = wp.empty(len(p), dtype=wp.vec3, device=device)
     arguments = {
         "seed": _bits(seed),
         "cycles": _vector(cycles_per_m),
@@ -103,6 +101,23 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
     }
     launch(kernels.find_cells, len(p), arguments, device)
     return Cells(*cell.numpy().astype(np.float64).T)
+
+
+def faces(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, device: str = "cpu") -> np.ndarray:
+    """Height of faces that lean at random in the cells of `worley`, float64 [N], in cells; of mean 0 and without steps.
+
+    A face leans by a tangent of 1 at most in space. Between faces are edges, a fifth of a cell wide. It is not limited
+    to a band.
+    """
+    height = wp.empty(len(p), dtype=wp.float32, device=device)
+    arguments = {
+        "seed": _bits(seed),
+        "cycles": _vector(cycles_per_m),
+        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
+        "height": height,
+    }
+    launch(kernels.find_faces, len(p), arguments, device)
+    return height.numpy().astype(np.float64)
 
 
 def resolved(length_m: np.ndarray | float, edge: np.ndarray | float) -> np.ndarray:
@@ -150,6 +165,10 @@ class Patterns:
     def worley(self, cycles: Cycles, salt: int, *, flat: bool = False) -> Cells:
         """`worley`."""
         return worley(self.p, cycles, self._salted(salt), flat=flat, device=self.device)
+
+    def faces(self, cycles: Cycles, salt: int) -> np.ndarray:
+        """`faces`, [N]."""
+        return faces(self.p, cycles, self._salted(salt), self.device)
 
     def resolved(self, length_m: np.ndarray | float) -> np.ndarray:
         """`resolved`, [N]."""

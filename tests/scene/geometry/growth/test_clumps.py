@@ -10,7 +10,15 @@ from scipy.stats import kstest
 
 from varos_warp.scene.description.growth import Growth
 from varos_warp.scene.geometry.growth.chance import key_of, uniform
-from varos_warp.scene.geometry.growth.clumps import EMPTY_FROM, _left_by_scars, crowding, left_by_scars, scars, share_of
+from varos_warp.scene.geometry.growth.clumps import (
+    EMPTY_FROM,
+    LEAST_CROWDED,
+    _left_by_scars,
+    crowding,
+    left_by_scars,
+    scars,
+    share_of,
+)
 from varos_warp.scene.geometry.growth.coat import Placed, coated
 from varos_warp.scene.geometry.growth.dust import FROM, SILT, dusted
 from varos_warp.scene.geometry.growth.grow import CURRENT, _poses, _silted, _which
@@ -267,3 +275,13 @@ def test_more_than_find_room_are_told_of():
     how = filling("barnacle", (0.02, 0.03), 20_000.0, 11.0)
     assert 100.0 < how.most < 1500.0
     assert filling("barnacle", (0.02, 0.03), 0.5 * how.most, 11.0).most == 0.5 * how.most
+
+
+@pytest.mark.parametrize(("kind", "per_m2", "cluster"), [("starfish", 60.0, 1.0), ("shell", 1500.0, 1.0)])
+def test_what_is_left_is_that_of_the_clumps_that_are_made(kind, per_m2, cluster):
+    """Where loose kinds stand so close that clumps must be fuller, fewer find room in them."""
+    size_m = KINDS[kind].size_m
+    how = filling(kind, size_m, per_m2, cluster)
+    again = left_of(kind, size_m, how.times * per_m2, share_of(how.times, KINDS[kind].stray, how.left))
+    assert how.left == pytest.approx(again, rel=0.04)  # twice of what chance there is in it
+    assert how.most == pytest.approx(min(how.times * again / LEAST_CROWDED, 1.0) * per_m2, rel=0.04)

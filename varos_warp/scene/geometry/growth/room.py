@@ -30,8 +30,9 @@ BODIES = 30_000
 """In clumps, before those that find no room: by so many it is found how many do, to about two in a hundred."""
 SPARSEST = 0.08
 """Share of a plane that clumps have at least when that is found: they touch so few others that no fewer matter."""
-ROUNDS, ABOUT = 2, 0.25
-"""What is left and how much of a surface clumps have follow from each other: so often, from such a share."""
+ROUNDS, MOST_ROUNDS, ABOUT = 2, 8, 0.25
+"""What is left and how much of a surface clumps have follow from each other: so often at least and at most, from such
+a share; the fuller clumps are, the fewer find room."""
 CROWDED = 4.0
 """Where bodies would cover so many times the surface, hardly any more find room."""
 ALONE = 0.02
@@ -101,9 +102,12 @@ def filling(name: str, size_m: tuple[float, float], per_m2: float, cluster: floa
         times = max(times, full_of(name, size_m) / per_m2)
     times = float(min(times, most, MOST_CROWDED))
     share = share_of(times, kind.stray, ABOUT)
-    for _ in range(ROUNDS):
+    for n in range(MOST_ROUNDS):
         left = left_of(name, size_m, times * per_m2, share)
-        if times * left < LEAST_CROWDED and not packed:
+        enough = packed or times >= most or times * left >= 0.99 * LEAST_CROWDED
+        if n + 1 == MOST_ROUNDS or (enough and n + 1 >= ROUNDS):
+            break
+        if not enough:
             times = float(min(LEAST_CROWDED / left, most))
         share = share_of(times, kind.stray, left)
     return Filling(times, left, min(times * left / LEAST_CROWDED, 1.0) * per_m2)

@@ -20,7 +20,7 @@ CORALLINE = (0.250, 0.120, 0.125)
 FACETS = 2.3, 5.9, 14.0, 33.0
 """Faces along the size of a rock, of each generation."""
 FACET_SLOPE = 0.30
-"""How far its planes lean at most, as a tangent."""
+"""How far faces lean at most, as a tangent; the edges between them are steeper."""
 THICKEST_BED_M, THINNEST_BED_M = 0.25, 0.012
 
 
@@ -200,10 +200,10 @@ def _faceted(sites, plain):
     size, height, tone = sites.size, 0.0, 0.0
     for k, cycles in enumerate(FACETS):
         # jagged borders, of a size that the mesh shows
-        cells = plain.moved(0.06 * size / cycles, 2.5 * cycles / size, 70 + 4 * k, 2).worley(cycles / size, 90 + k)
+        moved = plain.moved(0.06 * size / cycles, 2.5 * cycles / size, 70 + 4 * k)
         shown = plain.resolved(0.5 * size / cycles)
-        height = height + FACET_SLOPE / cycles * cells.face * shown
-        tone = tone + (cells.id - 0.5) * shown
+        height = height + FACET_SLOPE / cycles * moved.faces(cycles / size, 90 + k) * shown
+        tone = tone + (moved.worley(cycles / size, 90 + k).id - 0.5) * shown
     return Facets(height, tone)
 
 
