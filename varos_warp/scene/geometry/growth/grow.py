@@ -1,13 +1,12 @@
 """Blocks of ``growth`` become copies on the parts of a scene."""
 
 import itertools
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
 from varos_warp.cache import cached, code_hash
-from varos_warp.device.devices import usable_cores
+from varos_warp.device.launch import in_threads
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -60,8 +59,7 @@ def grow(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:
     def place(wanted):
         return _placed(wanted, [carrier for name in wanted.block.on for carrier in carriers[name]], near)
 
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        placed = list(pool.map(place, blocks))
+    placed = in_threads(place, blocks)
     groups = [group for wanted, some in zip(blocks, placed, strict=True) for group in _groups(wanted, some)]
     return [*coated(parts, [(wanted.kind, some) for wanted, some in zip(blocks, placed, strict=True)]), *groups]
 
