@@ -61,14 +61,21 @@ def bits_at(seed: wp.uint32, i: int, j: int, k: int):
 
 
 @wp.func
-def gradient_noise(seed: wp.uint32, q: wp.vec3d):
-    """Gradient noise of unit gradients at a place in units of the lattice: in [-1, 1], of mean 0."""
+def lattice_cell(q: wp.vec3d):
+    """The cell of the lattice that a place is in, and where it is in it, which alone is single precision."""
     i = int(wp.floor(q[0]))
     j = int(wp.floor(q[1]))
     k = int(wp.floor(q[2]))
-    x = float(q[0] - wp.float64(i))
-    y = float(q[1] - wp.float64(j))
-    z = float(q[2] - wp.float64(k))
+    return i, j, k, wp.vec3(float(q[0] - wp.float64(i)), float(q[1] - wp.float64(j)), float(q[2] - wp.float64(k)))
+
+
+@wp.func
+def gradient_noise(seed: wp.uint32, q: wp.vec3d):
+    """Gradient noise of unit gradients at a place in units of the lattice: in [-1, 1], of mean 0."""
+    i, j, k, inside = lattice_cell(q)
+    x = inside[0]
+    y = inside[1]
+    z = inside[2]
     u = fade(x)
     v = fade(y)
     low = wp.lerp(
@@ -274,10 +281,7 @@ def find_cells(
     q = wp.cw_mul(points[n], cycles)
     if is_flat != 0:
         q[2] = wp.float64(0.0)
-    i = int(wp.floor(q[0]))
-    j = int(wp.floor(q[1]))
-    k = int(wp.floor(q[2]))
-    inside = wp.vec3(float(q[0] - wp.float64(i)), float(q[1] - wp.float64(j)), float(q[2] - wp.float64(k)))
+    i, j, k, inside = lattice_cell(q)
     found = search(seed, i, j, k, inside, 1, is_flat)
     if found.second > 1.0:  # beyond the cells around a point may be nearer
         found = search(seed, i, j, k, inside, 2, is_flat)
@@ -291,7 +295,7 @@ def find_faces(
     cycles: wp.vec3d,
     points: wp.array(dtype=wp.vec3d),
     # out
-    height: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=wp.vec2),
 ):
     """Height of planes that lean at random, each through the jittered point of a cell; a mean where several meet.
 
@@ -302,14 +306,11 @@ def find_faces(
         seed: Random bits.
         cycles: Cells along each axis [1/m].
         points: Places [m], shape [N].
-        height: Over the point, in cells, shape [N].
+        face: Height over the point, in cells, and the number in [0, 1) of the nearest one, shape [N].
     """
     n = first_row + wp.tid()
     q = wp.cw_mul(points[n], cycles)
-    i = int(wp.floor(q[0]))
-    j = int(wp.floor(q[1]))
-    k = int(wp.floor(q[2]))
-    inside = wp.vec3(float(q[0] - wp.float64(i)), float(q[1] - wp.float64(j)), float(q[2] - wp.float64(k)))
+    i, j, k, inside = lattice_cell(q)
     reach = int(1)
     found = search(seed, i, j, k, inside, reach, 0)
     if found.first + CHAMFER > 1.0:  # beyond the cells around a point may be near enough
@@ -326,4 +327,4 @@ def find_faces(
                 w = w * w * (3.0 - 2.0 * w)
                 total += w * wp.dot(apart, random_direction(h))
                 weights += w
-    height[n] = total / weights
+    face[n] = wp.vec2(total / weights, high_half(found.bits * AGAIN))

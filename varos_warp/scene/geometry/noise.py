@@ -103,21 +103,30 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
     return Cells(*cell.numpy().astype(np.float64).T)
 
 
-def faces(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, device: str = "cpu") -> np.ndarray:
-    """Height of faces that lean at random in the cells of `worley`, float64 [N], in cells; of mean 0 and without steps.
+class Faces(NamedTuple):
+    """Faces that lean at random at N points, one in each cell of `worley`."""
+
+    height: np.ndarray
+    """float64 [N]: of mean 0 and without steps, in cells."""
+    id: np.ndarray
+    """float64 [N]: that of the cell."""
+
+
+def faces(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, device: str = "cpu") -> Faces:
+    """Faces that lean at random in the cells of `worley`.
 
     A face leans by a tangent of 1 at most in space. Between faces are edges, a fifth of a cell wide. It is not limited
     to a band.
     """
-    height = wp.empty(len(p), dtype=wp.float32, device=device)
+    face = wp.empty(len(p), dtype=wp.vec2, device=device)
     arguments = {
         "seed": _bits(seed),
         "cycles": _vector(cycles_per_m),
         "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
-        "height": height,
+        "face": face,
     }
     launch(kernels.find_faces, len(p), arguments, device)
-    return height.numpy().astype(np.float64)
+    return Faces(*face.numpy().astype(np.float64).T)
 
 
 def resolved(length_m: np.ndarray | float, edge: np.ndarray | float) -> np.ndarray:
@@ -166,8 +175,8 @@ class Patterns:
         """`worley`."""
         return worley(self.p, cycles, self._salted(salt), flat=flat, device=self.device)
 
-    def faces(self, cycles: Cycles, salt: int) -> np.ndarray:
-        """`faces`, [N]."""
+    def faces(self, cycles: Cycles, salt: int) -> Faces:
+        """`faces`."""
         return faces(self.p, cycles, self._salted(salt), self.device)
 
     def resolved(self, length_m: np.ndarray | float) -> np.ndarray:

@@ -135,11 +135,15 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
     normals = mitred(outline)
     ends = rounded([(r, -half), (0.0, -half), (0.0, half), (r, half)], b, detail)[1:-1]
     rings = [outline - inset * normals for inset, _ in ends]
-    placed = [
-        np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
-        for ring, (_, y) in zip(rings, ends, strict=True)
-    ]
-    return loft([_battered(ring, half, batter) for ring in placed], detail, cap=cap)
+    vertices, faces = loft(
+        [
+            np.column_stack([ring[:, 0], np.full(len(ring), y), ring[:, 1]])
+            for ring, (_, y) in zip(rings, ends, strict=True)
+        ],
+        detail,
+        cap=cap,
+    )
+    return _battered(vertices, half, batter), faces
 
 
 def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):

@@ -202,8 +202,9 @@ def _faceted(sites, plain):
         # jagged borders, of a size that the mesh shows
         moved = plain.moved(0.06 * size / cycles, 2.5 * cycles / size, 70 + 4 * k)
         shown = plain.resolved(0.5 * size / cycles)
-        height = height + FACET_SLOPE / cycles * moved.faces(cycles / size, 90 + k) * shown
-        tone = tone + (moved.worley(cycles / size, 90 + k).id - 0.5) * shown
+        faces = moved.faces(cycles / size, 90 + k)
+        height = height + FACET_SLOPE / cycles * faces.height * shown
+        tone = tone + (faces.id - 0.5) * shown
     return Facets(height, tone)
 
 
