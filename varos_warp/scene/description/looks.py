@@ -14,10 +14,23 @@ GAINS = tuple(
 """Keys of the gains of single cameras; ``*`` is any item."""
 LOOKS_OF_WATER = (
     *GAINS,
-    *"name water particles vehicle.lights vehicles.*.lights".split(),
-    *"render.tolerance render.max_seconds_per_frame render.spp render.max_scatterings render.max_bounces".split(),
-    *"render.layers render.integrator render.denoise render.exposure.A render.exposure.white_balance".split(),
-    *"render.noise render.linear_exr".split(),
+    "name",
+    "water",
+    "particles",
+    "vehicle.lights",
+    "vehicles.*.lights",
+    "render.tolerance",
+    "render.max_seconds_per_frame",
+    "render.spp",
+    "render.max_scatterings",
+    "render.max_bounces",
+    "render.layers",
+    "render.integrator",
+    "render.denoise",
+    "render.exposure.A",
+    "render.exposure.white_balance",
+    "render.noise",
+    "render.linear_exr",
 )
 """Keys from which only light in water follows, and the name, from which nothing does."""
 LOOKS = (*LOOKS_OF_WATER, "render.spp_b", "render.denoise_b", "render.exposure.B", "render.dither")

@@ -11,8 +11,14 @@ from varos_warp.scene.block import Block, unwritten_if_absent
 KEYS = ("columns", "frame", "of", "body", "attitude", "origin", "start_s", "smoothing_s")
 """Keys of a trajectory that tell of its ``file``, and mean nothing without one."""
 
-FOR_WAYPOINTS = tuple(
-    "speed max_angular_speed_deg max_acceleration overlap handover_radius_m handover_timeout_s dwell_s".split()
+FOR_WAYPOINTS = (
+    "speed",
+    "max_angular_speed_deg",
+    "max_acceleration",
+    "overlap",
+    "handover_radius_m",
+    "handover_timeout_s",
+    "dwell_s",
 )
 """Keys of a trajectory that mean nothing where poses say when they are passed."""
 

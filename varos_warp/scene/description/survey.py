@@ -90,8 +90,22 @@ class Heights(Ground):
     """Normals that A and B are lit with, of the triangles or smoothed; C always has the smoothed ones."""
 
     _written = unwritten_if_absent(
-        *"positive unit height_unit height_scale height_range_m nodata region resolution_m longest_edge_m".split(),
-        *"columns classes pixel_m first_row origin class_ around_objects".split(),
+        "positive",
+        "unit",
+        "height_unit",
+        "height_scale",
+        "height_range_m",
+        "nodata",
+        "region",
+        "resolution_m",
+        "longest_edge_m",
+        "columns",
+        "classes",
+        "pixel_m",
+        "first_row",
+        "origin",
+        "class_",
+        "around_objects",
     )
 
     @property

@@ -11,9 +11,21 @@ from varos_warp.scene.geometry.files.pieces import FileMaterial, MeshFile, Textu
 
 SHADERS = ("phong", "blinn", "lambert", "constant")
 UNMOVED = {
-    **dict.fromkeys("coverageU coverageV repeatU repeatV wrapU wrapV".split(), 1),
-    **dict.fromkeys("translateFrameU translateFrameV rotateFrame offsetU offsetV rotateUV mirrorU mirrorV".split(), 0),
+    "coverageU": 1,
+    "coverageV": 1,
+    "translateFrameU": 0,
+    "translateFrameV": 0,
+    "rotateFrame": 0,
+    "repeatU": 1,
+    "repeatV": 1,
+    "offsetU": 0,
+    "offsetV": 0,
+    "rotateUV": 0,
+    "mirrorU": 0,
+    "mirrorV": 0,
     "stagger": 0,
+    "wrapU": 1,
+    "wrapV": 1,
 }
 """What Maya and programs after it write beside a texture, and the values that leave it where it is."""
 WRAPPING = {"WRAP": "repeat", "CLAMP": "clamp", "BORDER": "clamp", "MIRROR": "mirror", "MIRROR_ONCE": "mirror"}

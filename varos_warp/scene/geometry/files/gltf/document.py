@@ -15,14 +15,31 @@ from varos_warp.files import is_file
 from varos_warp.scene.geometry.files.pieces import damaged, in_words
 
 READ = {
-    *"KHR_mesh_quantization KHR_texture_transform KHR_draco_mesh_compression EXT_mesh_gpu_instancing".split(),
-    *"EXT_texture_webp KHR_materials_unlit KHR_materials_pbrSpecularGlossiness KHR_node_visibility".split(),
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_draco_mesh_compression",
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_materials_unlit",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_node_visibility",
 }
 """Extensions that are read."""
 NO_EFFECT = {
-    *"KHR_xmp KHR_xmp_json_ld KHR_materials_ior KHR_materials_specular KHR_materials_emissive_strength".split(),
-    *"KHR_materials_anisotropy KHR_materials_dispersion KHR_node_hoverability KHR_node_selectability".split(),
-    *"KHR_interactivity KHR_animation_pointer KHR_accessor_float64 EXT_mesh_manifold FB_ngon_encoding".split(),
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_anisotropy",
+    "KHR_materials_dispersion",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_interactivity",
+    "KHR_animation_pointer",
+    "KHR_accessor_float64",
+    "EXT_mesh_manifold",
+    "FB_ngon_encoding",
 }
 """Extensions that change nothing of what is modelled: shape, and Lambertian colour without light of its own."""
 IGNORED = {
