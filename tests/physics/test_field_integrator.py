@@ -3,6 +3,8 @@
 Its stated bias is at most 0.3 % of a pixel in the paper's water; everything else must be within standard errors.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -150,6 +152,11 @@ def shadows():
     ]
 
 
+def rough(parts):
+    """The same with rough surfaces: the field has only what Lambertian ones would reflect."""
+    return lambda: [replace(p, material=p.material.model_copy(update={"diffuse_roughness": 0.9})) for p in parts()]
+
+
 def chamber():
     """The vehicle inside a closed box: all light of open water from beyond its walls is blocked."""
     return [boxed((3, 4, 2.4), (0.2, 1.2, 0.1), 0.4)]
@@ -233,6 +240,9 @@ SCENES = {
     "chamber": (VAROS_LAMPS, PAPER_WATER, chamber, BIAS),
     "riches, unlike lamps": (UNLIKE_LAMPS, PAPER_WATER, riches, BIAS),
     "turbid": (VAROS_LAMPS, TURBID, shadows, 1e-2),
+    "rough shadows, unlike lamps": (UNLIKE_LAMPS, PAPER_WATER, rough(shadows), BIAS),
+    "rough chamber": (VAROS_LAMPS, PAPER_WATER, rough(chamber), BIAS),
+    "rough, turbid": (VAROS_LAMPS, TURBID, rough(shadows), 1e-2),
     "behind a port, few nodes": ([VAROS_LAMPS[0] | {"port": {"kind": "flat"}}], PAPER_WATER, shadows, 1e-2),
 }
 """Lights, water, surfaces and the bias of the field there."""

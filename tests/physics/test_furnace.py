@@ -104,6 +104,20 @@ def test_a_convex_object_in_uniform_light_has_the_radiance_of_its_reflectance(tr
         assert np.all(image.stderr == 0.0)
 
 
+@pytest.mark.parametrize("roughness", [0.3, 1.0])
+def test_white_rough_surfaces_vanish_in_uniform_light(roughness):
+    """Facets give back all light, to the 5e-4 of a polynomial: on a convex object, and between spikes and pits."""
+    white = Diffuse(reflectance=(1, 1, 1), diffuse_roughness=roughness)
+    ball = replace(part(sphere(0.5, centre=(0.3, 3, -0.5)), 1.0, smooth=True), material=white)
+    spikes = replace(part(rough_ground(), 1.0), material=white)
+    scene = camera_scene((0, -2, 0.5), rotation_euler_deg=[-20, 0, 0])
+    for parts, spp in (([ball], 64), ([ball, spikes], 256)):
+        image = clear(parts, scene, spp)
+        error = np.sqrt((image.stderr[..., 0].astype(float) ** 2).sum()) / image.stderr[..., 0].size
+        assert abs(image.radiance[..., 0].astype(float).mean() - 1) < 1e-3 + Z * error
+        assert error < 0.004
+
+
 @pytest.mark.parametrize("roughness", [0.1, 0.4, 0.9])
 def test_white_metal_vanishes_in_uniform_light(roughness):
     """Its lobe gives back all light (to the 0.6 % of its table), on a convex object and between spikes and pits."""

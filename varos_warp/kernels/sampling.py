@@ -77,6 +77,12 @@ def sample_cosine(n: wp.vec3, u: float, v: float):
 
 
 @wp.func
+def sample_hemisphere(n: wp.vec3, u: float, v: float):
+    """Direction around ``n``, uniform over the hemisphere."""
+    return from_polar(n, u, wp.sqrt(1.0 - u * u), wp.tau * v)
+
+
+@wp.func
 def sample_disk(u: float, v: float):
     """Point in the unit disk."""
     r = wp.sqrt(u)

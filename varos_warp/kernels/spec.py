@@ -27,6 +27,8 @@ class SceneSpec:
     """Some material has an image or a pattern: more than colours of faces, and metal."""
     metals: bool = True
     """Some material shows bare metal."""
+    rough: bool = False
+    """Some material's diffuse part is rough."""
     masks: bool = False
     """Masks of mesh files cut holes."""
     bands: bool = False

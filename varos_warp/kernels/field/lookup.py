@@ -4,10 +4,12 @@ import warp as wp
 
 from varos_warp.kernels.field.open_water import Field, LightField, node_distance, scattered_irradiance, source_function
 from varos_warp.kernels.sampling import asinh, inverse_distance_area, inverse_distance_point, make_reservoir, offer
+from varos_warp.kernels.world.bsdf import facing
 from varos_warp.kernels.world.intersect import SceneData
-from varos_warp.kernels.world.lights.light import get_light, light_centre, light_count, light_strength
+from varos_warp.kernels.world.lights.light import get_light, light_centre, light_count, light_direction, light_strength
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse_eval
 from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
@@ -16,15 +18,42 @@ STRAIGHT_SHARE = wp.constant(0.5)
 """Fraction of points on a ray that are drawn uniformly on the way to the light."""
 
 
+LEAST_HEIGHT = wp.constant(0.2)
+"""Least cosine at which the field of a light counts as coming from the light: it comes from all around it."""
+
+
 @wp.func
-def reflected_field(scene: SceneData, field: Field, bsdf: Bsdf, p: wp.vec3, n: wp.vec3):
-    """Radiance of the field off a matte surface at ``p`` with normal ``n``, reflectance E_F / pi; 0 for a metal."""
-    E = wp.vec3(0.0)
+def matte_reflectance(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, to_light: wp.vec3):
+    """Reflectance of the Lambertian surface that stands for a rough one under the field of a light.
+
+    The field is brightest about the light, so it is that of the rough surface towards there, as seen from ``v``.
+    """
+    below = LEAST_HEIGHT - wp.dot(n, to_light)
+    l = to_light
+    if below > 0.0:
+        l = wp.normalize(to_light + below * n)
+    return (wp.pi / wp.dot(n, l)) * rough_diffuse_eval(bsdf.reflectance, bsdf.diffuse_roughness, n, facing(n, v), l)
+
+
+@wp.func
+def reflected_field(scene: SceneData, field: Field, bsdf: Bsdf, p: wp.vec3, n: wp.vec3, v: wp.vec3):
+    """Radiance towards ``v`` of the field off a surface at ``p`` with normal ``n``, as of a Lambertian one.
+
+    That is reflectance E_F / pi; for a rough one with `matte_reflectance`, from which paths carry the difference; for a
+    metal 0.
+    """
+    L = wp.vec3(0.0)
     if bsdf.metal > 0.0:
-        return E
+        return L
     for i in range(light_count(scene.lights)):
-        E += scattered_irradiance(field.lights[i], get_light(scene.lights, i), p, n)
-    return wp.cw_mul(bsdf.reflectance, E) / wp.pi
+        light = get_light(scene.lights, i)
+        E = scattered_irradiance(field.lights[i], light, p, n)
+        if bsdf.diffuse_roughness > 0.0:
+            E = wp.cw_mul(matte_reflectance(bsdf, n, v, light_direction(light, p)), E)
+        L += E
+    if bsdf.diffuse_roughness > 0.0:
+        return L / wp.pi
+    return wp.cw_mul(bsdf.reflectance, L) / wp.pi
 
 
 @wp.struct
@@ -68,9 +97,18 @@ def sample_near_light(ray: NearLight, t_max: float, u: float, v: float):
     return wp.vec2(t, 1.0 / pdf)
 
 
+@wp.struct
+class FieldSample:
+    """Radiance of the field of one light, which stands for that of all."""
+
+    L: wp.vec3
+    light: int
+    """Number of the light; -1 for none."""
+
+
 @wp.func
 def sample_field(scene: SceneData, field: Field, o: wp.vec3, d: wp.vec3, t_max: float, u: float, v: float):
-    """One-sample estimate of the multiple in-scattering of open water along a ray up to ``t_max``.
+    """One-sample estimate of the multiple in-scattering of open water along a ray up to ``t_max``, and its light.
 
     One light is chosen in proportion to intensity over distance, and one point on the ray, in proportion to the field's
     fall-off or uniformly on the way to the light, so that the weights are bounded.
@@ -83,10 +121,13 @@ def sample_field(scene: SceneData, field: Field, o: wp.vec3, d: wp.vec3, t_max: 
         chosen = offer(chosen, i, light_strength(light) * (candidate.high - candidate.low))
         if chosen.index == i:
             ray = candidate
+    scattered = FieldSample()
+    scattered.light = chosen.index
     if chosen.index < 0:
-        return wp.vec3(0.0)
+        return scattered
     place = sample_near_light(ray, t_max, chosen.u, v)
     weight = place[1] * chosen.total / chosen.weight
     t = place[0]
     S = source_function(field.lights[chosen.index], get_light(scene.lights, chosen.index), o + t * d, d)
-    return weight * wp.cw_mul(transmittance(scene.medium, t), S)
+    scattered.L = weight * wp.cw_mul(transmittance(scene.medium, t), S)
+    return scattered

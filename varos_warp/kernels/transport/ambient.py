@@ -48,7 +48,7 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
                 return found
             point = surface_at(scene, hit, direction, wp.where(bounces == 0, pixel_angle, SUBPATH_ANGLE))
             if bounces == 0:
-                found.open = bsdf_albedo(point.bsdf)
+                found.open = bsdf_albedo(point.bsdf, point.n, -direction)
             bounces += 1
             sampler = next_vertex(sampler, 1)
             u = draw(sampler, 0)

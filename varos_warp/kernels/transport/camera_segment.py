@@ -67,14 +67,15 @@ def make_mirrored(spec: SceneSpec) -> wp.Function:
         hit = first_hit(scene, o, d)
         if wp.static(spec.medium):
             if bounds.scatterings > 0:
-                L += scattered_once(scene, o, d, hit.t, True, u[0], u[1])
+                once = scattered_once(scene, o, d, hit.t, u[0], u[1])
+                L += (1.0 - float(once.blocked)) * once.L
                 if wp.static(spec.field):
-                    L += sample_field(scene, field, o, d, hit.t, v[0], v[1])
+                    L += sample_field(scene, field, o, d, hit.t, v[0], v[1]).L
         if hit.face >= 0 and bounds.bounces > 1:
             end = end_vertex(scene, hit, d, SUBPATH_ANGLE)
             L_end = reflected_once(scene, hit, end, u[2]).L
             if wp.static(spec.field):
-                L_end += reflected_field(scene, field, end.bsdf, end.p, end.n)
+                L_end += reflected_field(scene, field, end.bsdf, end.p, end.n, -end.d)
             L += wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
         return wp.cw_mul(path.throughput, L)
 
@@ -145,7 +146,8 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             correction = wp.vec3(0.0)
             if wp.static(spec.medium and spec.single):
                 if bounds.scatterings > 0:
-                    L_single = scattered_once(scene, ray.o, ray.d, hit.t, wp.static(not spec.field), u[0], u[1])
+                    once = scattered_once(scene, ray.o, ray.d, hit.t, u[0], u[1])
+                    L_single = (wp.static(0.0 if spec.field else 1.0) - float(once.blocked)) * once.L
                     if wp.static(spec.field):
                         correction = L_single
                         in_step()
@@ -158,7 +160,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             if wp.static(field_layer and spec.camera_field):
                 L_multiple = radiance_along(field.multiple, point.x / float(width), point.y / float(height), hit.t)
             if wp.static(field_layer and not spec.camera_field):
-                L_multiple = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1])
+                L_multiple = sample_field(scene, field, ray.o, ray.d, hit.t, v[0], v[1]).L
                 correction += L_multiple
             in_step()
             reflects = hit.face >= 0 and bounds.bounces > 0
@@ -173,7 +175,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             in_step()
             if wp.static(field_layer):
                 if reflects:
-                    L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.bsdf, end.p, end.n))
+                    L_multiple += wp.cw_mul(T, reflected_field(scene, field, end.bsdf, end.p, end.n, -end.d))
             in_step()
             if wp.static(spec.multiple and spec.mirrors):
                 if reflects and is_metal(end):

@@ -152,7 +152,7 @@ def make_guides_kernel(spec: SceneSpec) -> wp.Kernel:
         ray, hit = centre_hit(scene, camera, row, col)
         if hit.face >= 0:
             point = surface_at(scene, hit, ray.d, camera.pixel_angle)
-            guides.albedo = wp.min(bsdf_albedo(point.bsdf), wp.vec3(1.0))
+            guides.albedo = wp.min(bsdf_albedo(point.bsdf, point.n, -ray.d), wp.vec3(1.0))
             guides.normal = corner_normal(scene, scene.smooth_normals, hit)
         return guides
 

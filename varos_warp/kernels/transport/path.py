@@ -14,13 +14,15 @@ scattered light in open water. Along a segment of length t, from p along d to th
     D itself continues, scattered in the water or reflected off the surface.
 
 The camera's own segment adds F up to its end. The field does not store its own mirror image in metals, so a segment
-that leaves a metal carries L, not D. docs/transport.md derives this, and says why second moments are finite.
+that leaves a metal carries L, not D. Of rough surfaces it has what a Lambertian one would reflect, so a segment that
+leaves one carries D and a share of F (`field_share`). docs/transport.md derives this, and says why second moments are
+finite.
 """
 
 import warp as wp
 
 from varos_warp.kernels.conventions import FAR, in_step, in_step_kernel
-from varos_warp.kernels.field.lookup import reflected_field, sample_field
+from varos_warp.kernels.field.lookup import matte_reflectance, reflected_field, sample_field
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.film.film import Film, Sums, add_correction, next_batch, pixel_of, sample_of, store
 from varos_warp.kernels.numerics import brightest
@@ -53,8 +55,10 @@ from varos_warp.kernels.transport.virtual_lights import (
     make_gather_virtual_light,
     may_have_lobe,
 )
+from varos_warp.kernels.world.bsdf import bsdf_eval
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
+from varos_warp.kernels.world.lights.light import get_light, light_direction
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
@@ -127,13 +131,6 @@ def start_at_camera(ray: Ray, weight: wp.vec3):
 
 
 @wp.func
-def field_behind(scene: SceneData, field: Field, hit: Hit, d: wp.vec3, u: wp.vec4):
-    """Estimate of the scattered light of open water that would come from behind a surface, F(q, d)."""
-    once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
-    return once.L + sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
-
-
-@wp.func
 def beside_virtual_lights(scene: SceneData, path: Subpath, hit: Hit, light: int):
     """Weight of direct light that a subpath's segment finds, given that virtual point lights find it too."""
     if is_metal(path.vertex) or may_have_lobe(scene, hit):
@@ -142,9 +139,42 @@ def beside_virtual_lights(scene: SceneData, path: Subpath, hit: Hit, light: int)
 
 
 @wp.func
-def carries_all(vertex: Vertex, with_field: bool):
-    """Whether the segment from a vertex carries all light, not the difference from open water."""
-    return not with_field or is_metal(vertex)
+def is_rough(vertex: Vertex):
+    """Whether the vertex lies on a rough surface without a metal's lobe."""
+    return vertex.on_surface == 1 and vertex.bsdf.metal <= 0.0 and vertex.bsdf.diffuse_roughness > 0.0
+
+
+@wp.func
+def rough_share(scene: SceneData, path: Subpath, light: int):
+    """`field_share` of a segment from a rough surface: what it reflects beyond the Lambertian one of the field."""
+    vertex = path.vertex
+    to_light = light_direction(get_light(scene.lights, light), vertex.p)
+    matte = matte_reflectance(vertex.bsdf, vertex.n, path.viewer, to_light)
+    f = bsdf_eval(scene.lobe_albedo, vertex.bsdf, vertex.n, path.viewer, vertex.d)
+    counted = (wp.max(wp.dot(vertex.n, vertex.d), 0.0) / wp.pi) * matte
+    return wp.vec3(1.0) - wp.cw_div(counted, wp.max(f, wp.vec3(1.0e-20)))
+
+
+@specialised("field", "metals", "surfaces", "rough")
+def make_field_share(spec: SceneSpec) -> wp.Function:
+    """The function ``field_share`` of a path, for scenes with or without a field, metals and rough surfaces."""
+
+    @wp.func
+    def field_share(scene: SceneData, path: Subpath, light: int):
+        """Share of a light's field F that a path's segment carries beside D.
+
+        Without a field, or from metal, that is all; else none, but from rough surfaces what `reflected_field` lacks.
+        """
+        share = wp.vec3(wp.static(0.0 if spec.field else 1.0))
+        if wp.static(spec.field and spec.mirrors):
+            if is_metal(path.vertex):
+                share = wp.vec3(1.0)
+        if wp.static(spec.field and spec.rough):
+            if light >= 0 and is_rough(path.vertex):
+                share = rough_share(scene, path, light)
+        return share
+
+    return field_share
 
 
 @specialised(*PATH)
@@ -201,6 +231,16 @@ def make_leave_vertex(spec: SceneSpec) -> wp.Function:
 def make_gather(spec: SceneSpec) -> wp.Function:
     """The function ``gather`` of a subpath, specialised to ``spec``."""
     scattered_once = make_segment(spec).scattered_once
+    field_share = make_field_share(spec)
+
+    @wp.func
+    def field_behind(scene: SceneData, field: Field, path: Subpath, hit: Hit, u: wp.vec4):
+        """Estimate of what a segment does not carry of the field that would come from behind its end, F(q, d)."""
+        d = path.vertex.d
+        once = sample_in_scattered(scene, hit.p, d, FAR, u[0], u[1])
+        more = sample_field(scene, field, hit.p, d, FAR, u[2], u[3])
+        L = wp.cw_mul(wp.vec3(1.0) - field_share(scene, path, once.light), once.L)
+        return L + wp.cw_mul(wp.vec3(1.0) - field_share(scene, path, more.light), more.L)
 
     @wp.func
     def gather(
@@ -219,22 +259,23 @@ def make_gather(spec: SceneSpec) -> wp.Function:
             if events(path) == 1 and is_metal(path.vertex):
                 return wp.vec3(0.0)  # the camera's segments have it
         o, d = path.vertex.p, path.vertex.d
-        whole = carries_all(path.vertex, wp.static(spec.field))
         L_end = reflected.L
         if brightest(L_end) > 0.0:
             L_end *= beside_virtual_lights(scene, path, hit, reflected.light)
         if wp.static(spec.field):
             if hit.face >= 0 and path.bounces < bounds.bounces:
-                L_end += reflected_field(scene, field, end.bsdf, end.p, end.n)
-            if hit.face >= 0 and not whole:
-                L_end -= field_behind(scene, field, hit, d, w)
+                L_end += reflected_field(scene, field, end.bsdf, end.p, end.n, -end.d)
+            if hit.face >= 0 and not is_metal(path.vertex):
+                L_end -= field_behind(scene, field, path, hit, w)
         L = wp.cw_mul(transmittance(scene.medium, hit.t), L_end)
         if wp.static(spec.medium):
             if path.scatterings < bounds.scatterings:
-                L += scattered_once(scene, o, d, hit.t, whole, u[0], u[1])
+                once = scattered_once(scene, o, d, hit.t, u[0], u[1])
+                L += wp.cw_mul(field_share(scene, path, once.light) - wp.vec3(float(once.blocked)), once.L)
         if wp.static(spec.field and spec.medium):
-            if whole:
-                L += sample_field(scene, field, o, d, hit.t, w[0], w[1])
+            if is_metal(path.vertex) or is_rough(path.vertex):
+                more = sample_field(scene, field, o, d, hit.t, w[0], w[1])
+                L += wp.cw_mul(field_share(scene, path, more.light), more.L)
         return wp.cw_mul(path.throughput, L)
 
     return gather

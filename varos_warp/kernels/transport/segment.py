@@ -57,16 +57,13 @@ def make_segment(spec: SceneSpec) -> Segment:
         return surface_vertex(surface_at(scene, hit, d, angle), d)
 
     @wp.func
-    def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, whole: bool, u: float, v: float):
-        """Light scattered once into a segment; unless ``whole``, minus that of open water."""
-        L = wp.vec3(0.0)
+    def scattered_once(scene: SceneData, o: wp.vec3, d: wp.vec3, t: float, u: float, v: float):
+        """Light scattered once into a segment in open water, and whether it is blocked."""
         scattered = sample_in_scattered(scene, o, d, t, u, v)
         if brightest(scattered.L) > 0.0:
-            if visible(scene, scattered.p, scattered.q):
-                L = scattered.L
-            if not whole:
-                L -= scattered.L
-        return L
+            if not visible(scene, scattered.p, scattered.q):
+                scattered.blocked = 1
+        return scattered
 
     @wp.func
     def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float):

@@ -153,6 +153,12 @@ def own_lobe_pdf(scene: SceneData, vertex: Vertex, d: wp.vec3):
 
 
 @wp.func
+def vertex_albedo(vertex: Vertex):
+    """Albedo of the surface on which a vertex lies, per channel."""
+    return bsdf_albedo(vertex.bsdf, vertex.n, -vertex.d)
+
+
+@wp.func
 def vertex_eval(scene: SceneData, vertex: Vertex, d: wp.vec3):
     """Phase function, or the surface's scattering function times the cosine [1/sr]."""
     if vertex.on_surface == 1:
@@ -240,6 +246,8 @@ class Subpath:
     throughput: wp.vec3
     scatterings: int
     bounces: int
+    viewer: wp.vec3
+    """Direction from the vertex to where its ray came from, once `sample_direction` drew the next."""
     lobe_pdf: float
     """Density of the vertex's own lobe in the direction that `sample_direction` drew."""
     expected_at_start: float
@@ -278,7 +286,7 @@ def expected_light(scene: SceneData, path: Subpath):
     of the distance; with the throughput alone, subpaths would continue for kilometres in water that absorbs little.
     (With the square, the paper's water takes half as much time again, and no scene has noticeably less noise.)
     """
-    albedo = wp.where(path.vertex.on_surface == 1, brightest(bsdf_albedo(path.vertex.bsdf)), 1.0)
+    albedo = wp.where(path.vertex.on_surface == 1, brightest(vertex_albedo(path.vertex)), 1.0)
     near = wp.min(path.reach / light_distance(scene, path.vertex.p), 1.0)
     near *= near
     return albedo * brightest(path.throughput) * near * near
@@ -291,7 +299,7 @@ def subpath_from_surface(scene: SceneData, vertex: Vertex, t: float, reach: floa
     path.vertex = vertex
     path.bounces = 1
     path.throughput = transmittance(scene.medium, t)
-    reflected = wp.cw_mul(path.throughput, bsdf_albedo(vertex.bsdf))
+    reflected = wp.cw_mul(path.throughput, vertex_albedo(vertex))
     path.alive = wp.where(brightest(reflected) > 0.0, 1, 0)
     path.reach = reach
     path.expected_at_start = expected_light(scene, path)
@@ -352,6 +360,7 @@ def sample_direction(scene: SceneData, path: Subpath, share: float, u: wp.vec4, 
     else:
         d = sample_own_lobe(scene, path.vertex, u[2], u[3], v[1])
     f = vertex_eval(scene, path.vertex, d)
+    after.viewer = -path.vertex.d
     after.vertex.d = d
     after.alive = wp.where(brightest(f) > 0.0, 1, 0)
     if after.alive == 1:

@@ -16,6 +16,7 @@ from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, first_instant, instants_taken, with_points
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.transport.subpath import Vertex, own_lobe_pdf, vertex_eval
+from varos_warp.kernels.world.bsdf import facing
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays, moves, to_instance
 from varos_warp.kernels.world.lights.choice import choose_by_flux, total_flux
 from varos_warp.kernels.world.lights.light import (
@@ -28,7 +29,8 @@ from varos_warp.kernels.world.lights.light import (
 )
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.surface import MATERIALS, make_surface_at
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse_eval
+from varos_warp.kernels.world.surface import MATERIALS, SurfacePoint, make_surface_at
 from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
@@ -48,9 +50,26 @@ class VirtualLight:
     moving: int
     """Number of what moves that it lies on; -1 for others."""
     L: wp.vec3
-    """Radiance that the surface reflects; 0 if the ray hit nothing, or a material that may be metal."""
+    """Radiance that the surface reflects, if rough that a white Lambertian one would; 0 if the ray hit nothing, or a
+    material that may be metal."""
     density: float
     """Density of such points [1/m^2]."""
+    shading: wp.vec3
+    """Of a rough surface: its shading normal, and the direction to the light; on what moves, in its axes."""
+    to_light: wp.vec3
+    reflectance: wp.vec3
+    """Of a rough surface: that of its diffuse part, and the roughness of that; 0 for a Lambertian one."""
+    diffuse_roughness: float
+
+
+@wp.func
+def radiance_towards(point: VirtualLight, v: wp.vec3):
+    """Radiance that the surface reflects in direction ``v``."""
+    if point.diffuse_roughness <= 0.0:
+        return point.L
+    n = point.shading
+    f = rough_diffuse_eval(point.reflectance, point.diffuse_roughness, n, facing(n, v), point.to_light)
+    return (wp.pi / wp.dot(n, point.to_light)) * wp.cw_mul(f, point.L)
 
 
 @wp.func
@@ -65,9 +84,9 @@ def virtual_density(scene: SceneData, i: int, p: wp.vec3, n: wp.vec3):
     """Density [1/m^2] of the virtual point lights of light ``i`` at a lit point with geometric normal ``n``."""
     light = get_light(scene.lights, i)
     sample = light_sample(light, p)
-    facing = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
+    slant = wp.abs(wp.dot(n, sample.d)) / (sample.distance * sample.distance)
     solid_angle = light_solid_angle(light, -wp.dot(sample.d, light_axis(light)))
-    return light_flux(light) / total_flux(scene.lights) * facing / solid_angle
+    return light_flux(light) / total_flux(scene.lights) * slant / solid_angle
 
 
 @wp.func
@@ -99,7 +118,22 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
             copy = scene.moving[hit.instance]
             after.p = to_instance(copy, point.p - copy.p)
             after.n = wp.transpose(copy.R) * point.n
+            if wp.static(spec.rough):
+                after.shading = wp.transpose(copy.R) * point.shading
+                after.to_light = wp.transpose(copy.R) * point.to_light
             after.moving = hit.instance
+        return after
+
+    @wp.func
+    def as_rough(point: VirtualLight, lit: SurfacePoint, d: wp.vec3, E: wp.vec3):
+        """The point with what the radiance of a rough surface needs, lit along ``d`` by irradiance E."""
+        after = point
+        if lit.bsdf.diffuse_roughness > 0.0 and wp.dot(lit.n, d) < 0.0:
+            after.L = E / wp.pi
+            after.shading = lit.n
+            after.to_light = -d
+            after.reflectance = lit.bsdf.reflectance
+            after.diffuse_roughness = lit.bsdf.diffuse_roughness
         return after
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -138,6 +172,8 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
             if not may_have_lobe(scene, hit):
                 E = wp.max(-wp.dot(lit.n, d), 0.0) * irradiance(scene.medium, light_sample(light, hit.p))
                 point.L = wp.cw_mul(lit.bsdf.reflectance, E) / wp.pi
+                if wp.static(spec.rough):
+                    point = as_rough(point, lit, d, E)
                 point.density = virtual_density(scene, i, hit.p, hit.n)
             if wp.static(spec.instances and spec.varies):
                 point = moves_with(scene, hit, point)
@@ -162,12 +198,14 @@ def in_world(scene: SceneData, point: VirtualLight):
         copy = scene.moving[point.moving]
         after.p = copy.scale * (copy.R * point.p) + copy.p
         after.n = copy.R * point.n
+        after.shading = copy.R * point.shading
+        after.to_light = copy.R * point.to_light
     return after
 
 
-@specialised("instances", "varies")
+@specialised("instances", "varies", "rough")
 def make_gather_virtual_light(spec: SceneSpec) -> wp.Function:
-    """The function ``gather_virtual_light(scene, points, vertex, u)``, for scenes where objects move or none do."""
+    """The function ``gather_virtual_light(scene, points, vertex, u)``, with or without what moves or is rough."""
 
     @wp.func
     def gather_virtual_light(scene: SceneData, points: wp.array(dtype=VirtualLight), vertex: Vertex, u: wp.vec2):
@@ -190,14 +228,17 @@ def make_gather_virtual_light(spec: SceneSpec) -> wp.Function:
             r2 = wp.max(wp.dot(offset, offset), 1.0e-12)
             r = wp.sqrt(r2)
             d = offset / r
-            facing = -wp.dot(point.n, d) / r2
-            if facing > 0.0 and point.density > 0.0:
-                found = own_lobe_pdf(scene, vertex, d) * facing
+            towards = -wp.dot(point.n, d) / r2
+            if towards > 0.0 and point.density > 0.0:
+                found = own_lobe_pdf(scene, vertex, d) * towards
                 # from the ratio of weight and density, because the square of either alone might overflow
                 ratio = found / (float(CANDIDATES) * point.density)
                 share = 1.0 / (point.density * (1.0 + ratio * ratio))
                 f = vertex_eval(scene, vertex, d)
-                L = (facing * share) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), point.L)
+                sent = point.L
+                if wp.static(spec.rough):
+                    sent = radiance_towards(point, -d)
+                L = (towards * share) * wp.cw_mul(wp.cw_mul(f, transmittance(scene.medium, r)), sent)
                 weight = brightest(L)
                 chosen = offer(chosen, k, weight)
                 if weight > 0.0 and chosen.index == k:

@@ -1,4 +1,4 @@
-"""How a surface scatters light: a Lambertian part and a metal's rough mirror lobe (GGX).
+"""How a surface scatters light: a diffuse part, Lambertian or rough, and a metal's rough mirror lobe (GGX).
 
 Directions ``v`` (towards the viewer) and ``l`` (towards the light) are unit vectors that point away from the surface.
 The lobe is that of Walter et al. (2007) with height-correlated Smith shadowing (Heitz 2014). The factor of Turquin
@@ -8,7 +8,8 @@ The lobe is that of Walter et al. (2007) with height-correlated Smith shadowing 
 import warp as wp
 
 from varos_warp.kernels.numerics import bilinear, brightest
-from varos_warp.kernels.sampling import basis, sample_cosine
+from varos_warp.kernels.sampling import basis, sample_cosine, sample_hemisphere
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse_albedo, rough_diffuse_eval
 from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
@@ -110,9 +111,17 @@ def lobe_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, viewer: wp
 
 
 @wp.func
-def bsdf_albedo(bsdf: Bsdf):
-    """Approximate albedo of a surface, per channel."""
-    return bsdf.reflectance + bsdf.specular
+def diffuse_albedo(bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3):
+    """Albedo of the diffuse part, per channel."""
+    if bsdf.diffuse_roughness <= 0.0:
+        return bsdf.reflectance
+    return rough_diffuse_albedo(bsdf.reflectance, bsdf.diffuse_roughness, wp.dot(n, facing(n, viewer)))
+
+
+@wp.func
+def bsdf_albedo(bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3):
+    """Albedo of a surface, per channel; of a metal's lobe about."""
+    return diffuse_albedo(bsdf, n, viewer) + bsdf.specular
 
 
 @wp.func
@@ -125,9 +134,33 @@ def lobe_share(bsdf: Bsdf):
 
 
 @wp.func
+def uniform_share(bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3):
+    """Fraction of a rough diffuse part's directions that are drawn uniformly.
+
+    Seen at grazing angles it reflects low light about as well as high, so that weights of directions drawn by the
+    cosine alone would have no bound.
+    """
+    if bsdf.diffuse_roughness <= 0.0:
+        return 0.0
+    slant = 1.0 - wp.clamp(wp.dot(n, viewer), 0.0, 1.0)
+    return 0.5 * bsdf.diffuse_roughness * slant * slant
+
+
+@wp.func
+def diffuse_pdf(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """Density of directions for the diffuse part [1/sr]."""
+    pdf = wp.max(wp.dot(n, l), 0.0) / wp.pi
+    if bsdf.diffuse_roughness > 0.0 and pdf > 0.0:
+        pdf = wp.lerp(pdf, 0.5 / wp.pi, uniform_share(bsdf, n, v))
+    return pdf
+
+
+@wp.func
 def bsdf_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Scattering function times the cosine of the light, per channel [1/sr]."""
     f = (wp.max(wp.dot(n, l), 0.0) / wp.pi) * bsdf.reflectance
+    if bsdf.diffuse_roughness > 0.0 and wp.dot(n, l) > 0.0:
+        f = rough_diffuse_eval(bsdf.reflectance, bsdf.diffuse_roughness, n, facing(n, v), l)
     if bsdf.metal > 0.0:
         f += lobe_eval(table, bsdf, n, v, l)
     return f
@@ -137,7 +170,7 @@ def bsdf_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3
 def bsdf_pdf(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Density of bsdf_sample [1/sr]."""
     share = lobe_share(bsdf)
-    pdf = (1.0 - share) * wp.max(wp.dot(n, l), 0.0) / wp.pi
+    pdf = (1.0 - share) * diffuse_pdf(bsdf, n, v, l)
     if share > 0.0:
         pdf += share * lobe_pdf(n, v, l, lobe_alpha(bsdf.roughness))
     return pdf
@@ -145,15 +178,18 @@ def bsdf_pdf(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
 
 @wp.func
 def bsdf_sample(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, u: float, w: float, choice: float):
-    """Direction of light, from the cosine or the lobe; it may point into the surface."""
-    if choice < lobe_share(bsdf):
+    """Direction of light, from the diffuse part or the lobe; it may point into the surface."""
+    share = lobe_share(bsdf)
+    if choice < share:
         return sample_lobe(n, v, lobe_alpha(bsdf.roughness), u, w)
+    if choice < wp.lerp(share, 1.0, uniform_share(bsdf, n, v)):
+        return sample_hemisphere(n, u, w)
     return sample_cosine(n, u, w)
 
 
 @wp.func
 def bsdf_weight(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """bsdf_eval over bsdf_pdf for a direction from bsdf_sample; without a lobe exactly the reflectance."""
-    if bsdf.metal <= 0.0:
+    """bsdf_eval over bsdf_pdf for a direction from bsdf_sample; of a Lambertian surface exactly the reflectance."""
+    if bsdf.metal <= 0.0 and bsdf.diffuse_roughness <= 0.0:
         return bsdf.reflectance
     return bsdf_eval(table, bsdf, n, v, l) / wp.max(bsdf_pdf(bsdf, n, v, l), 1.0e-20)

@@ -17,7 +17,7 @@ from varos_warp.kernels.world.texture import MAPPED, Bsdf, footprint_width, make
 
 wp.set_module_options({"enable_backward": False})
 
-MATERIALS = ("textures", "patterns", "metals")
+MATERIALS = ("textures", "patterns", "metals", "rough")
 """What surfaces are compiled for."""
 
 
@@ -103,6 +103,8 @@ def make_surface_at(spec: SceneSpec) -> wp.Function:
             point.bsdf = textured(scene, hit, point.n, footprint_width(angle, hit.t, d, hit.n))
         else:
             point.bsdf.reflectance = scene.materials[hit.part].base
+        if wp.static(spec.rough):
+            point.bsdf.diffuse_roughness = scene.materials[hit.part].diffuse_roughness
         if wp.static(spec.bands):
             point.bsdf.reflectance = scene.to_bands[hit.part] * point.bsdf.reflectance
             point.bsdf.specular = scene.to_bands[hit.part] * point.bsdf.specular

@@ -68,6 +68,8 @@ class Material:
     """True if what is under rust is bare metal with a lobe."""
     roughness: float
     """Roughness of the metal's lobe."""
+    diffuse_roughness: float
+    """Roughness of the diffuse part, 0 to 1; 0: Lambertian."""
     layer_dark: wp.vec3
     """Reflectance of rust or dirt at the edges, and where it is thick."""
     layer_pale: wp.vec3
@@ -83,7 +85,7 @@ class Material:
 
 @wp.struct
 class Bsdf:
-    """Scattering function of a point on a surface: a Lambertian part and a metal's lobe."""
+    """Scattering function of a point on a surface: a diffuse part and a metal's lobe."""
 
     reflectance: wp.vec3
     """Reflectance of the diffuse part."""
@@ -92,6 +94,8 @@ class Bsdf:
     metal: float
     """Fraction of bare metal; 0: no lobe."""
     roughness: float
+    diffuse_roughness: float
+    """Roughness of the diffuse part, 0 to 1; 0: Lambertian."""
 
 
 @wp.func

@@ -8,6 +8,9 @@ from varos_warp.scene.block import Block, Unit, UnitRgb, unwritten_if_absent
 
 Relief = Literal["rock", "sand", "steel", "concrete", "zinc", "none"]
 
+ROUGH = 0.5
+"""Roughness of sand as Oren and Nayar (1994) measured it: facets of a standard deviation of 35 degrees."""
+
 
 class Layered(Block):
     """A surface with form and layers (docs/surfaces.md).
@@ -28,6 +31,9 @@ class Layered(Block):
     """How much silt lies where the surface looks up and in hollows."""
     film: Unit = 0.4
     """How much of the surface is under a film of algae and bacteria."""
+    diffuse_roughness: Unit = ROUGH
+    """How rough the surface is below the size of a pixel: 0 is Lambert's law; the rougher, the less it darkens towards
+    its rim in light from beside the camera (docs/surfaces.md)."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """The patterns follow from it and from the object."""
 

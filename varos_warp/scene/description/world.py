@@ -14,6 +14,7 @@ from varos_warp.scene.block import (
     UnitRgb,
     kind_by_default,
     unwritten_if_absent,
+    written_otherwise,
 )
 from varos_warp.scene.description.fittings import Anode, ConcreteBlock, FlangeJoint, HandWheel
 from varos_warp.scene.description.placed import Measure, Movable, Parametric, Placed
@@ -413,11 +414,15 @@ class Scatter(Block):
 
 
 class Diffuse(Block):
-    """Lambertian surface of one reflectance per channel."""
+    """Matte surface of one reflectance per channel."""
 
     kind: Literal["diffuse"] = "diffuse"
     reflectance: UnitRgb = (0.5, 0.5, 0.5)
     """Share of the light that is reflected, linear, for red, green and blue."""
+    diffuse_roughness: Unit = 0.0
+    """How rough it is below the size of a pixel: 0 is Lambert's law; sand is 0.5 (docs/surfaces.md)."""
+
+    _written = written_otherwise(lambda block: [] if block.diffuse_roughness else ["diffuse_roughness"])
 
 
 GROUND_TEXTURES = ("sand", "rock")

@@ -9,6 +9,7 @@ from varos_warp.cache import cached, code_hash
 from varos_warp.device.launch import in_threads
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.surfaces import ROUGH
 from varos_warp.scene.description.world import Diffuse
 from varos_warp.scene.geometry.growth.chance import uniform
 from varos_warp.scene.geometry.growth.coat import Placed, coated
@@ -131,7 +132,7 @@ def _groups(wanted: Wanted, placed: Placed) -> list[Grown]:
                     wanted.key,
                     solid.vertices,
                     solid.faces,
-                    Diffuse(),
+                    Diffuse(diffuse_roughness=ROUGH),
                     poses[chosen],
                     first + np.arange(len(chosen)),
                     smooth_angle=SMOOTH,
