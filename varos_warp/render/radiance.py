@@ -255,7 +255,7 @@ class RadianceRenderer:
             take(samples, first)
             first = [before + samples[i].mean() for i, before in enumerate(first)]
         rates = [of_block / IN_BLOCK for kind, of_block in zip(kinds, first, strict=True) if kind.subpaths]
-        return films, min(rates, default=np.inf)
+        return films, float(min(rates, default=np.inf))
 
     def _virtual_lights(self, scene, shot: Shot, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""

@@ -18,10 +18,12 @@ from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
 from varos_warp.kernels.film.denoise import add_enlarged, add_mixed, halve
 from varos_warp.kernels.film.develop import weigh_guides
+from varos_warp.kernels.film.film import IN_BLOCK
 from varos_warp.render.image import denoise as module
 from varos_warp.render.image import oidn
-from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, Denoiser, denoise_image
+from varos_warp.render.image.denoise import FAR, HALF_BELOW, NEAR, PART_QUALITY, QUALITY, Denoiser, denoise_image
 from varos_warp.render.options import LAYERS
+from varos_warp.render.radiance import RadianceRenderer
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_to_matrix, transform
@@ -644,14 +646,32 @@ def renderers():
     return [FrameRenderer(scene, "cpu", floor_and_box(scene.materials["a"])) for scene in scenes]
 
 
+@pytest.mark.parametrize("spp", [0.25, 4])
 @pytest.mark.parametrize("method", ["oidn", "nlm", "none"])
-def test_a_renderer_denoises_as_its_image_is_denoised_later(renderers, method):
+def test_a_renderer_denoises_as_its_image_is_denoised_later(renderers, method, spp):
     needs(method)
     for renderer in renderers:
         how = {"integrator": "field", "denoise": method, "denoise_b": method}
-        frame = renderer.render(POSE, outputs="AB", spp=4, spp_b=4, **how)
+        frame = renderer.render(POSE, outputs="AB", spp=spp, spp_b=4, **how)
+        assert (frame.A.subpaths < HALF_BELOW) == (spp < 1)
         for image in (frame.A, frame.B):
             assert image.denoised.tobytes() == denoise_image(image, method).tobytes()
+
+
+def test_an_image_tells_how_many_subpaths_it_is_of(renderers, monkeypatch):
+    """Those that its film counts, by block; as many as samples without the field, and none without light of theirs."""
+    counts, develop = [], RadianceRenderer._developed
+    monkeypatch.setattr(
+        RadianceRenderer,
+        "_developed",
+        lambda self, films, kinds=(): (counts.append(films[-1].count.numpy()), develop(self, films, kinds))[1],
+    )
+    for spp in (0.5, 1.5, 4):
+        image = renderers[0].render(POSE, outputs="A", spp=spp, integrator="field").A
+        assert image.subpaths == pytest.approx(counts[-1].mean() / IN_BLOCK, rel=1e-12)
+    assert renderers[0].render(POSE, outputs="A", spp=3, integrator="path").A.subpaths == 3
+    assert renderers[0].render(POSE, outputs="A", spp=3, layers=("direct",)).A.subpaths == np.inf
+    assert renderers[0].render(POSE, outputs="A", spp=2, integrator="reference").A.subpaths == np.inf
 
 
 def test_nothing_is_denoised_unless_asked_for_and_unknown_methods_are_bad_input(renderers):
