@@ -99,6 +99,8 @@ class Taken(NamedTuple):
     """Kinds of samples, one of each film; none, if not of paths."""
     guides: dict[str, wp.array]
     """Albedo and normals for the denoiser."""
+    subpaths: float = np.inf
+    """Subpaths per pixel, as in `RadianceImage`."""
 
 
 class RadianceRenderer:
@@ -204,13 +206,19 @@ class RadianceRenderer:
         return self._developed([film])
 
     def _by_paths(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> Taken:
-        taken = self._developed(self._path_films(shot, bounds, with_field, kernels), kernels.kinds)
+        films, subpaths = self._path_films(shot, bounds, with_field, kernels)
+        taken = self._developed(films, kernels.kinds)._replace(subpaths=subpaths)
         if not kernels.guides:
             return taken
         return taken._replace(guides=self._weighed(shot.guides(kernels.guides), taken.images))
 
-    def _path_films(self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels) -> list[Film]:
-        """Films with the samples of A; what else it takes is let go with this function, before a denoiser works."""
+    def _path_films(
+        self, shot: Shot, bounds: PathBounds, with_field: bool, kernels: LightKernels
+    ) -> tuple[list[Film], float]:
+        """Films with the samples of A, and subpaths per pixel.
+
+        What else it takes is let go with this function, before a denoiser works.
+        """
         view, options, kinds = shot.view, shot.options, kernels.kinds
         seen = self._seen(shot.world, view, shot.T_w_v, shot.motion)
         keys = [int(k) for k in np.random.SeedSequence(shot.key).generate_state(3)]
@@ -245,7 +253,9 @@ class RadianceRenderer:
             noise = other_noise(self.launcher, *statistics)
             (samples,) = self.launcher.fetch(share_out(self.launcher, noise, first, spp, [kind.cost for kind in kinds]))
             take(samples, first)
-        return films
+            first = [before + samples[i].mean() for i, before in enumerate(first)]
+        rates = [of_block / IN_BLOCK for kind, of_block in zip(kinds, first, strict=True) if kind.subpaths]
+        return films, float(min(rates, default=np.inf))
 
     def _virtual_lights(self, scene, shot: Shot, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:
         """Virtual point lights of a frame [2 * group of instants + half of the samples, point]."""
@@ -358,7 +368,11 @@ class RadianceRenderer:
     ) -> RadianceImage:
         """The `RadianceImage` of what was taken, with what is to be ``copied``, and ``bodies`` in front, alone."""
         images = {"radiance": taken.images["radiance"]}
-        images["denoised"] = images["radiance"] if method == "none" else self._device_denoiser.denoise(**_work(taken))
+        images["denoised"] = (
+            images["radiance"]
+            if method == "none"
+            else self._device_denoiser.denoise(**_work(taken), subpaths=taken.subpaths)
+        )
         wanted = [images[name] if bodies is None else bodies().over(images[name]) for name in copied]
         fetched = self.launcher.fetch(*taken.counted, *wanted)
         known = dict(zip(copied, fetched[len(taken.counted) :], strict=True))
@@ -390,7 +404,7 @@ class RadianceRenderer:
         if not on_device or not self._denoises(method):
             return replace(image, denoised=denoise_image(image, method))
         check_finite(image.radiance)
-        (denoised,) = self.launcher.fetch(self._device_denoiser.denoise(**on_device))
+        (denoised,) = self.launcher.fetch(self._device_denoiser.denoise(**on_device, subpaths=image.subpaths))
         return replace(image, denoised=denoised)
 
     def _denoises(self, method: str | None) -> bool:
@@ -432,7 +446,11 @@ def _facts_of_samples(taken: Taken, on_host: Sequence[np.ndarray]) -> dict[str, 
     spent = sum(
         kind.cost * float((count.mean(0) * area).sum()) / IN_BLOCK for count, kind in zip(counts, kinds, strict=True)
     )
-    return {"lost_samples": lost, "spp": round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6)}
+    return {
+        "lost_samples": lost,
+        "subpaths": taken.subpaths,
+        "spp": round(spent / sum(kind.cost * kind.to_a_sample for kind in kinds), 6),
+    }
 
 
 def added_errors(errors: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -103,7 +103,12 @@ class SpectralRenderer(RadianceRenderer):
             self._add(add_weighted, taken.guides[name], mean, guide)
         blocks = [(variances, weights @ own) for variances, own in taken.blocks]
         return Taken(
-            total.images, total.blocks + blocks, total.counted + taken.counted, [*total.kinds, *taken.kinds], guides
+            total.images,
+            total.blocks + blocks,
+            total.counted + taken.counted,
+            [*total.kinds, *taken.kinds],
+            guides,
+            min(total.subpaths, taken.subpaths),
         )
 
     def _add(self, kernel: wp.Kernel, image: wp.array, weights: wp.mat33d, total: wp.array) -> None:

@@ -12,16 +12,18 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import map_coordinates, uniform_filter
 
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
-from varos_warp.kernels.film.denoise import add_mixed
+from varos_warp.kernels.film.denoise import add_enlarged, add_mixed, halve
 from varos_warp.kernels.film.develop import weigh_guides
+from varos_warp.kernels.film.film import IN_BLOCK
 from varos_warp.render.image import denoise as module
 from varos_warp.render.image import oidn
-from varos_warp.render.image.denoise import FAR, NEAR, PART_QUALITY, QUALITY, Denoiser, denoise_image
+from varos_warp.render.image.denoise import FAR, HALF_BELOW, NEAR, PART_QUALITY, QUALITY, Denoiser, denoise_image
 from varos_warp.render.options import LAYERS
+from varos_warp.render.radiance import RadianceRenderer
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.frames import euler_to_matrix, transform
@@ -240,6 +242,7 @@ def layered(spp=16, seed=0, shape=(96, 128), guides=False):
         radiance=texture + correction,
         stderr=stderr,
         correction=correction,
+        subpaths=np.inf,
         base_variance=np.zeros_like(stderr),
         albedo=albedo,
         normal=normal,
@@ -266,6 +269,44 @@ def test_a_texture_survives_and_the_noise_of_the_correction_goes(method, guides,
     assert rms(denoise(image.radiance, image.stderr, method) - truth) > noise / 2
 
 
+def of_few_subpaths(image, seed=7):
+    """The image with a correction of a sample in one pixel of each block of 2 x 2, which weighs four times there."""
+    taken = np.zeros(image.correction.shape[:2], np.float32)
+    rows, cols = (side // 2 for side in taken.shape)
+    which = np.random.default_rng(seed).integers(0, 4, (rows, cols))
+    taken[2 * np.arange(rows)[:, None] + which // 2, 2 * np.arange(cols) + which % 2] = 4.0
+    correction = taken[..., None] * image.correction
+    radiance = image.radiance - image.correction + correction
+    return SimpleNamespace(**vars(image) | {"radiance": radiance, "correction": correction, "subpaths": 0.25})
+
+
+@pytest.mark.parametrize("guides", [False, True])
+def test_a_correction_of_few_subpaths_errs_less_at_half_its_size(guides):
+    """The mean of both signs stays within three standard errors of the samples' own."""
+    needs("oidn")
+    truth, image = layered(guides=guides)
+    image = of_few_subpaths(image)
+    half = denoise_image(image, "oidn")
+    whole = denoise_image(SimpleNamespace(**vars(image) | {"subpaths": np.inf}), "oidn")
+    assert rms(half - truth) < 0.9 * rms(whole - truth)
+    off = (image.correction - (truth - image.radiance + image.correction)).reshape(-1, 3)
+    assert (np.abs((half - image.radiance).mean((0, 1))) < 3.0 * off.std(0) / np.sqrt(len(off))).all()
+
+
+def test_half_the_size_is_means_of_blocks_and_comes_back_interpolated():
+    rng = np.random.default_rng(8)
+    image = rng.random((7, 10, 3), np.float32)
+    small, large = wp.zeros((4, 5), dtype=wp.vec3, device="cpu"), wp.zeros((7, 10), dtype=wp.vec3, device="cpu")
+    arrays = on("cpu", image=image)
+    wp.launch(halve, small.shape, [arrays["image"], small], device="cpu")
+    blocks = np.array([[image[2 * i : 2 * i + 2, 2 * j : 2 * j + 2].mean((0, 1)) for j in range(5)] for i in range(4)])
+    np.testing.assert_allclose(small.numpy(), blocks, rtol=1e-6)
+    wp.launch(add_enlarged, large.shape, [small, large], device="cpu")
+    at = np.meshgrid(*((np.arange(side) + 0.5) / 2 - 0.5 for side in large.shape), indexing="ij")
+    expected = [map_coordinates(blocks[..., c], at, order=1, mode="nearest") for c in range(3)]
+    np.testing.assert_allclose(large.numpy(), np.moveaxis(expected, 0, -1), rtol=1e-5)
+
+
 def squares(shape, bright, dark):
     """Squares of six pixels in turn, float32 [H, W, 3]."""
     y, x = np.indices(shape) // 6
@@ -280,6 +321,7 @@ def guided(base, level, albedo, direct):
         snow=None,
         radiance=base + correction,
         correction=correction,
+        subpaths=np.inf,
         stderr=level / np.float32(np.sqrt(k)),
         base_variance=np.zeros_like(base),
     )
@@ -359,6 +401,7 @@ def test_negative_values_do_not_brighten_the_image(method):
         radiance=np.float32(1.0) + correction,
         stderr=np.full(shape, 0.05 * SPREAD, np.float32),
         correction=correction,
+        subpaths=np.inf,
         base_variance=np.zeros(shape, np.float32),
         albedo=None,
         normal=None,
@@ -381,6 +424,7 @@ def test_a_constant_correction_stays_constant(method, level):
         radiance=1 + correction,
         stderr=stderr,
         correction=correction,
+        subpaths=np.inf,
         base_variance=np.zeros_like(stderr),
         albedo=None,
         normal=None,
@@ -602,14 +646,32 @@ def renderers():
     return [FrameRenderer(scene, "cpu", floor_and_box(scene.materials["a"])) for scene in scenes]
 
 
+@pytest.mark.parametrize("spp", [0.25, 4])
 @pytest.mark.parametrize("method", ["oidn", "nlm", "none"])
-def test_a_renderer_denoises_as_its_image_is_denoised_later(renderers, method):
+def test_a_renderer_denoises_as_its_image_is_denoised_later(renderers, method, spp):
     needs(method)
     for renderer in renderers:
         how = {"integrator": "field", "denoise": method, "denoise_b": method}
-        frame = renderer.render(POSE, outputs="AB", spp=4, spp_b=4, **how)
+        frame = renderer.render(POSE, outputs="AB", spp=spp, spp_b=4, **how)
+        assert (frame.A.subpaths < HALF_BELOW) == (spp < 1)
         for image in (frame.A, frame.B):
             assert image.denoised.tobytes() == denoise_image(image, method).tobytes()
+
+
+def test_an_image_tells_how_many_subpaths_it_is_of(renderers, monkeypatch):
+    """Those that its film counts, by block; as many as samples without the field, and none without light of theirs."""
+    counts, develop = [], RadianceRenderer._developed
+    monkeypatch.setattr(
+        RadianceRenderer,
+        "_developed",
+        lambda self, films, kinds=(): (counts.append(films[-1].count.numpy()), develop(self, films, kinds))[1],
+    )
+    for spp in (0.5, 1.5, 4):
+        image = renderers[0].render(POSE, outputs="A", spp=spp, integrator="field").A
+        assert image.subpaths == pytest.approx(counts[-1].mean() / IN_BLOCK, rel=1e-12)
+    assert renderers[0].render(POSE, outputs="A", spp=3, integrator="path").A.subpaths == 3
+    assert renderers[0].render(POSE, outputs="A", spp=3, layers=("direct",)).A.subpaths == np.inf
+    assert renderers[0].render(POSE, outputs="A", spp=2, integrator="reference").A.subpaths == np.inf
 
 
 def test_nothing_is_denoised_unless_asked_for_and_unknown_methods_are_bad_input(renderers):

@@ -141,6 +141,44 @@ def mix_guide(
 
 
 @wp.kernel(enable_backward=False)
+def halve(
+    image: wp.array2d(dtype=wp.vec3),
+    # out
+    small: wp.array2d(dtype=wp.vec3),
+):
+    """Means over blocks of 2 x 2 pixels, of which the last ones may be cut by the edge."""
+    row, col = wp.tid()
+    total = wp.vec3(0.0)
+    count = float(0.0)
+    for i in range(2 * row, wp.min(2 * row + 2, image.shape[0])):
+        for j in range(2 * col, wp.min(2 * col + 2, image.shape[1])):
+            total += image[i, j]
+            count += 1.0
+    small[row, col] = total / count
+
+
+@wp.func
+def blocks_beside(i: int, size: int):
+    """The block of pixel ``i`` and the other one that it is nearest to, of ``size`` blocks in a row."""
+    return i / 2, wp.clamp(i / 2 + 2 * (i % 2) - 1, 0, size - 1)
+
+
+@wp.kernel(enable_backward=False)
+def add_enlarged(
+    small: wp.array2d(dtype=wp.vec3),
+    # in and out
+    image: wp.array2d(dtype=wp.vec3),
+):
+    """Add an image that `halve` made, interpolated: a pixel is a quarter of a block off the centre of its own."""
+    row, col = wp.tid()
+    own_row, near_row = blocks_beside(row, small.shape[0])
+    own_col, near_col = blocks_beside(col, small.shape[1])
+    own = wp.lerp(small[own_row, own_col], small[own_row, near_col], 0.25)
+    near = wp.lerp(small[near_row, own_col], small[near_row, near_col], 0.25)
+    image[row, col] += wp.lerp(own, near, 0.25)
+
+
+@wp.kernel(enable_backward=False)
 def clip_negative(
     # in and out
     image: wp.array2d(dtype=wp.vec3),

@@ -59,6 +59,8 @@ class RadianceImage:
     None on a GPU that gives away nothing but what is done (``copied``)."""
     spp: float | None = None
     """Samples per pixel, mean over the image."""
+    subpaths: float = np.inf
+    """Subpaths per pixel, mean over the image, of which ``correction`` is the mean; infinite without any."""
     lost_samples: int = 0
     """Least number of samples that were infinite or not a number. They count as black, with a warning."""
 

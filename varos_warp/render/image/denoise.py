@@ -21,9 +21,11 @@ from varos_warp.device.devices import upload
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import warn
 from varos_warp.kernels.film.denoise import (
+    add_enlarged,
     add_mixed,
     add_scaled,
     clip_negative,
+    halve,
     mix_guide,
     positive_part,
     scale_to_unit,
@@ -40,6 +42,8 @@ QUALITY, PART_QUALITY = "high", "balanced"
 Both leave the same error in corrections within 1 %, the second in half the time; the fast one leaves 7 % more
 (Munkholmen, 1280 x 720, 12 samples). Without the negative part the image would be too bright by 0.2 % in blue (4
 samples)."""
+HALF_BELOW = 0.5
+"""Subpaths per pixel below which Open Image Denoise sees a correction at half its size: most pixels then have none."""
 NEAR, FAR = 3, 11
 """Sides [pixels] of what a base is mixed by (kernels/film/denoise.py). Where rare bright samples were missed, the mean
 is too low and the variance too: with the variance of the nearest pixels alone, such places would count as certain, and
@@ -83,7 +87,7 @@ def denoise_image(image, method: str) -> np.ndarray:
     elif image.albedo is not None:
         names += ["albedo", "normal"]
     arrays = {name: upload(np.asarray(getattr(image, name), np.float32), wp.vec3, "cpu") for name in names}
-    return _on_cpu(method).denoise(**arrays).numpy()
+    return _on_cpu(method).denoise(**arrays, subpaths=image.subpaths if not whole else np.inf).numpy()
 
 
 def check_finite(image: np.ndarray) -> None:
@@ -134,7 +138,9 @@ class Denoiser:
         self.launcher, self.device = launcher, launcher.device
         self.filters = OpenImageDenoise(launcher.device) if method == "oidn" else NonLocalMeans()
 
-    def denoise(self, radiance, correction=None, base_variance=None, stderr=None, **guides) -> wp.array:
+    def denoise(
+        self, radiance, correction=None, base_variance=None, stderr=None, subpaths: float = np.inf, **guides
+    ) -> wp.array:
         """Linear radiance with less noise, not negative; all arrays are of vec3 [H, W] on this device.
 
         Args:
@@ -142,6 +148,7 @@ class Denoiser:
             correction: What is denoised apart from the rest, the base; may be negative.
             base_variance: Of all but the correction: what is mixed by. Absent: it is certain.
             stderr: Of the image, for ``nlm``.
+            subpaths: How many per pixel the correction is the mean of.
             guides: Of the correction, or the whole: ``albedo`` in [0, 1] and ``normal``, or neither.
 
         Raises:
@@ -153,8 +160,10 @@ class Denoiser:
         else:
             self._add_base(result, radiance, correction, base_variance, stderr is not None)
             guides = self._correction_guides(result, **guides) if guides else guides
-            for sign in (1.0, -1.0):
-                self.add_denoised(result, correction, sign, PART_QUALITY, guides, stderr)
+            if subpaths < HALF_BELOW and stderr is None:
+                self._add_at_half_size(result, correction, guides)
+            else:
+                self._add_correction(result, correction, guides, stderr)
         self.launcher.run(clip_negative, result.shape, {"image": result})
         return result
 
@@ -174,6 +183,21 @@ class Denoiser:
                 radiance.shape,
                 {"smooth": clean, "noisy": base, "variance": variance, "near": NEAR, "far": FAR, "image": result},
             )
+
+    def _add_correction(self, result, correction, guides: dict[str, wp.array], stderr=None):
+        """Add a correction, denoised."""
+        for sign in (1.0, -1.0):
+            self.add_denoised(result, correction, sign, PART_QUALITY, guides, stderr)
+
+    def _add_at_half_size(self, result, correction, guides: dict[str, wp.array]):
+        """Add a correction that is denoised at half its size and interpolated."""
+        shape = [-(-side // 2) for side in result.shape]
+        small = {name: wp.empty(shape, dtype=wp.vec3, device=self.device) for name in ("correction", *guides)}
+        for name, image in ({"correction": correction} | guides).items():
+            self.launcher.run(halve, shape, {"image": image, "small": small[name]})
+        clean = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        self._add_correction(clean, small.pop("correction"), small)
+        self.launcher.run(add_enlarged, result.shape, {"small": clean, "image": result})
 
     def _correction_guides(self, base, albedo, normal) -> dict[str, wp.array]:
         """What guides the denoiser of a correction: as ``albedo`` its mean with the base over itself plus its mean.
