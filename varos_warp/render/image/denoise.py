@@ -43,7 +43,10 @@ Both leave the same error in corrections within 1 %, the second in half the time
 (Munkholmen, 1280 x 720, 12 samples). Without the negative part the image would be too bright by 0.2 % in blue (4
 samples)."""
 HALF_BELOW = 0.5
-"""Subpaths per pixel below which Open Image Denoise sees a correction at half its size: most pixels then have none."""
+"""Subpaths per pixel below which Open Image Denoise sees a correction at half its size: most pixels then have none.
+
+Of denoised images that leaves 0.90 to 1.05 of the error at 0.3 to 0.5 subpaths a pixel in six scenes, 0.98 to 1.13 at 0.7 to
+0.8 and up to 1.6 at 4 and more in small ones (192 x 112); Munkholmen at 320 x 180 gains up to 1.1."""
 NEAR, FAR = 3, 11
 """Sides [pixels] of what a base is mixed by (kernels/film/denoise.py). Where rare bright samples were missed, the mean
 is too low and the variance too: with the variance of the nearest pixels alone, such places would count as certain, and
