@@ -45,8 +45,9 @@ samples)."""
 HALF_BELOW = 0.5
 """Subpaths per pixel below which Open Image Denoise sees a correction at half its size: most pixels then have none.
 
-Of denoised images that leaves 0.90 to 1.05 of the error at 0.3 to 0.5 subpaths a pixel in six scenes, 0.98 to 1.13 at 0.7 to
-0.8 and up to 1.6 at 4 and more in small ones (192 x 112); Munkholmen at 320 x 180 gains up to 1.1."""
+Denoised images then err 0.90 to 1.06 times as much at 0.3 to 0.5 subpaths a pixel (five scenes, 192 x 112 or 320 x 180). In
+small ones (192 x 112) it is 0.96 to 1.13 times at 0.7 to 0.8, and up to 1.6 times at 5; Munkholmen at 320 x 180 still
+gains at 1."""
 NEAR, FAR = 3, 11
 """Sides [pixels] of what a base is mixed by (kernels/film/denoise.py). Where rare bright samples were missed, the mean
 is too low and the variance too: with the variance of the nearest pixels alone, such places would count as certain, and
