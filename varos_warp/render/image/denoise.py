@@ -45,7 +45,7 @@ samples)."""
 HALF_BELOW = 0.5
 """Subpaths per pixel below which Open Image Denoise sees a correction at half its size: most pixels then have none.
 
-Denoised images then err 0.90 to 1.06 times as much at 0.3 to 0.5 subpaths a pixel (five scenes, 192 x 112 or 320 x 180). In
+Denoised images err 0.90 to 1.06 times as much at 0.3 to 0.5 subpaths a pixel (five scenes, 192 x 112 or 320 x 180). In
 small ones (192 x 112) it is 0.96 to 1.13 times at 0.7 to 0.8, and up to 1.6 times at 5; Munkholmen at 320 x 180 still
 gains at 1."""
 NEAR, FAR = 3, 11
