@@ -1,4 +1,4 @@
-"""One entry of the stability map: what map.yaml says of a sweep, and what was measured."""
+"""One entry of the stability map: what is swept, what map.yaml says of it, and what was measured."""
 
 import functools
 import math
@@ -7,11 +7,35 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+from pydantic import ValidationError
 
+from varos_warp.errors import InputError
+
+Series = dict[str | tuple[str, ...], Callable]
+"""Name of a series -> its error as a function of a value; several names -> a function that gives as many errors."""
+Sweeps = dict[str, tuple[list[float], Series]]
+"""What a module of sweeps holds as ``SWEEPS``: key of a sweep -> values of its parameter, and its series."""
 Measured = tuple[list[float], dict[str, list[float]]]
 """Values of the parameter; name of a series -> error at each value, nan where the method refuses or fails."""
-Sweeps = tuple[Callable[[], Measured], ...]
-"""What a module of sweeps holds as ``SWEEPS``; the name of a function is the key of its sweep."""
+REFUSED = (InputError, ValidationError, OverflowError, ZeroDivisionError)
+
+
+def measured(values: list[float], series: Series) -> Measured:
+    """The errors of every series at every value; nan where a value is refused or numbers run out."""
+    errors: dict[str, list[float]] = {}
+    for names, function in series.items():
+        names = (names,) if isinstance(names, str) else names
+        rows = [_row(function, value, len(names)) for value in values]
+        errors |= dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+    return values, errors
+
+
+def _row(function: Callable, value: float, count: int) -> tuple[float, ...]:
+    try:
+        made = function(value)
+    except REFUSED:
+        return (math.nan,) * count
+    return tuple(made) if count > 1 else (made,)
 
 
 @dataclass(frozen=True)
