@@ -79,6 +79,23 @@ def any_field(monkeypatch):
     with_fewer_nodes(monkeypatch, TINY_FIELD)
 
 
+@pytest.fixture
+def few_bodies(monkeypatch, tmp_path):
+    """How many bodies find room in clumps is found by next to none, for a test to which how many grow does not matter.
+
+    What grows is kept in a cache of its own: others are not to find it.
+    """
+    from varos_warp.scene.geometry.growth import room
+
+    monkeypatch.setattr(room, "BODIES", 500)
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "cache"))
+    for found in (room.filling, room.left_of):
+        found.cache_clear()
+    yield
+    for found in (room.filling, room.left_of):
+        found.cache_clear()
+
+
 @pytest.fixture(autouse=True, scope="session")
 def cache_of_its_own(tmp_path_factory):
     """Fields are solved for this run, once for all its processes, not found where a user or another run left them."""
