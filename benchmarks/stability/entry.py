@@ -13,8 +13,8 @@ from varos_warp.errors import InputError
 
 Series = dict[str | tuple[str, ...], Callable]
 """Name of a series -> its error as a function of a value; several names -> a function that gives as many errors."""
-Sweeps = dict[str, tuple[list[float], Series]]
-"""What a module of sweeps holds as ``SWEEPS``: key of a sweep -> values of its parameter, and its series."""
+Sweeps = dict[str, Series]
+"""What a module of sweeps holds as ``SWEEPS``, by the key of a sweep; the values of its parameter are in map.yaml."""
 Measured = tuple[list[float], dict[str, list[float]]]
 """Values of the parameter; name of a series -> error at each value, nan where the method refuses or fails."""
 REFUSED = (InputError, ValidationError, OverflowError, ZeroDivisionError)
@@ -79,7 +79,7 @@ class Sweep:
 
 @functools.cache
 def words() -> dict[str, dict]:
-    """What map.yaml says: key of a sweep -> fields of `Sweep`."""
+    """What map.yaml says: key of a sweep -> fields of `Sweep`, but for errors."""
     return yaml.safe_load(Path(__file__).with_name("map.yaml").read_text(encoding="utf-8"))
 
 
@@ -95,7 +95,7 @@ def sweep_of(key: str, record: dict, said: dict) -> Sweep:
     errors = {
         name: [math.nan if error is None else error for error in series] for name, series in record["errors"].items()
     }
-    return Sweep(key=key, values=record["values"], errors=errors, **said)
+    return Sweep(key=key, **said | {"values": record["values"], "errors": errors})
 
 
 def _number(error) -> float | None:

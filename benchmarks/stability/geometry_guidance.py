@@ -84,24 +84,9 @@ def between(frequency: float) -> tuple[float, float]:
 
 
 SWEEPS: Sweeps = {
-    "leg_length": (
-        [1.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 9.9e8],
-        {("lag [m]", "memory [GB]", "CPU [s]"): far_leg},
-    ),
-    "sequence_length": (
-        [0.005, 0.1, 1.0, 10.0, 100.0, 1e3, 1e4, 36_000.0, 9e4, 1e9],
-        {("time stamp off [ns]", "memory [GB]", "CPU [s]"): long_course},
-    ),
-    "turn_angle": (
-        [0.0, 10.0, 45.0, 90.0, 120.0, 135.0, 150.0, 170.0, 179.0, 180.0],
-        {("corner cut by [m]", "from the goal at the end [m]"): corner},
-    ),
-    "leg_speed": (
-        [1e-3, 0.01, 0.1, 0.5, 1.0, 1.4, 1.5, 2.0, 5.0, 20.0, 1e3, 1e9],
-        {("largest lag [m]", "from the goal at the end [m]"): hurried},
-    ),
-    "between_ticks": (
-        [0.1, 0.3, 1.0, 3.0, 10.0, 20.0, 30.0, 50.0, 80.0, 100.0],
-        {("place over amplitude", "acceleration over its amplitude"): between},
-    ),
+    "leg_length": {("lag [m]", "memory [GB]", "CPU [s]"): far_leg},
+    "sequence_length": {("time stamp off [ns]", "memory [GB]", "CPU [s]"): long_course},
+    "turn_angle": {("corner cut by [m]", "from the goal at the end [m]"): corner},
+    "leg_speed": {("largest lag [m]", "from the goal at the end [m]"): hurried},
+    "between_ticks": {("place over amplitude", "acceleration over its amplitude"): between},
 }

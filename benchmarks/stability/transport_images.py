@@ -93,18 +93,11 @@ def exposure_error(radiance: float) -> float:
 
 
 SWEEPS: Sweeps = {
-    "field_of_view": (
-        [1e-5, 1e-3, 0.1, 1.0, 30.0, 90.0, 150.0, 170.0, 179.0, 179.9, 179.99, 179.999],
-        {"depth, range": field_error},
-    ),
-    "resolution": ([1, 2, 8, 64, 512, 2048, 4096], {("A, direct, 1 sample [us]", "D [us]"): resolution_seconds}),
-    "samples_per_pixel": (
-        [10, 10**3, 10**5, 10**6, 10**7, 10**8],
-        {("film (float64)", "float32 sum", "float32 running mean", "standard error, film"): film_errors},
-    ),
-    "radiance_in_half_floats": ([10.0**p for p in range(-10, 6)], {"half float": half_error}),
-    "exposure_of_a_constant_image": (
-        [1e-38, 1e-30, 1e-20, 1e-10, 1e-5, 1.0, 1e5, 1e10, 1e20, 1e30, 3e38],
-        {"key value": exposure_error},
-    ),
+    "field_of_view": {"depth, range": field_error},
+    "resolution": {("A, direct, 1 sample [us]", "D [us]"): resolution_seconds},
+    "samples_per_pixel": {
+        ("film (float64)", "float32 sum", "float32 running mean", "standard error, film"): film_errors
+    },
+    "radiance_in_half_floats": {"half float": half_error},
+    "exposure_of_a_constant_image": {"key value": exposure_error},
 }

@@ -79,30 +79,20 @@ def _cone_or_nan(cone: float, blend: float, integrator: str) -> float:
 SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
 CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.9, 359.99, 359.999]
 SWEEPS: Sweeps = {
-    "lamp_beside_the_ray": (SIDES, {name: lambda h, by=name: beside_error(h, 2.0, by) for name in INTEGRATORS}),
-    "lamp_on_the_camera": (SIDES, {name: lambda h, by=name: beside_error(h, 0.0, by) for name in INTEGRATORS}),
-    "distance_to_a_lit_surface": (
-        [1e-7, 5e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 1.0, 100.0, 1e4, 1e6, 1e8],
-        {
-            f"{name}, plate of {label}": lambda d, by=name, least=least: lit_error(d, max(20 * d, least), by)
-            for name in ("path", "reference")
-            for label, least in {"20 distances": 0.0, "at least 400 m": 200.0}.items()
-        },
-    ),
-    "power_of_a_cone": (
-        CONES,
-        {f"blend {blend:g}": lambda cone, soft=blend: flux_error(cone, soft) for blend in (0.0, 0.15, 1.0)},
-    ),
-    "cone_across_the_view": (
-        [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0],
-        {
-            f"{name}, blend {blend:g}": lambda cone, by=name, soft=blend: _cone_or_nan(cone, soft, by)
-            for name in ("field", "path")
-            for blend in (0.0, 1.0)
-        },
-    ),
-    "intensity": (
-        [10.0**p for p in (-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38)],
-        {name: lambda x, by=name: intensity_error(np.log10(x), by) for name in INTEGRATORS},
-    ),
+    "lamp_beside_the_ray": {name: lambda h, by=name: beside_error(h, 2.0, by) for name in INTEGRATORS},
+    "lamp_on_the_camera": {name: lambda h, by=name: beside_error(h, 0.0, by) for name in INTEGRATORS},
+    "distance_to_a_lit_surface": {
+        f"{name}, plate of {label}": lambda d, by=name, least=least: lit_error(d, max(20 * d, least), by)
+        for name in ("path", "reference")
+        for label, least in {"20 distances": 0.0, "at least 400 m": 200.0}.items()
+    },
+    "power_of_a_cone": {
+        f"blend {blend:g}": lambda cone, soft=blend: flux_error(cone, soft) for blend in (0.0, 0.15, 1.0)
+    },
+    "cone_across_the_view": {
+        f"{name}, blend {blend:g}": lambda cone, by=name, soft=blend: _cone_or_nan(cone, soft, by)
+        for name in ("field", "path")
+        for blend in (0.0, 1.0)
+    },
+    "intensity": {name: lambda x, by=name: intensity_error(np.log10(x), by) for name in INTEGRATORS},
 }

@@ -73,6 +73,7 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
     assert all(both > needed(renderer, "A", integrator) for integrator in ("field", "path"))
 
 
+@pytest.mark.usefixtures("few_bodies")
 @pytest.mark.parametrize(
     ("file", "changes"),
     [

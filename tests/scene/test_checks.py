@@ -43,9 +43,9 @@ def warnings(**blocks):
 FLAT = {"kind": "procedural", "resolution": 33, "relief_m": 0.0, "size_m": 20}
 
 
-def test_a_sound_scene_gives_no_warning():
+def test_a_sound_scene_gives_no_warning(few_bodies):
     assert warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 0, 0.5)]) == []
-    demo = load_scene(demo_scene_path())
+    demo = load_scene(demo_scene_path(), ["render.max_triangles=200000"])
     assert check_scene(demo, build_parts(demo)) == []
 
 
