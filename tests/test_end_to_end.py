@@ -31,7 +31,8 @@ SMALL = [
     "render.max_triangles=20000",
     *(word for i in (0, 3, 4, 5) for word in ("--set", f"objects.{i}.chord_error_m=0.05")),
 ]
-"""With a few copies, and pebbles that are large enough to be placed: kernels for them, textures and the field are those of tests/physics/test_field_integrator.py."""
+"""With a few copies, and pebbles that are large enough to be placed: kernels for them, textures and the field are those
+of tests/physics/test_field_integrator.py."""
 
 
 def call(*arguments):
