@@ -18,7 +18,6 @@ from varos_warp.dataset.readiness.measure import by_frame
 from varos_warp.dataset.readiness.odometry import forecast
 from varos_warp.dataset.readiness.odometry.score import STANDS, WRONG_TURN, WRONG_WAY, failed
 
-
 FRAMES = slice(0, 12)
 """Of 20."""
 
