@@ -49,7 +49,7 @@ def render(
     """Image A of one camera for the vehicle at ``T_w_v`` [4, 4], by another renderer, ``mitsuba`` or ``cycles``.
 
     Of the bounds, ``max_scatterings`` and ``max_bounces`` are some where the other is 0, or 0; ``max_events`` is one of
-    both together: 1 is direct light and single scattering. Absent ``threads`` are all; ``denoise`` is Open Image Denoise
+    both together: 1 is direct light and single scattering. Absent ``threads`` are all; ``denoise`` is OIDN
     on colour alone, within the time; the ``variant`` of Mitsuba is ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no
     LLVM. An InputError says that the peer is not installed, or cannot render this scene, a RuntimeError that it broke
     down.
