@@ -144,6 +144,6 @@ class Workshop:
     def _peer(self, method: Method, spp: int) -> Timed:
         from benchmarks.peers import render
 
-        scene, parts, T_w_v = self.bench.built
-        made = render(method.peer, scene, parts, self.bench.camera, T_w_v, spp=spp, denoise=method.denoise != "none")
+        seen = (self.bench.scene, self.bench.parts, self.bench.camera, self.bench.T_w_v)
+        made = render(method.peer, *seen, spp=spp, denoise=method.denoise != "none")
         return Timed(np.array([made.radiance], float), made.seconds, made.cpu_seconds, made.setup_seconds)

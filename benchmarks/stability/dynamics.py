@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.stability import dynamics_body, dynamics_control
 from benchmarks.stability.entry import Sweeps
+from varos_warp.products.sensors.imu import ImuNoise
 from varos_warp.products.sensors.noise import noise
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
@@ -165,7 +166,7 @@ def drifting_error(speed: float) -> float:
 
 def noise_error(density: float, walk: bool) -> float:
     """Relative error of the spread of white noise, or of the steps of a random walk."""
-    description.ImuNoise(accelerometer_noise_density=density)
+    ImuNoise(accelerometer_noise_density=density)
     made, root = noise(100_000, 200.0, density, density, np.random.default_rng(7)), np.sqrt(200.0)
     values, expected = (np.diff(made.bias, axis=0), density / root) if walk else (made.white, density * root)
     return abs(float((values / expected).std()) - 1.0)
