@@ -116,16 +116,12 @@ def table(looks: dict[str, Look]) -> str:
     rows = {**looks, "median": Look(*np.median([list(asdict(look).values()) for look in looks.values()], axis=0))}
     wide = max(map(len, rows))
     head = f"{'':{wide}}  power slope  upper slope  log gradients: std  kurtosis  clipped %  dark %"
-    return "\n".join(
-        [
-            head,
-            *(
-                f"{name:{wide}}  {look.power_slope:11.2f}  {look.upper_slope:11.2f}  {look.gradient_std:18.3f}  "
-                f"{look.gradient_kurtosis:8.1f}  {100 * look.clipped:9.2f}  {100 * look.dark:6.1f}"
-                for name, look in rows.items()
-            ),
-        ]
+    lines = (
+        f"{name:{wide}}  {look.power_slope:11.2f}  {look.upper_slope:11.2f}  {look.gradient_std:18.3f}  "
+        f"{look.gradient_kurtosis:8.1f}  {100 * look.clipped:9.2f}  {100 * look.dark:6.1f}"
+        for name, look in rows.items()
     )
+    return "\n".join([head, *lines])
 
 
 def main(arguments: list[str] | None = None) -> int:

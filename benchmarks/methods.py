@@ -36,30 +36,20 @@ class Method:
     """Name of the other program that renders it."""
 
 
-NOTHING_MORE = ("full", "single")
+NOTHING_MORE, PATH, SINGLE = ("full", "single"), {"integrator": "path"}, {"layers": ("direct", "single")}
 OURS = (
     Method("direct", "direct light only", "direct", {"layers": ("direct",)}, LADDER[:4]),
-    Method(
-        "single",
-        "direct + single scattering",
-        "single",
-        {"layers": ("direct", "single")},
-        LADDER[:4],
-        truth=NOTHING_MORE,
-    ),
+    Method("single", "direct + single scattering", "single", SINGLE, LADDER[:4], truth=NOTHING_MORE),
     *(
         Method(
-            f"scatterings_{n}",
-            f"paths, at most {n} scattering{'s' * (n > 1)}",
-            f"scatterings_{n}",
-            {"integrator": "path", "max_scatterings": n},
+            f"scatterings_{n}", f"paths, at most {n} scattering{s}", f"scatterings_{n}", PATH | {"max_scatterings": n}
         )
-        for n in (1, 2, 3)
+        for n, s in ((1, ""), (2, "s"), (3, "s"))
     ),
     Method("reference", "plain path tracer", "reference", {"integrator": "reference"}),
-    Method("path", "paths", "path", {"integrator": "path"}),
-    Method("path+nlm", "paths, NLM", "path", {"integrator": "path"}, LADDER[:5], denoise="nlm"),
-    Method("path+oidn", "paths, OIDN", "path", {"integrator": "path"}, denoise="oidn"),
+    Method("path", "paths", "path", PATH),
+    Method("path+nlm", "paths, NLM", "path", PATH, LADDER[:5], denoise="nlm"),
+    Method("path+oidn", "paths, OIDN", "path", PATH, denoise="oidn"),
     Method("field", "field", "field", {"integrator": "field"}),
     Method("field+nlm", "field, NLM", "field", {"integrator": "field"}, LADDER[:5], denoise="nlm"),
     Method("field+oidn", "field, OIDN", "field", {"integrator": "field"}, denoise="oidn"),
@@ -77,16 +67,10 @@ def peers() -> list[Method]:
     except ImportError:
         return []
     return [
-        Method(
-            f"{name}{'+oidn' * denoised}",
-            f"{name.capitalize()}{', OIDN' * denoised}",
-            name,
-            spp=LADDER[1:],
-            denoise="oidn" if denoised else "none",
-            peer=name,
-        )
+        Method(f"{name}{added}", f"{name.capitalize()}{words}", name, spp=LADDER[1:], denoise=denoise, peer=name)
         for name in available()
-        for denoised in range(1 + (name in DENOISING_PEERS))
+        for added, words, denoise in (("", "", "none"), ("+oidn", ", OIDN", "oidn"))
+        if denoise == "none" or name in DENOISING_PEERS
     ]
 
 
@@ -160,13 +144,6 @@ class Workshop:
     def _peer(self, method: Method, spp: int) -> Timed:
         from benchmarks.peers import render
 
-        made = render(
-            method.peer,
-            self.bench.scene,
-            self.bench.parts,
-            self.bench.camera,
-            self.bench.T_w_v,
-            spp=spp,
-            denoise=method.denoise != "none",
-        )
+        seen = (self.bench.scene, self.bench.parts, self.bench.camera, self.bench.T_w_v)
+        made = render(method.peer, *seen, spp=spp, denoise=method.denoise != "none")
         return Timed(np.array([made.radiance], float), made.seconds, made.cpu_seconds, made.setup_seconds)

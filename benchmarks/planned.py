@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from benchmarks.machine import Stopwatch, command, machine, save
 from benchmarks.scenes import HERE, BenchScene
@@ -19,69 +20,19 @@ from varos_warp.render.image.adapt import brightness
 from varos_warp.render.planner import errors
 from varos_warp.render.planner.plan import plan_render
 from varos_warp.render.renderer import FrameRenderer, resolve_integrator
-from varos_warp.scene.file.load import demo_scene_path
 
-EXAMPLE = HERE.parent / "examples/munkholmen/scene.yaml"
-SIZE = "vehicle.cameras.0.resolution=[320,180]"
-CLEAR, REF1 = HERE / "scenes/floor_clear.yaml", HERE / "scenes/ref1/scene.yaml"
-PAPER = (
-    "water={principled: {density: 0.125, color: [0.014, 0.146, 0.345], absorption_color: [0.0, 0.394, 1.0], "
-    "anisotropy: 0.8}}"
-)
-ABOVE = "trajectory.poses=[{position: [0, 0, 6], look_at: [0, 3, 0]}]"
-NEAR = "trajectory.poses=[{position: [-0.4, 3.0, 0.9], look_at: [0, 5, 0.2]}]"
+SMALL = ("vehicle.cameras.0.resolution=[320,180]", "render.spp=null")
+FLOOR = "benchmarks/scenes/floor_clear.yaml"
 
 
-def jerlov(kind: str) -> str:
-    """Water of a Jerlov type, with its phase function."""
-    return f"water={{jerlov: {{type: {kind}}}}}"
+def case(said: dict) -> BenchScene:
+    """What planned.yaml says, of which lists of changes may hold lists."""
+    changes = [c for change in said.get("changes", ()) for c in ([change] if isinstance(change, str) else change)]
+    path = HERE.parent / said.get("file", FLOOR)
+    return BenchScene(said["title"], said["title"], path, (*SMALL, *changes), said.get("frame", 0))
 
 
-def case(title: str, path: Path, changes: tuple[str, ...] = (), frame: int = 0) -> BenchScene:
-    """A scene of a file, small, with what it differs in."""
-    return BenchScene(title, title, path, (SIZE, "render.spp=null", *changes), frame)
-
-
-CASES = {
-    "clear": case("Jerlov IA", CLEAR, (jerlov("IA"),)),
-    "oceanic": case("Jerlov II", CLEAR, (jerlov("II"),)),
-    "paper": case("the paper's water", CLEAR, (PAPER,)),
-    "paper_above": case("the paper's water, from 6 m", CLEAR, (PAPER, ABOVE)),
-    "ref1": case("ref1: 522 000 triangles", REF1, ("render.denoise=oidn",)),
-    "ref1_plain": case("ref1 without a denoiser, 3 %", REF1, ("render.denoise=none", "render.tolerance=0.03")),
-    "ref1_tight": case("ref1, 1 %", REF1, ("render.denoise=oidn", "render.tolerance=0.01")),
-    "ref1_loose": case(
-        "ref1, 5 %, 1280 x 720",
-        REF1,
-        ("render.denoise=oidn", "render.tolerance=0.05", "vehicle.cameras.0.resolution=[1280,720]"),
-    ),
-    "demo": case("the demo: textures, lens", demo_scene_path(), ("render.spp=null",), 6),
-    "ocean_III": case("Jerlov III, from 6 m", CLEAR, (jerlov("III"), ABOVE)),
-    "near_IB": case("Jerlov IB, near by", CLEAR, (jerlov("IB"), NEAR)),
-    "munkholmen": case("examples/munkholmen: 759 000 triangles, textures, stones", EXAMPLE, frame=60),
-    "coastal": case("Jerlov 1C", CLEAR, (jerlov("1C"),)),
-    "turbid": case("Jerlov 3C", CLEAR, (jerlov("3C"),)),
-    "harbour": case("Jerlov 5C, near by", CLEAR, (jerlov("5C"), NEAR)),
-    "boom": case(
-        "lights a metre off",
-        CLEAR,
-        (PAPER, *(f"vehicle.lights.{i}.position=[{x},0,0]" for i, x in enumerate((-1.0, 1.0)))),
-    ),
-    "peaked": case("Jerlov II with g = 0.95", CLEAR, ("water={jerlov: {type: II, phase: {g: 0.95}}}",)),
-    "fixed_camera": case(
-        "a camera in the world",
-        CLEAR,
-        (
-            PAPER,
-            "vehicle.cameras.0.mount=world",
-            "vehicle.cameras.0.position=[-1.5,1,1.3]",
-            "vehicle.cameras.0.look_at=[0,5,0.2]",
-            "render.tolerance=0.03",
-        ),
-    ),
-    "no_water": case("no water", CLEAR, ("water=none", "render.tolerance=0.02")),
-}
-
+CASES = {name: case(said) for name, said in yaml.safe_load((HERE / "planned.yaml").read_text()).items()}
 SEEDS, RUNS = 9000, 3
 ESTIMATE_SPP = {"field": 512, "path": 2048}
 ESTIMATES, ESTIMATE_SECONDS = 4, 8.0

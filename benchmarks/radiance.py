@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 from benchmarks.errors import Reference, measure
 from benchmarks.machine import Budget
@@ -35,16 +36,8 @@ class Series:
 @contextmanager
 def tables_of_its_own():
     """A fresh folder for tables, so that the time to make them is that of a user's first frame."""
-    before = os.environ.get("VAROS_WARP_CACHE")
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["VAROS_WARP_CACHE"] = folder
-        try:
-            yield Path(folder)
-        finally:
-            if before is None:
-                del os.environ["VAROS_WARP_CACHE"]
-            else:
-                os.environ["VAROS_WARP_CACHE"] = before
+    with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, VAROS_WARP_CACHE=folder):
+        yield Path(folder)
 
 
 def compare(bench: BenchScene, methods: list[Method], device: str, seconds: float, store: Store, tell: Tell) -> int:
@@ -54,15 +47,9 @@ def compare(bench: BenchScene, methods: list[Method], device: str, seconds: floa
     the field, references that must be made first. Returns the number of points.
     """
     known, workshop, clock = references(bench, device, tell), Workshop(bench, device), Budget(device)
-    facts = store.scenes.setdefault(
-        bench.name,
-        {
-            "title": bench.title,
-            "triangles": sum(len(part.faces) for part in bench.parts),
-            "resolution": list(bench.camera.resolution),
-            "left_out": {},
-        },
-    )
+    about = {"title": bench.title, "triangles": sum(len(part.faces) for part in bench.parts)}
+    about |= {"resolution": list(bench.camera.resolution), "left_out": {}}
+    facts = store.scenes.setdefault(bench.name, about)
     running, points = [Series(method, list(method.spp)) for method in methods], 0
     with tables_of_its_own():
         while running:
@@ -97,15 +84,11 @@ def _point(
         row = {
             "scene": bench.name,
             "method": method.name,
-            "label": method.label,
-            "family": method.family,
             "spp": spp,
-            "denoise": method.denoise,
-            "peer": method.peer,
             "truth": truth,
             "repeats": len(made.images),
-            "seconds": made.seconds,
-            "cpu_seconds": made.cpu_seconds,
+            **{name: getattr(method, name) for name in ("label", "family", "denoise", "peer")},
+            **{name: getattr(made, name) for name in ("seconds", "cpu_seconds")},
             "setup_seconds": series.setup_seconds + made.setup_seconds,
             **measure(made.images, known[truth]),
         }

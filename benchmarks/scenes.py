@@ -87,7 +87,7 @@ SCENES = {
         ),
         BenchScene("open_water", "the paper's water with two lights, no surfaces", HERE / "scenes/open_water.yaml"),
         *(
-            BenchScene(name, unlike.SCENES[name][0])
+            BenchScene(name, unlike.SCENES[name]["title"])
             for name in ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")
         ),
         BenchScene(

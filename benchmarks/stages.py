@@ -60,14 +60,8 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
         done = produce.produce(scene, Path(folder) / "out", device="cpu", frames=slice(0, frames), quiet=True)
         plan = json.loads((Path(folder) / "out/dataset.json").read_text())["samples"]["plan"]
     cores, took = usable_cores(), done.stages
-    parts = {
-        "start": start,
-        "simulate": took["simulate"],
-        "load": took["load"],
-        "plan": took["plan"],
-        "render": took["render"] + took["wait"],
-        "finish": took["expose"] + took["checksums"],
-    }
+    parts = {"start": start, **{name: took[name] for name in ("simulate", "load", "plan")}}
+    parts |= {"render": took["render"] + took["wait"], "finish": took["expose"] + took["checksums"]}
     row = {
         "scene": name,
         "stages": {stage: round(seconds / cores, 2) for stage, seconds in parts.items()},
@@ -128,16 +122,8 @@ def table(result: dict) -> str:
     """Rows for docs/benchmarks.md."""
     facts = ("first image [s]", "planned before [s]", "a frame [s]", FORETOLD, "memory [MB]", "spp")
     keys = ("first_image", "first_image_planned", "a_frame", FORETOLD, "peak_mb", "spp")
-    rows = [
-        [
-            row["scene"],
-            *(
-                f"{value:.3g}" if value < 100 else f"{value:.0f}"
-                for value in (*row["stages"].values(), *map(row.get, keys))
-            ),
-        ]
-        for row in result["rows"]
-    ]
+    values = {row["scene"]: (*row["stages"].values(), *map(row.get, keys)) for row in result["rows"]}
+    rows = [[name, *(f"{x:.3g}" if x < 100 else f"{x:.0f}" for x in row)] for name, row in values.items()]
     made = result["machine"]
     return (
         f"{made['cores']} cores of {made['cpu']}{result['note']}; {made['commit']}, {made['date']}; "

@@ -4,6 +4,7 @@ import gc
 import os
 import sys
 from functools import cache
+from pathlib import Path
 
 # tests run side by side: threads that multiply small matrices would only wait for each other
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -46,20 +47,22 @@ def seeded():
 
 WHOLE_FIELD = {"physics", "field", "test_media_limits.py", "test_lamp_limits.py", "test_plan.py"}
 """Folders and files of tests that hold the field against what is known otherwise."""
-ANY_FIELD = {"test_end_to_end.py", "test_unlike_scenes.py"}
-"""Files of tests to which its values do not matter."""
+ANY_FIELD = {"dataset", "test_end_to_end.py", "test_unlike_scenes.py"}
+"""Folders and files of tests to which its values do not matter."""
+TESTS = Path(__file__).parent
 
 
 @pytest.fixture(autouse=True, scope="module")
 def small_field(request):
     """Elsewhere the field has fewer nodes (fields.py)."""
-    if {request.path.name, request.path.parent.name} & WHOLE_FIELD:
+    parts = {*request.path.relative_to(TESTS).parts}
+    if parts & WHOLE_FIELD:
         yield
         return
     from fields import SMALL_FIELD, TINY_FIELD, with_fewer_nodes
 
     with pytest.MonkeyPatch.context() as patch:
-        with_fewer_nodes(patch, TINY_FIELD if request.path.name in ANY_FIELD else SMALL_FIELD)
+        with_fewer_nodes(patch, TINY_FIELD if parts & ANY_FIELD else SMALL_FIELD)
         yield
 
 
@@ -77,6 +80,23 @@ def any_field(monkeypatch):
     from fields import TINY_FIELD, with_fewer_nodes
 
     with_fewer_nodes(monkeypatch, TINY_FIELD)
+
+
+@pytest.fixture
+def few_bodies(monkeypatch, tmp_path):
+    """How many bodies find room in clumps is found by next to none, for a test to which how many grow does not matter.
+
+    What grows is kept in a cache of its own: others are not to find it.
+    """
+    from varos_warp.scene.geometry.growth import room
+
+    monkeypatch.setattr(room, "BODIES", 500)
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "cache"))
+    for found in (room.filling, room.left_of):
+        found.cache_clear()
+    yield
+    for found in (room.filling, room.left_of):
+        found.cache_clear()
 
 
 @pytest.fixture(autouse=True, scope="session")

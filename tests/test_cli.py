@@ -437,6 +437,7 @@ def test_schema_explains_one_key_in_words_or_as_json():
     assert "Did you mean 'cameras'?" in refused("schema", "vehicle.camera")
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     path = tmp_path / "mine.yaml"
     assert call("init", path).exit_code == 0

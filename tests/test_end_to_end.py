@@ -26,10 +26,13 @@ SMALL = [
     "--set",
     "scatter=[{object: {kind: nut, size: M64}, count: 3, circle: [0, 4, 2]}]",
     "--set",
+    "growth=[{on: [terrain], kind: pebble, per_m2: 9, size_m: [0.1, 0.2], seed: 3}]",
+    "--set",
     "render.max_triangles=20000",
     *(word for i in (0, 3, 4, 5) for word in ("--set", f"objects.{i}.chord_error_m=0.05")),
 ]
-"""With a few copies: kernels for them, textures and the field are those of tests/physics/test_field_integrator.py."""
+"""With a few copies, and pebbles that are large enough to be placed: kernels for them, textures and the field are those
+of tests/physics/test_field_integrator.py."""
 
 
 def call(*arguments):

@@ -96,6 +96,7 @@ def test_every_shipped_camera_sees_through_its_lens_and_port():
             assert (np.min(weight, axis=0) > 0.0).mean() > 0.8, (scene.name, camera.id)
 
 
+@pytest.mark.usefixtures("few_bodies")
 @pytest.mark.parametrize("path", SHIPPED, ids=name_of)
 def test_every_shipped_scene_renders(path):
     """First frame through every camera, all outputs: finite numbers, and none of the images is black."""

@@ -74,10 +74,15 @@ def imports() -> dict[str, set[str]]:
     return {name: {module for module in _imported(path, set(paths)) if module in paths} for name, path in paths.items()}
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def _imported(path: Path, modules: set[str]) -> set[str]:
     """What a file imports of the package; ``from a import b`` is a.b where that is a module."""
     names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         if isinstance(node, ast.ImportFrom):
@@ -150,7 +155,7 @@ def test_kernels_know_nothing_of_the_host():
 
 def test_the_package_knows_nothing_of_benchmarks_and_tests():
     for path in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module] if isinstance(node, ast.ImportFrom) else []
             assert not {name.split(".")[0] for name in names} & {"benchmarks", "tests"}, path

@@ -211,7 +211,7 @@ def test_a_folder_that_holds_something_else_is_refused_and_left(publish, made, t
         mine.unlink()
 
 
-def test_what_would_be_too_large_is_refused_before_anything_is_made(publish, tmp_path, capfd, by_processes):
+def test_what_would_be_too_large_is_refused_before_anything_is_made(publish, tmp_path, capfd):
     out = tmp_path / "out"
     large = [word for i in range(2) for word in ("--set", f"vehicle.cameras.{i}.resolution=[4000,4000]")]
     assert publish.main(["sample", "-o", str(out), *large, *FEW_THINGS, "--set", "render.max_triangles=20000"]) == 2

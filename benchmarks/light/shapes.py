@@ -111,6 +111,16 @@ def _bumps(a, b, cells: int, seed: int, waves: int = 24):
     return values / np.sqrt(np.sum(weight**2) / 2)
 
 
+def boxes() -> list[Part]:
+    """What lies on the ground three metres ahead."""
+    return [
+        box("box.0", (0.6, 0.5, 0.5), (-0.7, 2.6, 0.25), RED, 20.0),
+        box("box.1", (0.4, 0.4, 0.9), (0.6, 3.2, 0.45)),
+        box("box.2", (0.3, 0.8, 0.3), (0.2, 2.1, 0.15), BLUE, -35.0),
+        box("box.3", (1.2, 0.3, 0.6), (0.1, 4.4, 0.3)),
+    ]
+
+
 def ground(half=12.0, height=0.0, relief=0.08, seed=1, cells=60) -> Part:
     """A rough sea floor around the origin."""
     corner = (-half, -half, height)

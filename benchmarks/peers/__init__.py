@@ -44,33 +44,19 @@ def available() -> list[str]:
 
 
 def render(
-    name: str,
-    scene,
-    parts,
-    camera,
-    T_w_v,
-    *,
-    spp: int,
-    max_scatterings: int | None = None,
-    max_bounces: int | None = None,
-    max_events: int | None = None,
-    threads: int | None = None,
-    denoise: bool = False,
-    seed: int = 0,
-    variant: str | None = None,
+    name: str, scene, parts, camera, T_w_v, *, spp: int, seed=0, threads=None, denoise=False, variant=None, **bounds
 ) -> PeerImage:
     """Image A of one camera for the vehicle at ``T_w_v`` [4, 4], by another renderer, ``mitsuba`` or ``cycles``.
 
-    ``max_scatterings`` and ``max_bounces`` are bounds where the other is 0, or 0; ``max_events`` is one of both
-    together: 1 is direct light and single scattering. Absent ``threads`` are all; ``denoise`` is Open Image Denoise on
-    colour alone, within the time; the ``variant`` of Mitsuba is ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no
+    Of the bounds, ``max_scatterings`` and ``max_bounces`` are some where the other is 0, or 0; ``max_events`` is one of
+    both together: 1 is direct light and single scattering. Absent ``threads`` are all; ``denoise`` is OIDN
+    on colour alone, within the time; the ``variant`` of Mitsuba is ``llvm_ad_rgb``, or ``scalar_rgb`` where there is no
     LLVM. An InputError says that the peer is not installed, or cannot render this scene, a RuntimeError that it broke
     down.
     """
     check_available(name)
     from benchmarks.peers.plain import plain_scene
 
-    bounds = {"max_scatterings": max_scatterings, "max_bounces": max_bounces, "max_events": max_events}
     plain = plain_scene(scene, parts, camera, T_w_v, **bounds)
     how = {"spp": spp, "seed": seed, "threads": threads, "denoise": denoise, "variant": variant}
     result = _ask(name, "render", plain, how)

@@ -58,6 +58,11 @@ class Estimate:
         """Relative difference from another, and its standard error."""
         return self.mean / other.mean - 1.0, np.hypot(self.stderr, other.stderr) / other.mean
 
+    def as_dict(self) -> dict:
+        """Return plain types for JSON."""
+        means = {"mean": self.mean.tolist(), "stderr": self.stderr.tolist()}
+        return {**means, "spp": self.spp, "replicates": REPLICATES, "cpu_seconds": self.cpu_seconds}
+
 
 @dataclass(frozen=True)
 class Row:
@@ -86,34 +91,15 @@ class Row:
 
     def as_dict(self) -> dict:
         """Return plain types for JSON."""
-        made = {
-            name: {
-                "mean": found.mean.tolist(),
-                "stderr": found.stderr.tolist(),
-                "spp": found.spp,
-                "replicates": REPLICATES,
-                "cpu_seconds": found.cpu_seconds,
-            }
-            for name, found in self.estimates.items()
-        }
         compared = []
         for name, other in self.pairs():
             off, stderr = self.estimates[name].off(self.estimates[other])
-            compared.append(
-                {
-                    "program": name,
-                    "against": other,
-                    "off": off.tolist(),
-                    "stderr": stderr.tolist(),
-                    "tolerance": TOLERANCE[self.light],
-                    "agrees": bool(np.all(self.excess(name, other) <= 1)),
-                }
-            )
+            agrees = bool(np.all(self.excess(name, other) <= 1))
+            told = {"off": off.tolist(), "stderr": stderr.tolist(), "tolerance": TOLERANCE[self.light]}
+            compared.append({"program": name, "against": other, **told, "agrees": agrees})
         return {
-            "scene": self.scene,
-            "water": self.water,
-            "light": self.light,
-            "estimates": made,
+            **{name: getattr(self, name) for name in ("scene", "water", "light")},
+            "estimates": {name: found.as_dict() for name, found in self.estimates.items()},
             "compared": compared,
             "refused": self.refused,
         }

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 
 from benchmarks.machine import Stopwatch, command, commit, cpu_name
-from benchmarks.stability.entry import record_of, words
+from benchmarks.stability.entry import Series, measured, record_of, words
 from benchmarks.stability.page import write_page
 from varos_warp.device.devices import usable_cores
 
@@ -29,21 +29,21 @@ GROUPS = {
 """Modules of sweeps here and the titles of their sections."""
 
 
-def sweeps() -> dict[str, tuple[str, object]]:
-    """Key -> (group, function) of every sweep there is."""
+def sweeps() -> dict[str, tuple[str, Series]]:
+    """Key -> (group, series) of every sweep there is."""
     found: dict = {}
     for group in GROUPS:
-        for function in importlib.import_module(f"benchmarks.stability.{group}").SWEEPS:
-            if function.__name__ in found:
-                raise ValueError(f"two sweeps are called {function.__name__}")
-            found[function.__name__] = (group, function)
+        for key, series in importlib.import_module(f"benchmarks.stability.{group}").SWEEPS.items():
+            if key in found:
+                raise ValueError(f"two sweeps are called {key}")
+            found[key] = (group, series)
     return found
 
 
-def measure(group: str, function) -> dict:
+def measure(key: str, group: str, series: Series) -> dict:
     """The record of one sweep: what came of it, and what made it."""
     watch = Stopwatch()
-    return record_of(function()) | {
+    return record_of(measured(words()[key]["values"], series)) | {
         "group": group,
         "seconds": round(watch.cpu_seconds, 1),
         "commit": commit(),
@@ -62,13 +62,13 @@ def main():
     unknown = set(arguments.keys) - set(found)
     if unknown:
         parser.error(f"no such entry: {', '.join(sorted(unknown))}; --list prints them")
-    for key, (group, function) in found.items():
+    for key, (group, series) in found.items():
         if (arguments.keys and key not in arguments.keys) or not group.startswith(arguments.only or ""):
             continue
         if arguments.list:
             print(f"{group:20} {key}")
         elif not arguments.page:
-            record = measure(group, function)
+            record = measure(key, group, series)
             keep({key: record}, found)
             print(f"{key}: {record['seconds']} s", flush=True)
     if not arguments.list:

@@ -1,4 +1,4 @@
-"""One entry of the stability map: what map.yaml says of a sweep, and what was measured."""
+"""One entry of the stability map: what is swept, what map.yaml says of it, and what was measured."""
 
 import functools
 import math
@@ -7,11 +7,35 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+from pydantic import ValidationError
 
+from varos_warp.errors import InputError
+
+Series = dict[str | tuple[str, ...], Callable]
+"""Name of a series -> its error as a function of a value; several names -> a function that gives as many errors."""
+Sweeps = dict[str, Series]
+"""What a module of sweeps holds as ``SWEEPS``, by the key of a sweep; the values of its parameter are in map.yaml."""
 Measured = tuple[list[float], dict[str, list[float]]]
 """Values of the parameter; name of a series -> error at each value, nan where the method refuses or fails."""
-Sweeps = tuple[Callable[[], Measured], ...]
-"""What a module of sweeps holds as ``SWEEPS``; the name of a function is the key of its sweep."""
+REFUSED = (InputError, ValidationError, OverflowError, ZeroDivisionError)
+
+
+def measured(values: list[float], series: Series) -> Measured:
+    """The errors of every series at every value; nan where a value is refused or numbers run out."""
+    errors: dict[str, list[float]] = {}
+    for names, function in series.items():
+        names = (names,) if isinstance(names, str) else names
+        rows = [_row(function, value, len(names)) for value in values]
+        errors |= dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+    return values, errors
+
+
+def _row(function: Callable, value: float, count: int) -> tuple[float, ...]:
+    try:
+        made = function(value)
+    except REFUSED:
+        return (math.nan,) * count
+    return tuple(made) if count > 1 else (made,)
 
 
 @dataclass(frozen=True)
@@ -55,7 +79,7 @@ class Sweep:
 
 @functools.cache
 def words() -> dict[str, dict]:
-    """What map.yaml says: key of a sweep -> fields of `Sweep`."""
+    """What map.yaml says: key of a sweep -> fields of `Sweep`, but for errors."""
     return yaml.safe_load(Path(__file__).with_name("map.yaml").read_text(encoding="utf-8"))
 
 
@@ -71,7 +95,7 @@ def sweep_of(key: str, record: dict, said: dict) -> Sweep:
     errors = {
         name: [math.nan if error is None else error for error in series] for name, series in record["errors"].items()
     }
-    return Sweep(key=key, values=record["values"], errors=errors, **said)
+    return Sweep(key=key, **said | {"values": record["values"], "errors": errors})
 
 
 def _number(error) -> float | None:

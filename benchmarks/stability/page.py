@@ -14,34 +14,8 @@ COLUMNS = 3
 SMALLEST = 1e-12
 """Errors below this are drawn there: a logarithmic axis has no zero."""
 
-HEAD = """# Where the methods fail
-
-Each method is swept over a parameter until it fails, or until the values leave what a scene file may contain. You need
-none of it to make a dataset: `varos-warp info` warns, and what cannot be done is refused with a message.
-
-## In short
-
-| a scene with | what happens |
-| --- | --- |
-| disks, sheets, strobes, cones below 20 or above 179 degrees | is rendered by `path`: as right, but slower |
-| one channel of the water much more turbid than another, or light scattered mostly backwards | likewise |
-| depths beyond 25 m | their D is 65535; widen `render.depth_range_m`, or take `render.depth_exr` |
-| a course wider than 3 km | D loses half of its step of 0.38 mm; a warning says to divide the course |
-| objects below 2 mm or above 100 m, a terrain above 50 km | a warning: the unit may be wrong, or digits are lost |
-| tens of millions of triangles | takes 500 bytes for each; `varos-warp preprocess --vertices` decimates |
-| a course too fast for its vehicle, or a stronger current | is reported; the vehicle lags, the course still ends |
-| drag, righting moment or thrusters too stiff for steps of 5 ms | is refused, with what makes it so |
-
-## How to read the entries
-
-An entry states the measured error, where the method ends ("holds from .. to"), what fails beyond, and what the program
-does there. A test guards each boundary on both sides. What was swept without an end in sight has tests, but no entry:
-attitudes beside the pole and half a turn away, a million steps, waypoints that coincide, needle triangles. In the
-figures a vertical line is the boundary, a horizontal one the error promised within it, and a cross at the top a value
-that is refused or gives no result. Under them stands the largest error of each line within the boundary. *Ours* is what
-varos_warp does, beside other methods for the same; a tick is a step of the simulation, 5 ms, and h its length.
-`python -m benchmarks.stability` makes this page.
-"""
+HEAD = Path(__file__).with_name("head.md")
+"""What stands above the sections."""
 TITLES = ("method", "parameter", "holds from .. to", "what fails beyond", "what the program does", "test")
 
 
@@ -51,7 +25,7 @@ def write_page(results: dict, said: dict, groups: dict[str, str], page: Path):
     Of records by key of a sweep, with ``group``, ``commit``, ``machine`` and ``seconds``, and what map.yaml says of
     each; by the titles of groups, in their order.
     """
-    text = [HEAD]
+    text = [HEAD.read_text(encoding="utf-8")]
     for group, title in groups.items():
         records = {key: record for key, record in results.items() if record["group"] == group}
         if not records:

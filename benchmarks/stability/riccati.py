@@ -14,8 +14,7 @@ DIGITS = 200
 def exact_gain(A, B, Q, R: float, h: float, digits: int = DIGITS) -> np.ndarray:
     """Gain K [1, n] of u = -K x that minimises the sampled cost, right to the last digit of a float."""
     with localcontext() as context:
-        context.prec = digits
-        context.Emin, context.Emax = -(10**9), 10**9
+        context.prec, context.Emin, context.Emax = digits, -(10**9), 10**9
         A_d, B_d, Q_d, R_d, N_d = _sampled(*(_decimal(M) for M in (A, B, Q, [[R]])), Decimal(float(h)))
         # without the cross term: u = v - N'x / R
         A_0, Q_0 = A_d - B_d @ N_d.T / R_d[0, 0], Q_d - N_d @ N_d.T / R_d[0, 0]
@@ -23,8 +22,25 @@ def exact_gain(A, B, Q, R: float, h: float, digits: int = DIGITS) -> np.ndarray:
         return ((B_d.T @ P @ A_d + N_d.T) / (R_d + B_d.T @ P @ B_d)[0, 0]).astype(float)
 
 
+def exact_transition(A, h: float, digits: int = DIGITS) -> np.ndarray:
+    """exp(A h) of numbers that may be decimal, by its series."""
+    with localcontext() as context:
+        context.prec, context.Emin, context.Emax = digits, -(10**9), 10**9
+        A = _decimal(A) * Decimal(h)
+        halvings = _halvings(A)
+        total = _expm(A / 2**halvings)
+        for _ in range(halvings):
+            total = total @ total
+        return total.astype(float)
+
+
+def _halvings(M) -> int:
+    """How often a matrix is halved before the series converges quickly."""
+    return max(0, int(np.ceil(np.log2(max(1e-9, float(np.abs(M).sum()))))) + 8)
+
+
 def _decimal(M) -> np.ndarray:
-    return np.vectorize(lambda x: Decimal(float(x)), otypes=[object])(np.atleast_2d(M))
+    return np.vectorize(lambda x: x if isinstance(x, Decimal) else Decimal(float(x)), otypes=[object])(np.atleast_2d(M))
 
 
 def _eye(n: int) -> np.ndarray:
@@ -36,7 +52,7 @@ def _sampled(A, B, Q, R, h):
     n, m = B.shape
     F = np.block([[A, B], [_decimal(np.zeros((m, n + m)))]])
     weight = np.block([[Q, _decimal(np.zeros((n, m)))], [_decimal(np.zeros((m, n))), R]])
-    halvings = max(0, int(np.ceil(np.log2(max(1e-9, float(np.abs(F).sum() * h))))) + 8)
+    halvings = _halvings(F * h)
     short = h / 2**halvings
     blocks = _expm(np.block([[-F.T, weight], [_decimal(np.zeros((n + m, n + m))), F]]) * short)
     transition = blocks[n + m :, n + m :]

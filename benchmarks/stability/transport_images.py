@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import warp as wp
 
-from benchmarks.stability.entry import Measured, Sweeps
+from benchmarks.stability.entry import Sweeps
 from benchmarks.stability.transport import run
 from benchmarks.stability.transport_surfaces import scene_of, shot, wall
 from varos_warp.kernels.film.develop import half_difference
@@ -14,8 +14,6 @@ from varos_warp.kernels.film.film import Sums, add_sample
 from varos_warp.products.images.radiance import to_half
 from varos_warp.render.image import exposure
 from varos_warp.render.renderer import FrameRenderer
-
-# -------------------------------------------------------------------------------------------------------- cameras
 
 
 def field_error(angle_deg: float) -> float:
@@ -29,19 +27,10 @@ def field_error(angle_deg: float) -> float:
     return float(max(np.abs(image.depth / 2.5 - 1).max(), np.abs(image.range / truth - 1).max()))
 
 
-def field_of_view() -> Measured:
-    """Measure fields of view from a pixel of the moon to everything ahead."""
-    values = [1e-5, 1e-3, 0.1, 1.0, 30.0, 90.0, 150.0, 170.0, 179.0, 179.9, 179.99, 179.999]
-    return values, {"depth, range": [field_error(a) for a in values]}
-
-
 def resolution_seconds(side: int) -> tuple[float, float]:
     """CPU time of a pixel of A, direct light, and of D [microseconds]."""
-    scene = scene_of(
-        [{"kind": "point", "position": (0.1, 0.0, 0.0), "intensity": (1.0, 1.0, 1.0)}],
-        resolution=(side, side),
-        sensor_mm=(6.0, 6.0),
-    )
+    lamp = {"kind": "point", "position": (0.1, 0.0, 0.0), "intensity": (1.0, 1.0, 1.0)}
+    scene = scene_of([lamp], resolution=(side, side), sensor_mm=(6.0, 6.0))
     renderer = FrameRenderer(scene, "cpu", parts=[wall(3.0, 20.0)])
     seconds = []
     for letter in "AD":
@@ -52,16 +41,6 @@ def resolution_seconds(side: int) -> tuple[float, float]:
         assert values.shape[:2] == (side, side)
         assert np.isfinite(values).all()
     return tuple(seconds)
-
-
-def resolution() -> Measured:
-    """Measure images from one pixel to 16 million."""
-    values = [1, 2, 8, 64, 512, 2048, 4096]
-    seconds = np.array([resolution_seconds(side) for side in values])
-    return values, {"A, direct, 1 sample [us]": seconds[:, 0].tolist(), "D [us]": seconds[:, 1].tolist()}
-
-
-# ----------------------------------------------------------------------------------------------------------- films
 
 
 @wp.kernel(enable_backward=False)
@@ -91,21 +70,10 @@ def film_errors(count: int) -> list[float]:
     """Relative errors of means by film, float32 sum, float32 running mean, and of the film's standard error."""
     samples = np.random.default_rng(1).exponential(size=min(count, 10**6)).astype(np.float32)
     repeat = max(1, count // 10**6)
-    got = run(_accumulate, [wp.array(samples, dtype=float, device="cpu"), repeat], 2, wp.vec3d)
+    got = run(_accumulate, [samples, repeat], 2, wp.vec3d)
     apart = samples[::2].mean(dtype=float) - samples[1::2].mean(dtype=float)
     stderr = 0.5 * abs(apart)  # of two halves
     return [*np.abs(got[0] / samples.mean(dtype=float) - 1), abs(got[1][0] / stderr - 1)]
-
-
-def samples_per_pixel() -> Measured:
-    """What a million samples of a pixel add up to."""
-    values = [10, 10**3, 10**5, 10**6, 10**7, 10**8]
-    errors = np.array([film_errors(n) for n in values]).T.tolist()
-    names = ("film (float64)", "float32 sum", "float32 running mean", "standard error, film")
-    return values, dict(zip(names, errors, strict=True))
-
-
-# ----------------------------------------------------------------------------------------------------------- files
 
 
 def half_error(radiance: float) -> float:
@@ -117,12 +85,6 @@ def half_error(radiance: float) -> float:
     return np.nan if cut else float(np.abs(half.astype(float) / values - 1).max())
 
 
-def radiance_in_half_floats() -> Measured:
-    """How dark and bright an image may be."""
-    values = [10.0**p for p in range(-10, 6)]
-    return values, {"half float": [half_error(x) for x in values]}
-
-
 def exposure_error(radiance: float) -> float:
     """How far the exposed value of a constant image is from the key value."""
     image = np.full((4, 4, 3), radiance, np.float32)
@@ -130,10 +92,12 @@ def exposure_error(radiance: float) -> float:
     return float(abs(radiance * gain / exposure.KEY_VALUE - 1))
 
 
-def exposure_of_a_constant_image() -> Measured:
-    """Adaptive exposure of one grey."""
-    values = [1e-38, 1e-30, 1e-20, 1e-10, 1e-5, 1.0, 1e5, 1e10, 1e20, 1e30, 3e38]
-    return values, {"key value": [exposure_error(x) for x in values]}
-
-
-SWEEPS: Sweeps = (field_of_view, resolution, samples_per_pixel, radiance_in_half_floats, exposure_of_a_constant_image)
+SWEEPS: Sweeps = {
+    "field_of_view": {"depth, range": field_error},
+    "resolution": {("A, direct, 1 sample [us]", "D [us]"): resolution_seconds},
+    "samples_per_pixel": {
+        ("film (float64)", "float32 sum", "float32 running mean", "standard error, film"): film_errors
+    },
+    "radiance_in_half_floats": {"half float": half_error},
+    "exposure_of_a_constant_image": {"key value": exposure_error},
+}

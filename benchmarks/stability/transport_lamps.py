@@ -3,47 +3,21 @@
 import numpy as np
 import warp as wp
 
-from benchmarks.stability.entry import Measured, Sweeps
-from benchmarks.stability.transport import (
-    INTEGRATORS,
-    estimate,
-    floor,
-    off,
-    one_ray_scene,
-    point,
-    run,
-    spot,
-    truth_of,
-    water,
-)
+from benchmarks.stability.entry import Sweeps
+from benchmarks.stability.transport import INTEGRATORS, estimate, off, run, truth_of
+from tests.physics.rig import floor, one_ray_scene, point, spot, water
 from varos_warp.kernels.world.lights.light import falloff
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.scene.lights.distribution import Distribution
 from varos_warp.scene.lights.records import light_record
 
-# ----------------------------------------------------------------------------------------------------- near the ray
-
 
 def beside_error(side: float, ahead: float, integrator: str, spp: int = 256) -> float:
     """Relative error of single scattering with a point light ``side`` from the ray and ``ahead`` of the camera [m]."""
-    spp = 2 if integrator == "field" else spp
     lamp = (side, 0.0, ahead)
     scene = one_ray_scene([point(lamp)], water(0.05, 0.1, 0.8), pixels=8)
     mean, _ = estimate(scene, [floor(5.0, 0.0)], layer="single", integrator=integrator, spp=spp)
     return off(mean, truth_of(lamp, 0.05, 0.1, 0.8, 5.0))
-
-
-SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
-
-
-def lamp_beside_the_ray() -> Measured:
-    """A light in view, 2 m ahead."""
-    return SIDES, {name: [beside_error(h, 2.0, name) for h in SIDES] for name in INTEGRATORS}
-
-
-def lamp_on_the_camera() -> Measured:
-    """A light beside the lens, down to on it."""
-    return SIDES, {name: [beside_error(h, 0.0, name) for h in SIDES] for name in INTEGRATORS}
 
 
 def lit_error(distance: float, size: float, integrator: str) -> float:
@@ -51,20 +25,6 @@ def lit_error(distance: float, size: float, integrator: str) -> float:
     scene = one_ray_scene([point((0.0, 0.0, 0.0))], None, pixels=4)
     mean, _ = estimate(scene, [floor(distance, 0.5, size)], layer="direct", integrator=integrator, spp=4)
     return off(mean, 0.5 / np.pi / distance**2)
-
-
-def distance_to_a_lit_surface() -> Measured:
-    """Light and camera against a wall."""
-    values = [1e-7, 5e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 1.0, 100.0, 1e4, 1e6, 1e8]
-    sizes = {"20 distances": 0.0, "at least 400 m": 200.0}
-    return values, {
-        f"{name}, plate of {label}": [lit_error(d, max(20 * d, least), name) for d in values]
-        for name in ("path", "reference")
-        for label, least in sizes.items()
-    }
-
-
-# ------------------------------------------------------------------------------------------------------- the cones
 
 
 @wp.kernel(enable_backward=False)
@@ -90,68 +50,49 @@ def flux_error(cone_deg: float, blend: float) -> float:
     return float(abs(np.trapezoid(got * np.sin(theta), theta) / truth - 1))
 
 
-CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.9, 359.99, 359.999]
-
-
-def power_of_a_cone() -> Measured:
-    """Measure cones from a laser to a light without one."""
-    return CONES, {f"blend {blend:g}": [flux_error(cone, blend) for cone in CONES] for blend in (0.0, 0.15, 1.0)}
-
-
 def cone_error(cone_deg: float, blend: float, integrator: str, spp: int = 256) -> float:
     """Relative error of single scattering by a spot that crosses the view."""
     lamp, axis = (0.1, 0.0, 0.0), (-0.05, 0.0, 1.0)
     truth = truth_of(lamp, 0.05, 0.1, 0.5, 10.0, axis, cone_deg, blend, 1000)
     scene = one_ray_scene([spot(lamp, axis, cone_deg, blend)], water(0.05, 0.1, 0.5), pixels=8)
-    spp = 2 if integrator == "field" else spp
     return off(estimate(scene, [floor(10.0, 0.0)], layer="single", integrator=integrator, spp=spp)[0], truth)
 
 
-def cone_across_the_view() -> Measured:
-    """Measure the cone in an image, hard and soft."""
-    values = [1.0, 2.0, 5.0, 10.0, 20.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0]
-    return values, {
-        f"{name}, blend {blend:g}": [
-            cone_error(cone, blend, name) if 20 <= cone <= 179 or name == "path" else np.nan for cone in values
-        ]
-        for name in ("field", "path")
-        for blend in (0.0, 1.0)
-    }
-
-
-# ------------------------------------------------------------------------------------------------------ intensities
-
-
-def intensity_error(exponent: int, integrator: str) -> float:
+def intensity_error(exponent: float, integrator: str) -> float:
     """How far the image of a light of 10^exponent W/sr, divided by that, is from the one of 1 W/sr, in all layers."""
+    names = ("direct", "single") if integrator == "field" else ("direct", "single", "multiple")
 
     def layers(intensity):
-        light = point((0.15, 0.0, -0.1), 1.0)
-        scene = one_ray_scene([light], water(0.05, 0.1, 0.8), pixels=4)
-        lamp = scene.vehicle.lights[0].model_copy(update={"intensity": (intensity,) * 3})
+        scene = one_ray_scene([point((0.15, 0.0, -0.1))], water(0.05, 0.1, 0.8), pixels=4)
+        lamp = scene.vehicle.lights[0].model_copy(update={"intensity": (intensity,) * 3})  # any, unlike a file's
         scene = scene.model_copy(update={"vehicle": scene.vehicle.model_copy(update={"lights": [lamp]})})
-        names = ("direct", "single") if integrator == "field" else ("direct", "single", "multiple")
-        return np.array(
-            [
-                estimate(scene, [floor(2.0, 0.5)], layer=name, integrator=integrator, spp=16)[0] / intensity
-                for name in names
-            ]
-        )
+        how = {"integrator": integrator, "spp": 16}
+        return np.array([estimate(scene, [floor(2.0, 0.5)], layer=name, **how)[0] / intensity for name in names])
 
     return off(layers(10.0**exponent), layers(1.0))
 
 
-def intensity() -> Measured:
-    """Measure intensities from a glow-worm's ghost to a star."""
-    exponents = [-38, -35, -33, -30, -28, -25, -20, -10, 0, 10, 20, 30, 35, 36, 37, 38]
-    return [10.0**p for p in exponents], {name: [intensity_error(p, name) for p in exponents] for name in INTEGRATORS}
+def _cone_or_nan(cone: float, blend: float, integrator: str) -> float:
+    return cone_error(cone, blend, integrator) if 20 <= cone <= 179 or integrator == "path" else np.nan
 
 
-SWEEPS: Sweeps = (
-    lamp_beside_the_ray,
-    lamp_on_the_camera,
-    distance_to_a_lit_surface,
-    power_of_a_cone,
-    cone_across_the_view,
-    intensity,
-)
+SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
+CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.9, 359.99, 359.999]
+SWEEPS: Sweeps = {
+    "lamp_beside_the_ray": {name: lambda h, by=name: beside_error(h, 2.0, by) for name in INTEGRATORS},
+    "lamp_on_the_camera": {name: lambda h, by=name: beside_error(h, 0.0, by) for name in INTEGRATORS},
+    "distance_to_a_lit_surface": {
+        f"{name}, plate of {label}": lambda d, by=name, least=least: lit_error(d, max(20 * d, least), by)
+        for name in ("path", "reference")
+        for label, least in {"20 distances": 0.0, "at least 400 m": 200.0}.items()
+    },
+    "power_of_a_cone": {
+        f"blend {blend:g}": lambda cone, soft=blend: flux_error(cone, soft) for blend in (0.0, 0.15, 1.0)
+    },
+    "cone_across_the_view": {
+        f"{name}, blend {blend:g}": lambda cone, by=name, soft=blend: _cone_or_nan(cone, soft, by)
+        for name in ("field", "path")
+        for blend in (0.0, 1.0)
+    },
+    "intensity": {name: lambda x, by=name: intensity_error(np.log10(x), by) for name in INTEGRATORS},
+}

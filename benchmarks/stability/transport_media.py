@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from benchmarks.stability.entry import Measured, Sweeps
-from benchmarks.stability.transport import INTEGRATORS, estimate, off, one_ray_scene, point, run, spot, truth_of, water
+from benchmarks.stability.entry import Sweeps
+from benchmarks.stability.transport import INTEGRATORS, estimate, off, run, truth_of
+from tests.physics.rig import VAROS_LAMPS, one_ray_scene, point, water
 from varos_warp.kernels.world.medium import sample_truncated_exponential
 from varos_warp.kernels.world.phase import hg_eval, hg_sample_one_minus_cos
 from varos_warp.render.renderer import FrameRenderer
@@ -16,43 +17,17 @@ BESIDE = (0.15, 0.0, -0.1)
 """A light beside the camera, like the paper's."""
 
 
-# ------------------------------------------------------------------------------------------------- single scattering
-
-
 def single_error(sigma_t: float, g: float, integrator: str, lamp=BESIDE, albedo=0.5, spp=256) -> float:
     """Relative error of light scattered once along a ray to the horizon, against quadrature in float64."""
-    spp = 2 if integrator == "field" else spp
     truth = truth_of(lamp, albedo * sigma_t, sigma_t, g, np.inf)
     scene = one_ray_scene([point(lamp)], water(albedo * sigma_t, sigma_t, g), pixels=8)
     return off(estimate(scene, layer="single", integrator=integrator, spp=spp)[0], truth)
-
-
-def single_over_sigma_t() -> Measured:
-    """Measure water from clearer than air to ink."""
-    values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.01, 0.1, 1.0, 5.0, 20.0, 50.0, 100.0, 200.0, 400.0]
-    return values, {name: [single_error(s, 0.8, name) for s in values] for name in INTEGRATORS}
-
-
-def single_over_optical_distance() -> Measured:
-    """The light moves away sideways in thick water."""
-    values = [0.01, 0.1, 0.3, 1.0, 3.0, 8.0, 12.0, 20.0, 30.0, 40.0]
-    return values, {name: [single_error(1.0, 0.8, name, (h, 0.0, 0.0)) for h in values] for name in ("field", "path")}
-
-
-def single_over_g() -> Measured:
-    """All phase functions that a scene may name, and lights beside and before the camera."""
-    values = [-0.999, -0.99, -0.95, -0.85, -0.7, -0.5, -0.3, 0.0, 0.3, 0.5, 0.8, 0.9, 0.93, 0.95, 0.99, 0.999, 0.9995]
-    errors = {name: [_worst_over_lamps(g, name) for g in values] for name in ("field", "path")}
-    return values, errors
 
 
 def _worst_over_lamps(g: float, integrator: str) -> float:
     if not -0.99 <= g <= 0.999:
         return np.nan
     return max(single_error(0.1, g, integrator, lamp, spp=1024) for lamp in (BESIDE, (0.02, 0.0, 0.5)))
-
-
-# ------------------------------------------------------------------------------------------------ the phase function
 
 
 @wp.kernel(enable_backward=False)
@@ -67,36 +42,28 @@ def _phase_samples(g: float, u: wp.array(dtype=float), out: wp.array(dtype=float
     out[i] = hg_sample_one_minus_cos(g, u[i])
 
 
+def evenly(count: int) -> np.ndarray:
+    """The middles of so many equal parts of 0 .. 1."""
+    return ((np.arange(count) + 0.5) / count).astype(np.float32)
+
+
 def phase_value_error(g: float) -> float:
     """Largest relative error of the phase function over angles, against float64."""
     x = np.geomspace(1e-12, 1.0, 400)
     x = np.concatenate([x, 2.0 - x]).astype(np.float32)
-    got = run(_phase_values, [g, wp.array(x, dtype=float, device="cpu")], len(x)).astype(float)
+    got = run(_phase_values, [g, x], len(x)).astype(float)
     truth = (1 - g * g) / (4 * np.pi * ((1 - g) ** 2 + 2 * g * x.astype(float)) ** 1.5)
     return float(np.abs(got / truth - 1).max())
 
 
 def phase_moment_error(g: float) -> float:
     """Relative error of 1 - the mean cosine (forward) or of 1 + it (backward) of a million even samples."""
-    u = ((np.arange(1 << 20) + 0.5) / (1 << 20)).astype(np.float32)
-    x = run(_phase_samples, [g, wp.array(u, dtype=float, device="cpu")], len(u)).astype(float)
+    u = evenly(1 << 20)
+    x = run(_phase_samples, [g, u], len(u)).astype(float)
     return float(abs(x.mean() / (1 - g) - 1) if g >= 0 else abs((2 - x).mean() / (1 + g) - 1))
 
 
-def phase_function_over_g() -> Measured:
-    """Towards a mirror and a pencil."""
-    values = [1.0, 0.5, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7]
-    return values, {
-        "value, g > 0": [phase_value_error(1 - x) for x in values],
-        "value, g < 0": [phase_value_error(x - 1) for x in values],
-        "1 - mean cosine, g > 0": [phase_moment_error(1 - x) for x in values],
-        "1 + mean cosine, g < 0": [phase_moment_error(x - 1) for x in values],
-    }
-
-
-# ---------------------------------------------------------------------------------------------------- all the light
-
-
+@cache
 def case_zweifel_total(albedo: float, foot: float = 0.0) -> float:
     """Radiance 1 m from an isotropic point source of 1 W in isotropic water with sigma_t = 1/m, along a tangent ray.
 
@@ -119,22 +86,18 @@ def case_zweifel_total(albedo: float, foot: float = 0.0) -> float:
 def isotropic_total(albedo: float, integrator: str, spp: int = 256) -> tuple[float, float]:
     """Radiance of all orders along the ray of case_zweifel_total, and its standard error."""
     scene = one_ray_scene([point((1.0, 0.0, 0.0), 1 / (4 * np.pi))], water(albedo, 1.0, 0.0), pixels=8)
-    mean, stderr = estimate(scene, integrator=integrator, spp=2 if integrator == "field" else spp)
+    mean, stderr = estimate(scene, integrator=integrator, spp=spp)
     return float(mean.mean()), float(stderr.max())
 
 
-def all_orders_over_albedo() -> Measured:
-    """Measure albedos until nothing is absorbed."""
-    values = [0.5, 0.1, 0.03, 0.01, 1e-3, 1e-4, 1e-6, 1e-9]
-    truth = {x: case_zweifel_total(1.0 - x) for x in values}
-    off = {name: [abs(isotropic_total(1.0 - x, name)[0] / truth[x] - 1) for x in values] for name in INTEGRATORS}
-    return values, off | {"stderr of path": [isotropic_total(1.0 - x, "path")[1] / truth[x] for x in values]}
+def _of_case_zweifel(absorbed: float, integrator: str) -> tuple[float, float]:
+    """Radiance of all orders and its standard error over the truth, albedo 1 - ``absorbed``."""
+    mean, stderr = isotropic_total(1.0 - absorbed, integrator)
+    truth = case_zweifel_total(1.0 - absorbed)
+    return mean / truth, stderr / truth
 
 
-# ------------------------------------------------------------------------------------------- all orders, from the field
-
-
-LAMPS = {"spots of 65 degrees": [spot((-0.15, 0, -0.1)), spot((0.15, 0, -0.1))], "point": [point((0.15, 0, -0.1))]}
+LAMPS = {"spots of 65 degrees": VAROS_LAMPS, "point": [point((0.15, 0, -0.1))]}
 
 
 @cache
@@ -159,28 +122,6 @@ def multiple_errors(sigma_t: float, g: float, lamps: str, spp: int = 4096) -> tu
     return float(abs(got.radiance.mean(dtype=float) / mean - 1)), float(noise / mean)
 
 
-def field_over_sigma_t() -> Measured:
-    """All orders from two on, thin to thick."""
-    values = [0.03, 0.3, 1.0, 3.0, 10.0, 50.0]
-    errors = np.array([multiple_errors(s, 0.8, "spots of 65 degrees") for s in values]).T.tolist()
-    return values, dict(zip(("field", "stderr of path"), errors, strict=True))
-
-
-def field_over_g() -> Measured:
-    """All orders from two on, backward to forward."""
-    values = [0.0, 0.3, 0.85, 0.924, 0.95, 0.98]
-    spots, points = (np.array([multiple_errors(0.3, g, lamps) for g in values]).T.tolist() for lamps in LAMPS)
-    return values, {
-        "spots of 65 degrees": spots[0],
-        "stderr of path, spots": spots[1],
-        "point light": points[0],
-        "stderr of path, point light": points[1],
-    }
-
-
-# ------------------------------------------------------------------------------------------------------ free flights
-
-
 @wp.kernel(enable_backward=False)
 def _flight_shares(sigma: float, t_max: float, u: wp.array(dtype=float), out: wp.array(dtype=float)):
     i = wp.tid()
@@ -189,27 +130,32 @@ def _flight_shares(sigma: float, t_max: float, u: wp.array(dtype=float), out: wp
 
 def flight_error(sigma: float, t_max: float) -> float:
     """Largest distance of F(sample(u)) from u, F in float64: 0 for exact samples."""
-    u = ((np.arange(4096) + 0.5) / 4096).astype(np.float32)
-    t = run(_flight_shares, [sigma, t_max, wp.array(u, dtype=float, device="cpu")], len(u)).astype(float)
+    u = evenly(4096)
+    t = run(_flight_shares, [sigma, t_max, u], len(u)).astype(float)
     return float(np.abs(np.expm1(-sigma * t) / np.expm1(-sigma * t_max) - u).max())
 
 
-def flights_over_optical_depth() -> Measured:
-    """Free flights that end before a surface, through next to nothing and through ink."""
-    values = [1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-3, 0.1, 1.0, 10.0, 100.0, 1e4, 1e8]
-    return values, {
-        "t_max = 5 m": [flight_error(x / 5.0, 5.0) for x in values],
-        "t_max = 1e9 m": [flight_error(x / 1e9, 1e9) for x in values],
-    }
-
-
-SWEEPS: Sweeps = (
-    single_over_sigma_t,
-    single_over_optical_distance,
-    single_over_g,
-    phase_function_over_g,
-    all_orders_over_albedo,
-    field_over_sigma_t,
-    field_over_g,
-    flights_over_optical_depth,
-)
+SWEEPS: Sweeps = {
+    "single_over_sigma_t": {name: lambda s, by=name: single_error(s, 0.8, by) for name in INTEGRATORS},
+    "single_over_optical_distance": {
+        name: lambda h, by=name: single_error(1.0, 0.8, by, (h, 0.0, 0.0)) for name in ("field", "path")
+    },
+    "single_over_g": {name: lambda g, by=name: _worst_over_lamps(g, by) for name in ("field", "path")},
+    "phase_function_over_g": {
+        "value, g > 0": lambda x: phase_value_error(1 - x),
+        "value, g < 0": lambda x: phase_value_error(x - 1),
+        "1 - mean cosine, g > 0": lambda x: phase_moment_error(1 - x),
+        "1 + mean cosine, g < 0": lambda x: phase_moment_error(x - 1),
+    },
+    "all_orders_over_albedo": {name: lambda x, by=name: abs(_of_case_zweifel(x, by)[0] - 1) for name in INTEGRATORS}
+    | {"stderr of path": lambda x: _of_case_zweifel(x, "path")[1]},
+    "field_over_sigma_t": {("field", "stderr of path"): lambda s: multiple_errors(s, 0.8, "spots of 65 degrees")},
+    "field_over_g": {
+        ("spots of 65 degrees", "stderr of path, spots"): lambda g: multiple_errors(0.3, g, "spots of 65 degrees"),
+        ("point light", "stderr of path, point light"): lambda g: multiple_errors(0.3, g, "point"),
+    },
+    "flights_over_optical_depth": {
+        "t_max = 5 m": lambda x: flight_error(x / 5.0, 5.0),
+        "t_max = 1e9 m": lambda x: flight_error(x / 1e9, 1e9),
+    },
+}

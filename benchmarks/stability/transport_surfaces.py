@@ -1,9 +1,11 @@
 """Sweeps of light transport over surfaces: near and far, grazing, needles, tiny and huge ones, places of a map."""
 
+from functools import cache
+
 import numpy as np
 import trimesh
 
-from benchmarks.stability.entry import Measured, Sweeps
+from benchmarks.stability.entry import Sweeps
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -48,12 +50,6 @@ def depth_error(distance: float) -> float:
     return float(np.abs(depth / distance - 1).max()) if np.isfinite(depth).all() else np.nan
 
 
-def depth() -> Measured:
-    """Measure distances from a tenth of a micrometre to further than a ray."""
-    values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-2, 1.0, 1e2, 1e4, 1e5, 1e6, 1e7, 1e8, 7e8, 1.1e9, 1e10]
-    return values, {"depth": [depth_error(d) for d in values]}
-
-
 def grazing_errors(elevation: float) -> tuple[float, float]:
     """Relative errors of range and of direct light on the ground, seen at an angle [rad], the light at the camera."""
     height, distance = 0.5, 0.5 / np.tan(elevation)
@@ -66,13 +62,6 @@ def grazing_errors(elevation: float) -> tuple[float, float]:
     away = np.hypot(distance, height)
     truth = 0.5 / np.pi * height / away**3
     return float(np.abs(image.D.range.mean() / away - 1)), float(np.abs(image.A.radiance.mean() / truth - 1))
-
-
-def grazing() -> Measured:
-    """Level ground, seen and lit along it."""
-    values = [1.0, 0.1, 1e-2, 1e-3, 1e-4, 1e-5]
-    errors = np.array([grazing_errors(e) for e in values])
-    return values, {"direct": errors[:, 1].tolist(), "range": errors[:, 0].tolist()}
 
 
 def needle_errors(aspect: float, at_edges: bool = False) -> tuple[float, float]:
@@ -96,18 +85,7 @@ def needle_errors(aspect: float, at_edges: bool = False) -> tuple[float, float]:
     return float(1 - hit.mean()), float(np.abs(needles.A.radiance[hit] / whole.A.radiance[hit] - 1).max())
 
 
-def rays_at_needles() -> Measured:
-    """Triangles a thousand million times as long as wide."""
-    values = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9]
-    errors = np.array([needle_errors(a) for a in values])
-    at_edges = [needle_errors(a, True)[0] for a in values]
-    return values, {
-        "direct": errors[:, 1].tolist(),
-        "rays lost": errors[:, 0].tolist(),
-        "rays lost, aimed at edges": at_edges,
-    }
-
-
+@cache
 def scaled_image(scale: float):
     """A box of half a metre on the ground, everything ``scale`` times as large, lit in proportion."""
     box = trimesh.creation.box((0.5, 0.5, 0.5)).apply_translation((0.0, 2.0, -0.75))
@@ -126,19 +104,16 @@ def scale_errors(scale: float, truth) -> tuple[float, float]:
     )
 
 
-def scale() -> Measured:
-    """Tiny and huge worlds."""
-    values = [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 10.0, 1e3, 1e5, 1e6, 1e7, 1e8]
-    truth = scaled_image(1.0)
-    errors = np.array([scale_errors(s, truth) for s in values])
-    return values, {"direct": errors[:, 0].tolist(), "between surfaces": errors[:, 1].tolist()}
+@cache
+def _at_the_origin():
+    return shot(scene_of([LAMP]), [wall(2.5, 20)])
 
 
 def map_errors(offset: float, spread: bool) -> tuple[float, float]:
     """Relative errors of D and direct light ``offset`` metres from the origin, or from the middle of a long course."""
     place = offset * np.array([1.0, 1.07, 0.1])
     positions = [-place, place] if spread else [place]
-    truth = shot(scene_of([LAMP]), [wall(2.5, 20)])
+    truth = _at_the_origin()
     walls = [wall(2.5, 20, place)] + [wall(2.5, 20, -place)] * spread
     image = shot(scene_of([LAMP], positions), walls, transform(None, place))
     return (
@@ -147,16 +122,16 @@ def map_errors(offset: float, spread: bool) -> tuple[float, float]:
     )
 
 
-def place_on_a_map() -> Measured:
-    """Far from the origin, and all over."""
-    values = [1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 9e8]
-    alone, spread = (np.array([map_errors(x, kind) for x in values]) for kind in (False, True))
-    return values, {
-        "direct, one place": alone[:, 1].tolist(),
-        "D, one place": alone[:, 0].tolist(),
-        "direct, a course": spread[:, 1].tolist(),
-        "D, a course": spread[:, 0].tolist(),
-    }
-
-
-SWEEPS: Sweeps = (depth, grazing, rays_at_needles, scale, place_on_a_map)
+SWEEPS: Sweeps = {
+    "depth": {"depth": depth_error},
+    "grazing": {("range", "direct"): grazing_errors},
+    "rays_at_needles": {
+        ("rays lost", "direct"): needle_errors,
+        "rays lost, aimed at edges": lambda aspect: needle_errors(aspect, at_edges=True)[0],
+    },
+    "scale": {("direct", "between surfaces"): lambda scale: scale_errors(scale, scaled_image(1.0))},
+    "place_on_a_map": {
+        ("D, one place", "direct, one place"): lambda offset: map_errors(offset, spread=False),
+        ("D, a course", "direct, a course"): lambda offset: map_errors(offset, spread=True),
+    },
+}

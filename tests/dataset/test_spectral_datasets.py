@@ -38,7 +38,7 @@ def fleet(tmp_path_factory):
             "terrain": {"kind": "procedural", "size_m": 20, "resolution": 17, "seed": 1},
             "objects": [{"kind": "boulder", "diameter": 0.5, "seed": 3, "position": [0, 3, 0.6]}],
             "water": {"spectral": {"jerlov": "1C"}},
-            "render": {"outputs": ["A", "D", "S", "T"], "spp": 1, "integrator": "field"},
+            "render": {"outputs": ["A", "D", "S", "T"], "spp": 1, "integrator": "path", "denoise": "none"},
             "vehicles": [
                 vehicle("0", 0.0, "led_b4", CAMERA, OTHER),
                 vehicle("1", 1.5, "lamp.csv", CAMERA, body={"kind": "rov", "position": [0, 0, 0]}),

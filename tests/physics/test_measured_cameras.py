@@ -69,7 +69,7 @@ def test_a_part_of_an_image_is_that_of_a_camera_whose_principal_point_is_aside()
 
 
 @pytest.mark.parametrize("layers", [("single",), ("multiple",)])
-def test_light_in_open_water_of_a_part_of_an_image_is_that_of_the_whole(truth, layers):
+def test_light_in_open_water_of_a_part_of_an_image_is_that_of_the_whole(truth, few_nodes, layers):
     """By the field tabulated along the rays: in between its nodes, which are finer in the part, it is interpolated."""
     how = {"outputs": "A", "integrator": "field", "spp": 16, "denoise": "none", "layers": layers}
     whole, part = (

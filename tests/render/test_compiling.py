@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_examples import with_little_on_it
 from test_frame import LAMPS, POSE, camera, ground_and_ball, make_scene
 
 from varos_warp.kernels.film.denoise import clip_negative
@@ -15,8 +16,6 @@ from varos_warp.scene.file.load import DATA, demo_scene_path, load_scene
 from varos_warp.scene.geometry.build import build_parts
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FEW = ["render.max_triangles=20000"]
-"""What a scene holds does not follow from how fine its surfaces are."""
 
 
 def still():
@@ -73,22 +72,26 @@ def test_a_plan_that_compares_integrators_needs_the_kernels_of_both():
     assert all(both > needed(renderer, "A", integrator) for integrator in ("field", "path"))
 
 
+@pytest.mark.usefixtures("few_bodies")
 @pytest.mark.parametrize(
     ("file", "changes"),
     [
-        (DATA / "starter.yaml", FEW),
+        (DATA / "starter.yaml", []),
         (
             DATA / "starter.yaml",
             ["growth=[]", "objects=[]", "scatter=[]", "materials={}", "terrain={kind: procedural, resolution: 65}"],
         ),
-        (DATA / "templates" / "stereo_survey.yaml", FEW),
+        (DATA / "templates" / "stereo_survey.yaml", []),
         (EXAMPLES / "every_block" / "scene.yaml", []),
     ],
     ids=["starter", "grey", "stereo_survey", "every_block"],
 )
 def test_what_a_scene_holds_is_foretold_by_its_file(file, changes):
-    """Else kernels are compiled that nothing needs, and those that are needed only after the scene is loaded."""
-    scene = load_scene(file, changes)
+    """Else kernels are compiled that nothing needs, and those that are needed only after the scene is loaded.
+
+    It does not follow from how fine surfaces are, nor from how much grows on them.
+    """
+    scene = load_scene(file, [*changes, *with_little_on_it(load_scene(file, changes))])
     world = DeviceScene(scene, build_parts(scene), "cpu")
     assert foretold_spec(scene, "cpu") == world.spec
 

@@ -35,6 +35,7 @@ def test_every_entry_is_guarded_by_a_test_that_there_is(key):
 
 def test_the_map_speaks_of_every_sweep_and_of_nothing_else():
     assert set(words()) == set(sweeps()) == set(RESULTS)
+    assert {key: said["values"] for key, said in words().items()} == {key: r["values"] for key, r in RESULTS.items()}
 
 
 def test_a_sweep_survives_its_record():

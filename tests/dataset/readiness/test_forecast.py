@@ -18,6 +18,9 @@ from varos_warp.dataset.readiness.measure import by_frame
 from varos_warp.dataset.readiness.odometry import forecast
 from varos_warp.dataset.readiness.odometry.score import STANDS, WRONG_TURN, WRONG_WAY, failed
 
+FRAMES = slice(0, 12)
+"""Of 20."""
+
 
 def as_of_a_sweep(root, frames=slice(None)):
     """As a sweep over two waters and two seeds leaves it; the noise of the pixels stands for what seeds change."""
@@ -38,12 +41,12 @@ def as_of_a_sweep(root, frames=slice(None)):
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory):
-    return as_of_a_sweep(tmp_path_factory.mktemp("sweep"))
+    return as_of_a_sweep(tmp_path_factory.mktemp("sweep"), FRAMES)
 
 
 @pytest.fixture(scope="module")
 def found(sweep):
-    return readiness([sweep], seeds=2)
+    return readiness([sweep], seeds=1)
 
 
 def test_the_forecast_ranks_clear_water_before_murky_on_a_floor_that_it_was_not_fitted_on(found):
@@ -60,7 +63,7 @@ def test_the_forecast_ranks_clear_water_before_murky_on_a_floor_that_it_was_not_
 @pytest.fixture(scope="module")
 def without_truth(tmp_path_factory):
     """As the first of the sweep, without D."""
-    return textured.write(tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A")
+    return textured.write(tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A", frames=FRAMES)
 
 
 def test_the_forecast_does_not_know_the_truth(found, without_truth, monkeypatch):

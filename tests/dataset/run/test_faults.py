@@ -24,7 +24,7 @@ from varos_warp.dataset.write import checksums, expose
 from varos_warp.dataset.write import images as store
 from varos_warp.errors import InputError
 
-KILLS = 20
+KILLS = 12
 FRAMES = 24
 processes = pytest.mark.skipif(sys.platform == "win32", reason="needs fork, signals and limits")
 

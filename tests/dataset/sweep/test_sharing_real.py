@@ -289,7 +289,7 @@ SPECTRAL = {
         "cameras": [{"id": "M0", "resolution": [32, 18], "response": "nikon_5100"}],
     },
     "trajectory": {"poses": [{"position": [0, 0, 2]}]},
-    "render": {"outputs": ["A", "B", "D"], "spp": 1, "spp_b": 1},
+    "render": {"outputs": ["A", "B", "D"], "spp": 1, "spp_b": 1, "integrator": "path"},
 }
 
 
