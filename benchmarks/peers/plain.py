@@ -92,6 +92,13 @@ def _mesh(part, origin, reflects):
             key=f"{part.name}.material",
             remedy="Only materials of kind diffuse compare; name one.",
         )
+    if part.material.diffuse_roughness > 0.0:
+        raise InputError(
+            "another renderer is given Lambertian surfaces only",
+            key=f"{part.name}.material.diffuse_roughness",
+            value=part.material.diffuse_roughness,
+            remedy="Leave it out.",
+        )
     normals = corner_normals(part.vertices, part.faces, part.smooth_angle) if part.smooth_shading else None
     reflectance = part.material.reflectance if reflects else (0.0, 0.0, 0.0)
     return PlainMesh(part.name, part.vertices - origin, part.faces, tuple(reflectance), normals)

@@ -236,6 +236,7 @@ def added(mean: RadianceImage, image: RadianceImage) -> RadianceImage:
         correction=blended("correction"),
         base_variance=blended("base_variance", 2),
         spp=total,
+        subpaths=mean.subpaths + image.subpaths,
         layers={},
         block_error=None,
     )

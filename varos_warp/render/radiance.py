@@ -253,8 +253,10 @@ class RadianceRenderer:
             noise = other_noise(self.launcher, *statistics)
             (samples,) = self.launcher.fetch(share_out(self.launcher, noise, first, spp, [kind.cost for kind in kinds]))
             take(samples, first)
-            first = [before + samples[i].mean() for i, before in enumerate(first)]
-        rates = [of_block / IN_BLOCK for kind, of_block in zip(kinds, first, strict=True) if kind.subpaths]
+            taken = [before + samples[i].mean() for i, before in enumerate(first)]
+        else:
+            taken = first
+        rates = [of_block / IN_BLOCK for kind, of_block in zip(kinds, taken, strict=True) if kind.subpaths]
         return films, float(min(rates, default=np.inf))
 
     def _virtual_lights(self, scene, shot: Shot, seen: Seen, key: int, kernel: wp.Kernel | None) -> wp.array:

@@ -94,8 +94,9 @@ def test_light_and_viewer_may_change_places():
 def test_without_roughness_it_is_lamberts_law():
     _, f = evaluated(matte(0.0, 0.6), towards(0.4), LIGHT)
     np.testing.assert_allclose(f[:, 0], 0.6 / np.pi * (LIGHT @ NORMAL), rtol=1e-5, atol=1e-7)
-    _, nearly = evaluated(matte(1e-6, 0.6), towards(0.4), LIGHT)
-    np.testing.assert_allclose(nearly, f, rtol=1e-4, atol=1e-7)
+    for least in (1e-6, 1e-8, 1e-30):
+        _, nearly = evaluated(matte(least, 0.6), towards(0.4), LIGHT)
+        np.testing.assert_allclose(nearly, f, rtol=1e-4, atol=1e-7)
 
 
 def test_a_rim_lit_from_beside_the_viewer_is_as_bright_as_the_middle():

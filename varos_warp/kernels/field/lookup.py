@@ -9,7 +9,7 @@ from varos_warp.kernels.world.intersect import SceneData
 from varos_warp.kernels.world.lights.light import get_light, light_centre, light_count, light_direction, light_strength
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.rough_diffuse import rough_diffuse_eval
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse
 from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
@@ -32,7 +32,7 @@ def matte_reflectance(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, to_light: wp.vec3):
     l = to_light
     if below > 0.0:
         l = wp.normalize(to_light + below * n)
-    return (wp.pi / wp.dot(n, l)) * rough_diffuse_eval(bsdf.reflectance, bsdf.diffuse_roughness, n, facing(n, v), l)
+    return rough_diffuse(bsdf.reflectance, bsdf.diffuse_roughness, n, facing(n, v), l)
 
 
 @wp.func

@@ -55,12 +55,13 @@ from varos_warp.kernels.transport.virtual_lights import (
     make_gather_virtual_light,
     may_have_lobe,
 )
-from varos_warp.kernels.world.bsdf import bsdf_eval
+from varos_warp.kernels.world.bsdf import facing
 from varos_warp.kernels.world.camera import Camera, Ray, make_sample_ray
 from varos_warp.kernels.world.intersect import Hit, SceneData
 from varos_warp.kernels.world.lights.light import get_light, light_direction
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse
 from varos_warp.kernels.world.texture import SUBPATH_ANGLE
 
 wp.set_module_options({"enable_backward": False})
@@ -149,10 +150,11 @@ def rough_share(scene: SceneData, path: Subpath, light: int):
     """`field_share` of a segment from a rough surface: what it reflects beyond the Lambertian one of the field."""
     vertex = path.vertex
     to_light = light_direction(get_light(scene.lights, light), vertex.p)
-    matte = matte_reflectance(vertex.bsdf, vertex.n, path.viewer, to_light)
-    f = bsdf_eval(scene.lobe_albedo, vertex.bsdf, vertex.n, path.viewer, vertex.d)
-    counted = (wp.max(wp.dot(vertex.n, vertex.d), 0.0) / wp.pi) * matte
-    return wp.vec3(1.0) - wp.cw_div(counted, wp.max(f, wp.vec3(1.0e-20)))
+    bsdf = vertex.bsdf
+    v = facing(vertex.n, path.viewer)
+    counted = matte_reflectance(bsdf, vertex.n, path.viewer, to_light)
+    own = rough_diffuse(bsdf.reflectance, bsdf.diffuse_roughness, vertex.n, v, vertex.d)
+    return wp.vec3(1.0) - wp.cw_div(counted, wp.max(own, wp.vec3(1.0e-20)))
 
 
 @specialised("field", "metals", "surfaces", "rough")
@@ -273,7 +275,10 @@ def make_gather(spec: SceneSpec) -> wp.Function:
                 once = scattered_once(scene, o, d, hit.t, u[0], u[1])
                 L += wp.cw_mul(field_share(scene, path, once.light) - wp.vec3(float(once.blocked)), once.L)
         if wp.static(spec.field and spec.medium):
-            if is_metal(path.vertex) or is_rough(path.vertex):
+            carries = is_metal(path.vertex)
+            if wp.static(spec.rough):
+                carries = carries or is_rough(path.vertex)
+            if carries:
                 more = sample_field(scene, field, o, d, hit.t, w[0], w[1])
                 L += wp.cw_mul(field_share(scene, path, more.light), more.L)
         return wp.cw_mul(path.throughput, L)

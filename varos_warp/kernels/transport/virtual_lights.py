@@ -29,7 +29,7 @@ from varos_warp.kernels.world.lights.light import (
 )
 from varos_warp.kernels.world.lights.record import Light
 from varos_warp.kernels.world.medium import transmittance
-from varos_warp.kernels.world.rough_diffuse import rough_diffuse_eval
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse
 from varos_warp.kernels.world.surface import MATERIALS, SurfacePoint, make_surface_at
 from varos_warp.kernels.world.texture import METAL, SUBPATH_ANGLE
 
@@ -68,8 +68,8 @@ def radiance_towards(point: VirtualLight, v: wp.vec3):
     if point.diffuse_roughness <= 0.0:
         return point.L
     n = point.shading
-    f = rough_diffuse_eval(point.reflectance, point.diffuse_roughness, n, facing(n, v), point.to_light)
-    return (wp.pi / wp.dot(n, point.to_light)) * wp.cw_mul(f, point.L)
+    matte = rough_diffuse(point.reflectance, point.diffuse_roughness, n, facing(n, v), point.to_light)
+    return wp.cw_mul(matte, point.L)
 
 
 @wp.func

@@ -9,7 +9,7 @@ import warp as wp
 
 from varos_warp.kernels.numerics import bilinear, brightest
 from varos_warp.kernels.sampling import basis, sample_cosine, sample_hemisphere
-from varos_warp.kernels.world.rough_diffuse import rough_diffuse_albedo, rough_diffuse_eval
+from varos_warp.kernels.world.rough_diffuse import rough_diffuse, rough_diffuse_albedo
 from varos_warp.kernels.world.texture import Bsdf
 
 wp.set_module_options({"enable_backward": False})
@@ -147,20 +147,12 @@ def uniform_share(bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3):
 
 
 @wp.func
-def diffuse_pdf(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Density of directions for the diffuse part [1/sr]."""
-    pdf = wp.max(wp.dot(n, l), 0.0) / wp.pi
-    if bsdf.diffuse_roughness > 0.0 and pdf > 0.0:
-        pdf = wp.lerp(pdf, 0.5 / wp.pi, uniform_share(bsdf, n, v))
-    return pdf
-
-
-@wp.func
 def bsdf_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Scattering function times the cosine of the light, per channel [1/sr]."""
-    f = (wp.max(wp.dot(n, l), 0.0) / wp.pi) * bsdf.reflectance
+    matte = bsdf.reflectance
     if bsdf.diffuse_roughness > 0.0 and wp.dot(n, l) > 0.0:
-        f = rough_diffuse_eval(bsdf.reflectance, bsdf.diffuse_roughness, n, facing(n, v), l)
+        matte = rough_diffuse(bsdf.reflectance, bsdf.diffuse_roughness, n, facing(n, v), l)
+    f = (wp.max(wp.dot(n, l), 0.0) / wp.pi) * matte
     if bsdf.metal > 0.0:
         f += lobe_eval(table, bsdf, n, v, l)
     return f
@@ -170,7 +162,10 @@ def bsdf_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v: wp.vec3
 def bsdf_pdf(bsdf: Bsdf, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Density of bsdf_sample [1/sr]."""
     share = lobe_share(bsdf)
-    pdf = (1.0 - share) * diffuse_pdf(bsdf, n, v, l)
+    cosine = wp.max(wp.dot(n, l), 0.0)
+    if bsdf.diffuse_roughness > 0.0 and cosine > 0.0:
+        cosine = wp.lerp(cosine, 0.5, uniform_share(bsdf, n, v))
+    pdf = (1.0 - share) * cosine / wp.pi
     if share > 0.0:
         pdf += share * lobe_pdf(n, v, l, lobe_alpha(bsdf.roughness))
     return pdf

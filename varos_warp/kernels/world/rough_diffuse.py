@@ -16,44 +16,49 @@ ONCE_MEAN = wp.constant(2.0 / 3.0 - 28.0 / (15.0 * 3.141592653589793))
 
 
 @wp.func
-def single_albedo(roughness: float, cosine: float):
-    """Albedo of a white surface for light that its facets reflect once, at a cosine of the light or viewer.
+def slant_gain(cosine: float):
+    """How much of the albedo for light that facets reflect once depends on the angle: of roughness 1, over 1 / pi.
 
-    A polynomial that is within 0.1 % of the closed form, which has no digits at grazing angles (the paper, listing 1).
+    A polynomial within 0.1 % of the albedo of the closed form, which has no digits at grazing angles (the paper,
+    listing 1).
     """
     x = 1.0 - cosine
-    g = x * (0.0571085289 + x * (0.491881867 + x * (-0.332181442 + x * 0.0714429953)))
-    return (1.0 + roughness * g) / (1.0 + ONCE * roughness)
+    return x * (0.0571085289 + x * (0.491881867 + x * (-0.332181442 + x * 0.0714429953)))
 
 
 @wp.func
-def multiple_reflectance(reflectance: wp.vec3, mean: float):
-    """Reflectance of the light that facets reflect among each other, with the mean of `single_albedo`."""
+def single_albedo(roughness: float, cosine: float):
+    """Albedo of a white surface for light that its facets reflect once, at a cosine of the light or viewer."""
+    return (1.0 + roughness * slant_gain(cosine)) / (1.0 + ONCE * roughness)
+
+
+@wp.func
+def multiple_reflectance(reflectance: wp.vec3, roughness: float):
+    """Reflectance of the light that facets reflect among each other."""
+    mean = (1.0 + ONCE_MEAN * roughness) / (1.0 + ONCE * roughness)
     return wp.cw_div(mean * wp.cw_mul(reflectance, reflectance), wp.vec3(1.0) - (1.0 - mean) * reflectance)
-
-
-@wp.func
-def single_mean(roughness: float):
-    """Mean of `single_albedo` over directions by their cosine."""
-    return (1.0 + ONCE_MEAN * roughness) / (1.0 + ONCE * roughness)
 
 
 @wp.func
 def rough_diffuse_albedo(reflectance: wp.vec3, roughness: float, cosine: float):
     """Albedo per channel, at a cosine of the light or viewer."""
     once = single_albedo(roughness, cosine)
-    return once * reflectance + (1.0 - once) * multiple_reflectance(reflectance, single_mean(roughness))
+    return once * reflectance + (1.0 - once) * multiple_reflectance(reflectance, roughness)
 
 
 @wp.func
-def rough_diffuse_eval(reflectance: wp.vec3, roughness: float, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Scattering function times the cosine of the light, per channel [1/sr]; both directions above the surface."""
+def rough_diffuse(reflectance: wp.vec3, roughness: float, n: wp.vec3, v: wp.vec3, l: wp.vec3):
+    """Pi times the scattering function; both directions above the surface.
+
+    It is the reflectance of a Lambertian surface that looks the same from ``v`` in light from ``l``.
+    """
     n_v = wp.dot(n, v)
     n_l = wp.dot(n, l)
     s = wp.dot(v, l) - n_v * n_l
     if s > 0.0:
         s /= wp.max(n_v, n_l)
     once = (1.0 + roughness * s) / (1.0 + ONCE * roughness)
-    mean = single_mean(roughness)
-    again = (1.0 - single_albedo(roughness, n_v)) * (1.0 - single_albedo(roughness, n_l)) / (1.0 - mean)
-    return (n_l / wp.pi) * (once * reflectance + again * multiple_reflectance(reflectance, mean))
+    # (1 - albedo at v)(1 - albedo at l) / (1 - mean), whose last factor has no digits where roughness is small
+    left = wp.max(ONCE - slant_gain(n_v), 0.0) * wp.max(ONCE - slant_gain(n_l), 0.0)
+    again = roughness * left / ((1.0 + ONCE * roughness) * (ONCE - ONCE_MEAN))
+    return once * reflectance + again * multiple_reflectance(reflectance, roughness)
