@@ -12,6 +12,7 @@ Every subject prints a line per scene. Images are by `field` with ``--spp`` samp
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from varos_warp.render.planner.errors import BLOCKS_WITHIN
 from varos_warp.render.planner.pilot import Frames
 from varos_warp.render.planner.plan import PATHS_PAY, Planner, plan_render
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.description.world import Diffuse
 
 TEN_TIMES = 10.0
 """The tolerance: beyond it only one block in 10 000 may be."""
@@ -61,6 +63,16 @@ def render_seeds(
         ):
             made[name].append(image.radiance if value is None else value)
     return {name: np.array(values) for name, values in made.items()}
+
+
+def roughened(built: Built, roughness: float) -> Built:
+    """A scene with such a `diffuse_roughness` of all its surfaces of kind diffuse."""
+    rough = {"diffuse_roughness": roughness}
+    parts = [
+        replace(part, material=part.material.model_copy(update=rough)) if isinstance(part.material, Diffuse) else part
+        for part in built.parts
+    ]
+    return built._replace(parts=parts)
 
 
 def reference_of(renderer, built: Built, spp: int) -> Estimate:
@@ -190,18 +202,19 @@ def main(arguments=None) -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--tolerance", type=float, default=0.03)
     parser.add_argument("--resolution", type=size, default=RESOLUTION)
+    parser.add_argument("--roughness", type=float, default=0.0, help="of all surfaces of kind diffuse")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
     rows = {}
     for name in options.scenes:
-        built = build(name, options.resolution)
+        built = roughened(build(name, options.resolution), options.roughness)
         renderer = FrameRenderer(built.scene, options.device, built.parts)
         try:
             rows[name] = SUBJECTS[options.subject](renderer, built, options)
         except InputError as error:
             rows[name] = {"refused": str(error)}
         print(name, json.dumps(rows[name]), flush=True)
-        asked = {key: getattr(options, key) for key in ("subject", "spp", "seeds", "resolution")}
+        asked = {key: getattr(options, key) for key in ("subject", "spp", "seeds", "resolution", "roughness")}
         save(options.json, {"machine": machine(options.device), **asked, "rows": rows})
 
 

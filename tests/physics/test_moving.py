@@ -142,7 +142,8 @@ def test_a_moving_edge_before_a_still_camera_is_a_ramp(truth):
     assert np.abs(by_plate.radiance - by_camera.radiance).max() <= 2.01 / 256
 
 
-def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
+@pytest.mark.parametrize(("roughness", "turn_deg"), [(0.0, 0.0), (0.9, 25.0)])
+def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth, roughness, turn_deg):
     """A plate beside the camera is lit, comes 0.3 m closer, and lights the wall, which sees nothing else.
 
     The water scatters next to nothing: kernels without water would be compiled for this alone.
@@ -151,7 +152,8 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
     lamp = {"kind": "spot", "position": [-0.9, 0.6, 0], "direction": [-1, 0, 0], "cone_deg": 70, "intensity": [9, 9, 9]}
     reflector = rectangle((-1.75, 0.2, -0.4), (0, 0.8, 0), (0, 0, 0.8), 0.8, "reflector")
     scene = scene_of({"time_s": 0.3}, [lamp], clear)
-    one = moving(reflector, (1.0, 0, 0))
+    reflector = replace(reflector, material=reflector.material.model_copy(update={"diffuse_roughness": roughness}))
+    one = moving(reflector, (1.0, 0, 0), (0.0, 0.0, turn_deg))
     how = {"outputs": "A", "spp": 16, "integrator": "path", "max_bounces": 2, "denoise": "none"}
     renderer = FrameRenderer(scene, "cpu", parts=[one, wall()])
     blurred = [
@@ -166,7 +168,7 @@ def test_light_off_a_plate_that_comes_closer_is_the_mean_over_instants(truth):
     trend = np.polyval(np.polyfit(times, instants, 2), times)  # without which their spread is noise
     error = np.hypot(np.std(blurred, ddof=1), np.std(instants - trend, ddof=3)) / np.sqrt(12)
     truth(
-        "light off a moving plate",
+        f"light off a moving plate, roughness {roughness}, which turns by {turn_deg} degrees a second",
         source="mean over instants",
         expected=np.mean(instants),
         got=np.mean(blurred),
