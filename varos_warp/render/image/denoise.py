@@ -91,7 +91,7 @@ def denoise_image(image, method: str) -> np.ndarray:
     elif image.albedo is not None:
         names += ["albedo", "normal"]
     arrays = {name: upload(np.asarray(getattr(image, name), np.float32), wp.vec3, "cpu") for name in names}
-    return _on_cpu(method).denoise(**arrays, subpaths=image.subpaths).numpy()
+    return _on_cpu(method).denoise(**arrays, subpaths=np.inf if whole else image.subpaths).numpy()
 
 
 def check_finite(image: np.ndarray) -> None:

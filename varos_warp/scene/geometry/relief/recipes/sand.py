@@ -83,7 +83,7 @@ class Sand:
         trough = rippled * smoothstep(0.1, -0.8, profile)
         sand = mix(sand, HASH, 0.5 * _hash(pattern) * np.maximum(trough, 0.25))
         sand = mix(sand, MINERAL, 0.28 * trough * smoothstep(-0.1, 0.3, pattern.fbm(2.3, 3, 23)))
-        sand = mix(sand, SILT, 0.5 * _mounds(sites, pattern))
+        sand = mix(sand, SILT, 0.15 * _mounds(sites, pattern))
         tone = 0.75 * pattern.fbm(26.0, 5, 24, 0.7) + 0.25 * np.clip(3.0 * shape.convexity, -1.0, 1.0)
         sand = sand * np.maximum(1.0 + tone, 0.3)[:, None]
         sand = filmed(sand, pattern.scaled(4.0), shape, 0.9 * look.film)  # in patches of a metre
