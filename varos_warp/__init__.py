@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # what __getattr__ fetches, for type checkers and editors
     from varos_warp.sim.simulator import Step as Step
     from varos_warp.sim.trajectory import simulate as simulate
 
-__version__ = "0.7.0"
+__version__ = "0.8.0"
 
 _HOMES = {
     "InputError": "varos_warp.errors",

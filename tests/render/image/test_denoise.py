@@ -81,6 +81,14 @@ def test_denoising_lowers_the_relative_error(method, factor):
     assert rmse(denoise(noisy, stderr, method), truth) < rmse(noisy, truth) / factor
 
 
+@pytest.mark.parametrize("shape", [(9, 1), (1, 9), (1, 1)])
+def test_nlm_takes_images_a_pixel_wide(shape):
+    truth, noisy, stderr = scene(shape=shape)
+    result = denoise(noisy, stderr, "nlm")
+    assert result.shape == noisy.shape
+    assert rmse(result, truth) < 2.0 * rmse(noisy, truth)
+
+
 def test_nlm_keeps_the_mean_of_the_light_on_both_sides_of_an_edge():
     """Within 4 standard errors of the noisy mean; without the correction it would be 1.6 % too dark, 20 of them."""
     truth, noisy, stderr = scene(shape=(160, 240))

@@ -313,7 +313,14 @@ def test_the_scenes_that_come_with_us_load_and_read_back(path):
             "steel: {roughness: 0.1, ",
             "materials.steel.roughness",
             6,
-            "Blocks of kind metal or rust have it",
+            "Blocks of kind metal or rust have it: give the kind.",
+        ),
+        (
+            "steel: {",
+            "steel: {kind: diffuse, roughness: 0.1, ",
+            "materials.steel.roughness",
+            6,
+            "those of kind diffuse do not. Did you mean 'diffuse_roughness'?",
         ),
         (
             "steel: {reflectance: [0.4, 0.4, 0.4]}",

@@ -49,7 +49,9 @@ def non_local_means(radiance: np.ndarray, stderr: np.ndarray) -> np.ndarray:
     smooth = [
         denoise_nl_means(
             root, patch_size=5, patch_distance=3, h=0.8 * level, sigma=level, fast_mode=True, channel_axis=-1
-        ).astype(np.float32)
+        )
+        .reshape(root.shape)  # it drops an axis of one pixel
+        .astype(np.float32)
         ** 2
         for level in levels
     ]

@@ -286,9 +286,14 @@ def _first_sentence(entry: Entry) -> str:
 def _instead(path: tuple, source: Source) -> str:
     """What to give instead of a key that is not known."""
     word, models = str(path[-1]), _models_at(path[:-1], source)
+    block = source.value(path[:-1])
+    known = _keys_of(models, block)
     if kinds := [kind for model in models if {word, "kind"} <= {*_keys(model)} for kind in _kinds(model)]:
-        return f"Blocks of kind {' or '.join(kinds)} have it: give the kind."
-    known = _keys_of(models, source.value(path[:-1]))
+        theirs = f"Blocks of kind {' or '.join(kinds)} have it"
+        given = block.get("kind") if isinstance(block, dict) else None
+        return (
+            f"{theirs}, those of kind {given} do not. {_suggest(word, known)}" if given else f"{theirs}: give the kind."
+        )
     if word.lower() in INTRINSICS and "focal_mm" in known:
         return MEASURED
     if word.lower() in ("unit", "units") and "scale" in known:
