@@ -245,6 +245,7 @@ class RadianceRenderer:
                 self.films.take(film, kind.kernel, arguments, count, queued=kind.subpaths, share=share, before=had)
 
         take(first, [0] * len(first))
+        taken = first
         if shares:
             # by the noise of the first, of which a denoiser takes most
             denoised = (options.denoise or self.scene.render.denoise) != "none"
@@ -254,8 +255,6 @@ class RadianceRenderer:
             (samples,) = self.launcher.fetch(share_out(self.launcher, noise, first, spp, [kind.cost for kind in kinds]))
             take(samples, first)
             taken = [before + samples[i].mean() for i, before in enumerate(first)]
-        else:
-            taken = first
         rates = [of_block / IN_BLOCK for kind, of_block in zip(kinds, taken, strict=True) if kind.subpaths]
         return films, float(min(rates, default=np.inf))
 

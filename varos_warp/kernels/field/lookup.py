@@ -42,18 +42,19 @@ def reflected_field(scene: SceneData, field: Field, bsdf: Bsdf, p: wp.vec3, n: w
     That is reflectance E_F / pi; for a rough one with `matte_reflectance`, from which paths carry the difference; for a
     metal 0.
     """
-    L = wp.vec3(0.0)
+    total = wp.vec3(0.0)
     if bsdf.metal > 0.0:
-        return L
+        return total
+    reflectance = bsdf.reflectance
+    if bsdf.diffuse_roughness > 0.0:
+        reflectance = wp.vec3(1.0)  # each light has its own
     for i in range(light_count(scene.lights)):
         light = get_light(scene.lights, i)
         E = scattered_irradiance(field.lights[i], light, p, n)
         if bsdf.diffuse_roughness > 0.0:
             E = wp.cw_mul(matte_reflectance(bsdf, n, v, light_direction(light, p)), E)
-        L += E
-    if bsdf.diffuse_roughness > 0.0:
-        return L / wp.pi
-    return wp.cw_mul(bsdf.reflectance, L) / wp.pi
+        total += E
+    return wp.cw_mul(reflectance, total) / wp.pi
 
 
 @wp.struct

@@ -58,18 +58,28 @@ def fbm(
     """
     value = wp.empty(len(p), dtype=wp.float32, device=device)
     edges = np.broadcast_to(np.asarray(edge, np.float32), len(p))
-    arguments = {
+    how = {
         "kind": int(kind),
-        "seed": _bits(seed),
-        "cycles": _vector(cycles_per_m),
         "octaves": octaves,
         "gain": gain,
-        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
         "edge": upload(edges, wp.float32, device),
         "value": value,
     }
-    launch(kernels.sum_octaves, len(p), arguments, device)
-    return value.numpy().astype(np.float64)
+    return _at_places(kernels.sum_octaves, p, cycles_per_m, seed, value, how)
+
+
+def _at_places(
+    kernel: wp.Kernel, p: np.ndarray, cycles_per_m: Cycles, seed: int, out: wp.array, how: dict
+) -> np.ndarray:
+    """What a kernel writes to ``out``, one of its arguments ``how``, at places [N, 3] [m]: float64 [N] or [N, K]."""
+    device = str(out.device)
+    places = {
+        "seed": _bits(seed),
+        "cycles": _vector(cycles_per_m),
+        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
+    }
+    launch(kernel, len(p), places | how, device)
+    return out.numpy().astype(np.float64)
 
 
 def fbm_vector(
@@ -92,15 +102,8 @@ def worley(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, *, flat: bool = F
         flat: Whether z does not count: points of a plane, one in each square.
     """
     cell = wp.empty(len(p), dtype=wp.vec3, device=device)
-    arguments = {
-        "seed": _bits(seed),
-        "cycles": _vector(cycles_per_m),
-        "is_flat": int(flat),
-        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
-        "cell": cell,
-    }
-    launch(kernels.find_cells, len(p), arguments, device)
-    return Cells(*cell.numpy().astype(np.float64).T)
+    how = {"is_flat": int(flat), "cell": cell}
+    return Cells(*_at_places(kernels.find_cells, p, cycles_per_m, seed, cell, how).T)
 
 
 class Faces(NamedTuple):
@@ -119,14 +122,7 @@ def faces(p: np.ndarray, cycles_per_m: Cycles, seed: int = 0, device: str = "cpu
     to a band.
     """
     face = wp.empty(len(p), dtype=wp.vec2, device=device)
-    arguments = {
-        "seed": _bits(seed),
-        "cycles": _vector(cycles_per_m),
-        "points": upload(np.asarray(p, np.float64), wp.vec3d, device),
-        "face": face,
-    }
-    launch(kernels.find_faces, len(p), arguments, device)
-    return Faces(*face.numpy().astype(np.float64).T)
+    return Faces(*_at_places(kernels.find_faces, p, cycles_per_m, seed, face, {"face": face}).T)
 
 
 def resolved(length_m: np.ndarray | float, edge: np.ndarray | float) -> np.ndarray:
