@@ -75,6 +75,16 @@ def roughened(built: Built, roughness: float) -> Built:
     return built._replace(parts=parts)
 
 
+def softened(built: Built, radius_m: float) -> Built:
+    """A scene whose lamps are disks of such a radius, those that may be."""
+    vehicle = built.scene.vehicle
+    lights = [
+        light if light.kind == "point" else light.model_copy(update={"radius_m": radius_m}) for light in vehicle.lights
+    ]
+    vehicle = vehicle.model_copy(update={"lights": lights})
+    return built._replace(scene=built.scene.model_copy(update={"vehicle": vehicle})) if radius_m else built
+
+
 def reference_of(renderer, built: Built, spp: int) -> Estimate:
     """The reference, of images of the field."""
     images = render_seeds(renderer, built, "field", spp, SEEDS_OF_REFERENCE, "none", FIRST_OF_REFERENCE)
@@ -203,18 +213,19 @@ def main(arguments=None) -> None:
     parser.add_argument("--tolerance", type=float, default=0.03)
     parser.add_argument("--resolution", type=size, default=RESOLUTION)
     parser.add_argument("--roughness", type=float, default=0.0, help="of all surfaces of kind diffuse")
+    parser.add_argument("--radius", type=float, default=0.0, help="of the lamps [m], as disks; 0: as they are")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
     rows = {}
     for name in options.scenes:
-        built = roughened(build(name, options.resolution), options.roughness)
+        built = softened(roughened(build(name, options.resolution), options.roughness), options.radius)
         renderer = FrameRenderer(built.scene, options.device, built.parts)
         try:
             rows[name] = SUBJECTS[options.subject](renderer, built, options)
         except InputError as error:
             rows[name] = {"refused": str(error)}
         print(name, json.dumps(rows[name]), flush=True)
-        asked = {key: getattr(options, key) for key in ("subject", "spp", "seeds", "resolution", "roughness")}
+        asked = {key: getattr(options, key) for key in ("subject", "spp", "seeds", "resolution", "roughness", "radius")}
         save(options.json, {"machine": machine(options.device), **asked, "rows": rows})
 
 

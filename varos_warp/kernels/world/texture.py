@@ -20,6 +20,11 @@ METAL = wp.constant(4)
 RUST = wp.constant(5)
 DIRT = wp.constant(6)
 
+GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(22.0), wp.constant(6)
+"""Patches of the coarsest octave of grain per metre, and octaves: what is as coarse as triangles, down to 1.5 mm."""
+GRAIN_KNEE = wp.constant(0.12)
+"""Noise at which grain has 0.7 of its contrast: of grains the middle tones are the rarer ones."""
+
 NOISE_DEVIATION = wp.constant(0.215)
 """Standard deviation of the noise that is thresholded for rust and dirt: fbm of four octaves."""
 
@@ -77,6 +82,8 @@ class Material:
     """Noise above this is rust or dirt."""
     cycles: float
     """Patches of rust or dirt per metre."""
+    grain: float
+    """How much the tone varies from grain to grain, 0 to 1; 0: it does not."""
     layers: wp.array(dtype=Layer)
     """The layer of flat parts, then that of steep ones; or one layer for all, or the pages of a mesh file."""
     has_holes: int
@@ -189,6 +196,13 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
 
 
 @wp.func
+def grain_tone(m: Material, q: wp.vec3, footprint: float):
+    """Factor of a reflectance from grain to grain, of mean 1; 1 where no grain is resolved."""
+    noise = fbm(m.seed + wp.uint32(31), GRAIN_CYCLES * q, GRAIN_OCTAVES, GRAIN_CYCLES * footprint)
+    return 1.0 + m.grain * noise / wp.sqrt(noise * noise + GRAIN_KNEE * GRAIN_KNEE)
+
+
+@wp.func
 def wrapped(u: float, how: int, count: int):
     """Coordinate within 0..1 of one outside, and half a texel of ``count`` from its ends, if none repeats."""
     if how == REPEAT:
@@ -236,7 +250,7 @@ def page_alpha(layer: Layer, u: float, v: float):
 # ---------------------------------------------------------------------------------------------------------------- all
 
 
-@specialised("patterns", "metals")
+@specialised("patterns", "metals", "grain")
 def make_material_at(spec: SceneSpec) -> wp.Function:
     """The function ``material_at``, for scenes with or without images, patterns and metals.
 
@@ -255,6 +269,9 @@ def make_material_at(spec: SceneSpec) -> wp.Function:
             bsdf.reflectance = m.base
         elif m.kind == COLOURED or (m.kind == MAPPED and page < 0):
             bsdf.reflectance = at
+        if wp.static(spec.grain):
+            if m.grain > 0.0:
+                bsdf.reflectance = unit_clamp(grain_tone(m, p + m.offset, footprint) * bsdf.reflectance)
         if wp.static(spec.patterns):
             if m.kind == GROUND:
                 bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))
