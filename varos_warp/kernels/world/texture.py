@@ -20,10 +20,10 @@ METAL = wp.constant(4)
 RUST = wp.constant(5)
 DIRT = wp.constant(6)
 
-GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(22.0), wp.constant(6)
-"""Patches of the coarsest octave of grain per metre, and octaves: what is as coarse as triangles, down to 1.5 mm."""
-GRAIN_KNEE = wp.constant(0.12)
-"""Noise at which grain has 0.7 of its contrast: of grains the middle tones are the rarer ones."""
+GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(75.0), wp.constant(4)
+"""Patches of the coarsest octave of grain per metre, and octaves: what is finer than triangles, down to 2 mm."""
+GRAIN_KNEE = wp.constant(0.2)
+"""Noise at which grain has 0.7 of its contrast."""
 
 NOISE_DEVIATION = wp.constant(0.215)
 """Standard deviation of the noise that is thresholded for rust and dirt: fbm of four octaves."""
