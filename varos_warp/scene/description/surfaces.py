@@ -34,7 +34,7 @@ class Layered(Block):
     diffuse_roughness: Unit = ROUGH
     """How rough the surface is below the size of a pixel: 0 is Lambert's law; the rougher, the less it darkens towards
     its rim in light from beside the camera (docs/surfaces.md)."""
-    grain: Unit = 0.5
+    grain: Unit = 0.2
     """How much the tone varies from grain to grain, from centimetres down to the size of a pixel; its mean stays."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """The patterns follow from it and from the object."""

@@ -115,8 +115,8 @@ def _nodes(light):
 
 
 def lights_vary(lights: Iterable[Light]) -> bool:
-    """Return whether the lights differ from sample to sample, though vehicle and camera stand still."""
-    return any(radius_of(light) or light.strobe for light in lights)
+    """Return whether the lights differ from instant to instant, though vehicle and camera stand still."""
+    return any(bool(light.strobe) for light in lights)
 
 
 def radius_of(light: Light) -> float:
