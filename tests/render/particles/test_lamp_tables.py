@@ -62,7 +62,7 @@ def test_images_by_table_are_as_right_as_stated(name, monkeypatch):
     known, _ = expected_of(scene)
     off = tabulated - known
     assert off.any()
-    if name == "a disk":  # rays see points of it by chance: 0.1 % of the scale is left of that in the mean of all pixels
+    if name == "a disk":  # rays see points of it by chance: of that 0.1 % of the scale is left in the mean
         off = off.mean(axis=(0, 1))
     assert np.all(np.abs(off) <= PANELS * scale)
 

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from varos_warp.kernels.world import texture
 from varos_warp.kernels.world.tiling import PERIOD
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.surfaces import Layered
+from varos_warp.scene.description.surfaces import GRAIN, Layered
 from varos_warp.scene.description.world import Diffuse, Dirt, Material, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.placed import may_have_colours, may_have_images
@@ -91,7 +91,9 @@ def diffuse_roughness(material: Material) -> float:
 
 def grain(material: Material) -> float:
     """How much a surface's tone varies from grain to grain, 0 to 1."""
-    return material.grain if isinstance(material, Layered) else 0.0
+    if not isinstance(material, Layered):
+        return 0.0
+    return GRAIN.get(material.relief, 0.0) if material.grain is None else material.grain
 
 
 def _has_pattern(material: Material) -> bool:
