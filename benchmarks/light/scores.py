@@ -19,17 +19,16 @@ CENTRAL = 0.98
 
 @dataclass(frozen=True)
 class Estimate:
-    """Independent images [n, H, W, 3] of the same truth, of ``spp`` samples each, and what their mean knows."""
+    """Independent images [n, H, W, 3] of the same truth, and what their mean knows."""
 
     images: np.ndarray
-    spp: np.ndarray | float = 1.0
 
     def of(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean of ``values`` [n, ...], weighted by samples, and its standard error by their spread."""
-        weight = np.broadcast_to(np.asarray(self.spp, float), len(values)).reshape(-1, *[1] * (values.ndim - 1))
-        mean = (weight * values).sum(axis=0) / weight.sum()
-        spread = (weight * (values - mean) ** 2).sum(axis=0) / max(len(values) - 1, 1)
-        return mean, np.sqrt(spread / weight.sum()) if len(values) > 1 else np.full_like(mean, np.nan)
+        """Mean of ``values`` [n, ...], and its standard error by their spread."""
+        mean = values.mean(axis=0)
+        if len(values) == 1:
+            return mean, np.full_like(mean, np.nan)
+        return mean, values.std(axis=0, ddof=1) / np.sqrt(len(values))
 
     @cached_property
     def pixels(self):
