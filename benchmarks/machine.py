@@ -68,6 +68,11 @@ def counts(text: str) -> list[int]:
     return [int(number) for number in text.split(",")]
 
 
+def numbers(text: str) -> list[float]:
+    """Numbers between commas."""
+    return [float(number) for number in text.split(",")]
+
+
 def size(text: str) -> tuple[int, ...]:
     """Width and height of ``WIDTHxHEIGHT``."""
     return tuple(int(number) for number in text.split("x"))

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.light import scores
 from benchmarks.light.scenes import PLANNED, RESOLUTION, SCENES, Built, build, build_planned
 from benchmarks.light.scores import Estimate
-from benchmarks.machine import Stopwatch, command, machine, save, size, words
+from benchmarks.machine import Stopwatch, command, machine, numbers, save, size, words
 from varos_warp.device.launcher import timed
 from varos_warp.errors import InputError
 from varos_warp.render.planner.errors import BLOCKS_WITHIN
@@ -201,7 +201,7 @@ def main(arguments=None) -> None:
     parser.add_argument("--planned", action="store_true", help="scenes of planned.yaml, at their own size")
     parser.add_argument("--integrators", type=words, default=["field"])
     parser.add_argument("--spp", type=int, default=8)
-    parser.add_argument("--rates", type=lambda text: [*map(float, words(text))], default=[0.25, 0.5, 1, 2, 4, 8])
+    parser.add_argument("--rates", type=numbers, default=[0.25, 0.5, 1, 2, 4, 8])
     parser.add_argument("--reference-spp", type=int, default=512, help="of each image by which plans are judged")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--tolerance", type=float, help="absent: each scene's own")

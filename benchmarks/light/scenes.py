@@ -9,6 +9,7 @@ import yaml
 from benchmarks.light import shapes
 from varos_warp.errors import require_known
 from varos_warp.scene.description import Scene
+from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.frames import look_at_matrix, transform
 from varos_warp.scene.geometry.build import build_parts
@@ -32,6 +33,11 @@ class Built(NamedTuple):
     scene: Scene
     parts: list[Part]
     T_w_v: np.ndarray
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that is compared: the first."""
+        return self.scene.vehicle.cameras[0]
 
 
 def from_file(path: Path, changes=(), frame: int = 0) -> Built:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import peers
+from benchmarks.light.scenes import from_file
 from benchmarks.machine import Stopwatch, machine
-from benchmarks.scenes import BenchScene
 from varos_warp.dataset.files import write_json
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import LAYERS, FrameRenderer
@@ -111,23 +111,23 @@ class Case:
     def __init__(self, scene: str, water: str):
         self.scene, self.water = scene, water
         change = f"water.coefficients.phase={WATERS[water]}"
-        self.bench = BenchScene(scene, scene, HERE / "scenes" / f"{scene}.yaml", (change,))
+        self.built = from_file(HERE / "scenes" / f"{scene}.yaml", (change,))
 
     @cached_property
     def _renderer(self) -> FrameRenderer:
-        return FrameRenderer(self.bench.scene, "cpu", self.bench.parts)
+        return FrameRenderer(self.built.scene, "cpu", self.built.parts)
 
     def render(self, name: str, light: str, spp: int, seed: int) -> tuple[np.ndarray, float]:
         """Linear radiance [H, W, 3], and the CPU seconds that it took."""
-        bench, one = self.bench, light == "one event"
+        built, one = self.built, light == "one event"
         if name not in OURS:
             how = {"spp": spp, "seed": seed, "max_events": 1 if one else None}
-            made = peers.render(name, bench.scene, bench.parts, bench.camera, bench.T_w_v, **how)
+            made = peers.render(name, built.scene, built.parts, built.camera, built.T_w_v, **how)
             return made.radiance, made.cpu_seconds
         watch = Stopwatch()
         how = {"integrator": name, "spp": spp, "seed": seed, "denoise": "none"}
         layers = ("direct", "single") if one else LAYERS
-        image = self._renderer.render(bench.T_w_v, bench.camera, "A", layers=layers, **how).A
+        image = self._renderer.render(built.T_w_v, built.camera, "A", layers=layers, **how).A
         return image.radiance, watch.cpu_seconds
 
     def estimate(self, name: str, light: str, seconds: float) -> Estimate:
