@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.chart import plt, save_figure
 from benchmarks.light.shapes import PAPER, paper_lamps
-from benchmarks.machine import Stopwatch, command, machine, save, size
+from benchmarks.machine import RESULTS, Stopwatch, command, machine, save, size
 from varos_warp.dataset.run.produce import produce
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--size", type=size, default="16x9")
     parser.add_argument("--integrator", default="auto")
-    parser.add_argument("-o", "--out", type=Path, default=Path(__file__).parent / "results" / "soak_cpu")
+    parser.add_argument("-o", "--out", type=Path, default=RESULTS / "soak_cpu")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "soak"

@@ -14,13 +14,13 @@ import numpy as np
 
 from benchmarks import peers
 from benchmarks.light.scenes import from_file
-from benchmarks.machine import Stopwatch, machine
+from benchmarks.machine import RESULTS, Stopwatch, machine
 from varos_warp.dataset.files import write_json
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 
 HERE = Path(__file__).parent
-RESULTS = HERE.parent / "results" / "peers_agree.json"
+AGREEMENT = RESULTS / "peers_agree.json"
 SCENES = ("lamps", "lens", "meshes")
 WATERS = {
     "ff3.6": "{kind: fournier_forand, n: 1.10, mu: 3.5835}",
@@ -152,7 +152,7 @@ class Case:
         return row
 
 
-def measure(seconds: float, output: Path = RESULTS, cases=CASES, others=None, lights=tuple(TOLERANCE)) -> None:
+def measure(seconds: float, output: Path = AGREEMENT, cases=CASES, others=None, lights=tuple(TOLERANCE)) -> None:
     """Print a table in Markdown, a line for each program, and put the rows into ``output``, in place of older ones.
 
     ``seconds`` are of CPU for each peer, scene and water, for light of all orders; less for one event. Absent

@@ -9,15 +9,13 @@ here sweeps are settled: their numbers stay, and tests guard them.
 
 import importlib
 import json
-from pathlib import Path
 
-from benchmarks.machine import Stopwatch, command, commit, cpu_name, save
+from benchmarks.machine import RESULTS, ROOT, Stopwatch, command, commit, cpu_name, save
 from benchmarks.stability.entry import Series, measured, record_of, words
 from benchmarks.stability.page import write_page
 from varos_warp.device.devices import usable_cores
 
-ROOT = Path(__file__).parents[2]
-RESULTS = ROOT / "benchmarks" / "results" / "stability.json"
+MAP = RESULTS / "stability.json"
 PAGE = ROOT / "docs" / "stability.md"
 GROUPS = {
     "transport_media": "Light transport: water and phase functions",
@@ -75,13 +73,13 @@ def main():
             keep({key: record})
             print(f"{key}: {record['seconds']} s", flush=True)
     if not arguments.list:
-        write_page(json.loads(RESULTS.read_text()), words(), GROUPS, PAGE)
+        write_page(json.loads(MAP.read_text()), words(), GROUPS, PAGE)
 
 
 def keep(measured: dict):
     """Add to the results, which other runs may have added to meanwhile; only what the map speaks of stays."""
-    kept = json.loads(RESULTS.read_text()) | measured
-    save(RESULTS, {key: kept[key] for key in words() if key in kept})
+    kept = json.loads(MAP.read_text()) | measured
+    save(MAP, {key: kept[key] for key in words() if key in kept})
 
 
 if __name__ == "__main__":
