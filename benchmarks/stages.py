@@ -18,6 +18,17 @@ from types import SimpleNamespace
 
 from benchmarks.machine import MUNKHOLMEN, RESULTS, ROOT, command, machine, markdown, save
 from benchmarks.page import PAGE, fill
+from varos_warp.cache import cache_folder
+from varos_warp.dataset import timing
+from varos_warp.dataset.run import produce
+from varos_warp.dataset.run.planning import kept_plan, plan_sequence
+from varos_warp.dataset.write.images import Store
+from varos_warp.device.devices import usable_cores
+from varos_warp.render.planner.cost import sequence_cost
+from varos_warp.render.planner.pilot import Frames
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import load_scene
+from varos_warp.sim.trajectory import simulate
 
 DATA = ROOT / "varos_warp/data"
 SCENES = {
@@ -36,12 +47,6 @@ FORETOLD = "foretold over real"
 
 def measure_here(path: Path, changes, frames: int, forget: bool = False, foretell: bool = False) -> dict:
     """One run in this process: CPU-seconds over cores of its stages, and at its first image."""
-    from varos_warp.dataset import timing
-    from varos_warp.dataset.run import produce
-    from varos_warp.dataset.write.images import Store
-    from varos_warp.device.devices import usable_cores
-    from varos_warp.scene.file.load import load_scene
-
     if forget:
         forget_plans()
     start, first, write = time.process_time(), [], Store.write
@@ -73,12 +78,6 @@ def measure_here(path: Path, changes, frames: int, forget: bool = False, foretel
 
 def foretold(scene, frames: int) -> float:
     """Seconds a frame that `plan` foretells for the same frames."""
-    from varos_warp.dataset.run.planning import kept_plan, plan_sequence
-    from varos_warp.render.planner.cost import sequence_cost
-    from varos_warp.render.planner.pilot import Frames
-    from varos_warp.render.renderer import FrameRenderer
-    from varos_warp.sim.trajectory import simulate
-
     simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
     plan = kept_plan(
         scene,
@@ -109,8 +108,6 @@ def check(name: str, frames: int) -> dict:
 
 def forget_plans() -> None:
     """Delete the plans in the user's cache; all else stays."""
-    from varos_warp.cache import cache_folder
-
     for path in cache_folder().glob("plan-*.npz"):
         path.unlink()
 
