@@ -141,8 +141,8 @@ def scenes(result: dict, path: Path) -> None:
     save_figure(figure, path)
 
 
-def save_figure(figure, path: Path) -> None:
+def save_figure(figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure to a file, whose folder is made, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI)
+    figure.savefig(path, dpi=dpi)
     plt.close(figure)

@@ -95,7 +95,6 @@ def block_row(images: np.ndarray, reference: Estimate) -> dict:
         "half_off": float((errors.max(axis=(1, 2)) >= 0.5).mean()),
         "reference_pixel_rms": float(noise.max()),
         "reference_block_rms": float(np.sqrt((unsure**2).mean(axis=(0, 1)).max())),
-        "reference_block_worst": float(unsure.max()),
     }
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import peers
+from benchmarks.light import scores
 from benchmarks.light.scenes import from_file
 from benchmarks.machine import RESULTS, Stopwatch, machine
 from varos_warp.dataset.files import write_json
@@ -137,9 +138,8 @@ class Case:
         _, cost = self.render(name, light, PILOT_SPP, 0)
         spp = int(np.clip(PILOT_SPP * seconds / REPLICATES / max(cost, 1e-3), PILOT_SPP, MOST_SPP))
         made = [self.render(name, light, spp, seed) for seed in range(1, REPLICATES + 1)]
-        means = np.array([radiance.mean(axis=(0, 1), dtype=float) for radiance, _ in made])
-        stderr = means.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
-        return Estimate(means.mean(axis=0), stderr, spp, sum(cpu for _, cpu in made))
+        mean, stderr = scores.Estimate(np.array([radiance for radiance, _ in made])).whole
+        return Estimate(mean, stderr, spp, sum(cpu for _, cpu in made))
 
     def row(self, light: str, programs, seconds: float) -> Row:
         """All programs that render it."""

@@ -1,13 +1,12 @@
 """The order of work, the budget and what is written, with stand-ins that render nothing."""
 
 import json
-import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks import chart, methods, radiance, scenes, store
+from benchmarks import chart, methods, peers, radiance, scenes, store
 from benchmarks.errors import Reference
 from benchmarks.methods import Method, Timed
 from varos_warp.errors import InputError
@@ -124,9 +123,8 @@ def test_other_programs_join_in_where_they_are_installed(monkeypatch):
         calls.append((name, spp, denoise))
         return SimpleNamespace(radiance=np.ones(SHAPE, np.float32), seconds=1.0, cpu_seconds=2.0, setup_seconds=3.0)
 
-    module = ModuleType("benchmarks.peers")
-    module.__dict__.update(available=lambda: ["mitsuba", "cycles"], render=render)
-    monkeypatch.setitem(sys.modules, "benchmarks.peers", module)
+    monkeypatch.setattr(peers, "available", lambda: ["mitsuba", "cycles"])
+    monkeypatch.setattr(peers, "render", render)
     plain, denoised = methods.find(["mitsuba", "cycles+oidn"])
     bench = SimpleNamespace(scene=None, parts=[], camera=None, T_w_v=None)
     made, setup = methods.Workshop(bench, "cpu").prepare(denoised)
@@ -140,7 +138,7 @@ def test_other_programs_join_in_where_they_are_installed(monkeypatch):
 
 
 def test_without_them_only_ours_are_known(monkeypatch):
-    monkeypatch.setitem(sys.modules, "benchmarks.peers", None)
+    monkeypatch.setattr(peers, "available", list)
     assert methods.find([]) == list(methods.OURS)
 
 
