@@ -63,6 +63,11 @@ def resources() -> dict[str, float]:
     }
 
 
+def python_threads() -> int:
+    """Threads of Python, but for the helpers that a process keeps from first use on (device/launch.py)."""
+    return sum(not thread.name.startswith("helper") for thread in threading.enumerate())
+
+
 class Watched(FrameRenderer):
     """A renderer that looks at the process every so many images."""
 
@@ -95,7 +100,7 @@ def growth(samples: list[dict]) -> dict[str, float]:
 def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -> dict:
     """Run, with keys of the scene's block ``render``, and return the samples and what they say."""
     scene = small_scene(frames, size, **render)
-    before, watch = threading.active_count(), Stopwatch()
+    before, watch = python_threads(), Stopwatch()
     renderer = Watched(scene, device, max(1, frames // SAMPLES))
     summary = produce(scene, out, device=device, renderer=renderer, quiet=True)
     if not summary.complete:
@@ -111,7 +116,7 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
         "stages": summary.stages,
         "growth_per_frame": growth(renderer.samples),
         "after": resources(),
-        "python_threads_left": threading.active_count() - before,
+        "python_threads_left": python_threads() - before,
         "samples": renderer.samples,
     }
 
