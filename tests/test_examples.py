@@ -45,7 +45,7 @@ SMALL = {
         "scatter.0.count=3",
         *(f"objects.{i}.{key}" for i in range(4) for key in ("length_m=3", "height_m=4", "fender_length_m=2")),
     ],
-    "hull": [f"objects.{i}.length_m=8" for i in range(3)],
+    "hull": [f"objects.{i}.length_m=5" for i in range(3)],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],
     **{board: ["terrain.resolution=33"] for board in ("calibration_camera", "calibration_imu")},
     **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
