@@ -32,7 +32,7 @@ def part(material, skin=None):
         ([part(Rust(kind="rust", roughness=0.3))], {"textures", "patterns", "metals"}),
         ([part(Layered(kind="layered", relief="rock"), COLOURS)], {"textures", "grain", "rough"}),
         ([part(Layered(kind="layered", relief="rock", grain=0), COLOURS)], {"textures", "rough"}),
-        ([part(Layered(kind="layered", relief="steel"), COLOURS)], {"textures", "rough"}),
+        ([part(Layered(kind="layered", relief="zinc"), COLOURS)], {"textures", "rough"}),
     ],
 )
 def test_what_materials_need_is_found(some, present):

@@ -20,10 +20,10 @@ METAL = wp.constant(4)
 RUST = wp.constant(5)
 DIRT = wp.constant(6)
 
-GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(75.0), wp.constant(4)
-"""Patches of the coarsest octave of grain per metre, and octaves: what is finer than triangles, down to 2 mm."""
-GRAIN_KNEE = wp.constant(0.2)
-"""Noise at which grain has 0.7 of its contrast."""
+GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(60.0), wp.constant(5)
+"""Patches of the coarsest octave of grain per metre, and octaves: what is finer than triangles, down to 1 mm."""
+GRAIN_CONTRAST, MOST_GRAIN = wp.constant(2.5), wp.constant(0.8)
+"""Tone over noise of the most grain, and how far from 1 a tone may be."""
 
 NOISE_DEVIATION = wp.constant(0.215)
 """Standard deviation of the noise that is thresholded for rust and dirt: fbm of four octaves."""
@@ -195,11 +195,21 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
     return bsdf
 
 
-@wp.func
-def grain_tone(m: Material, q: wp.vec3, footprint: float):
-    """Factor of a reflectance from grain to grain, of mean 1; 1 where no grain is resolved."""
-    noise = fbm(m.seed + wp.uint32(31), GRAIN_CYCLES * q, GRAIN_OCTAVES, GRAIN_CYCLES * footprint)
-    return 1.0 + m.grain * noise / wp.sqrt(noise * noise + GRAIN_KNEE * GRAIN_KNEE)
+@wp.func(inline=False)  # long code, and run near surfaces only
+def grain_tone(seed: wp.uint32, grain: float, q: wp.vec3, footprint: float):
+    """Factor of a reflectance from grain to grain, of mean 1; 1 where no grain is resolved.
+
+    Octaves are alike, as of grains of all sizes, so that at any distance the finest that are resolved are seen.
+    """
+    total = float(0.0)
+    cycles = float(GRAIN_CYCLES)
+    for octave in range(GRAIN_OCTAVES):
+        share = band(cycles * footprint)
+        if share == 0.0:
+            break
+        total += share * wp.noise(seed + wp.uint32(octave), cycles * q)
+        cycles *= 2.03
+    return 1.0 + wp.clamp(GRAIN_CONTRAST * grain * total, -MOST_GRAIN, MOST_GRAIN)
 
 
 @wp.func
@@ -271,7 +281,9 @@ def make_material_at(spec: SceneSpec) -> wp.Function:
             bsdf.reflectance = at
         if wp.static(spec.grain):
             if m.grain > 0.0:
-                bsdf.reflectance = unit_clamp(grain_tone(m, p + m.offset, footprint) * bsdf.reflectance)
+                bsdf.reflectance = unit_clamp(
+                    grain_tone(m.seed + wp.uint32(31), m.grain, p + m.offset, footprint) * bsdf.reflectance
+                )
         if wp.static(spec.patterns):
             if m.kind == GROUND:
                 bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))

@@ -11,7 +11,7 @@ Relief = Literal["rock", "sand", "steel", "concrete", "zinc", "none"]
 ROUGH = 0.5
 """Roughness of sand as Oren and Nayar (1994) measured it: facets of a standard deviation of 35 degrees."""
 
-GRAIN: dict[Relief, float] = {"rock": 0.2, "sand": 0.15, "concrete": 0.15}
+GRAIN: dict[Relief, float] = {"rock": 0.2, "sand": 0.2, "concrete": 0.15, "steel": 0.08}
 """How much the tone of a relief varies from grain to grain; of others it does not."""
 
 
