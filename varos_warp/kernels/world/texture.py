@@ -281,9 +281,8 @@ def make_material_at(spec: SceneSpec) -> wp.Function:
             bsdf.reflectance = at
         if wp.static(spec.grain):
             if m.grain > 0.0:
-                bsdf.reflectance = unit_clamp(
-                    grain_tone(m.seed + wp.uint32(31), m.grain, p + m.offset, footprint) * bsdf.reflectance
-                )
+                tone = grain_tone(m.seed + wp.uint32(31), m.grain, p + m.offset, footprint)
+                bsdf.reflectance = unit_clamp(tone * bsdf.reflectance)
         if wp.static(spec.patterns):
             if m.kind == GROUND:
                 bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))

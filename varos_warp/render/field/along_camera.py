@@ -31,7 +31,7 @@ IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
 LARGEST_DISK = 0.3
 """Largest radius of a disk over its distance from the camera: nearer, its few points in the tables are too few. Up to
-there they err by at most 7e-4 of the root mean square (tests/render/field/test_disks_along_camera.py)."""
+there they are within `MOST_ERROR` (tests/render/field/test_disks_along_camera.py)."""
 MOST_ERROR, MOST_ERROR_AT_A_POINT = 1e-3, 2e-2
 """Largest errors accepted of a table of what lamps send, relative to the layer's root mean square: of its root mean
 square error, and of the largest at any point. Tables of the templates and of coastal water with four tilted lamps have
@@ -121,15 +121,9 @@ def tabulated(
     if nodes.name != MULTIPLE.name:
         return checked(launcher, nodes, OF_SINGLE, known).radiance.numpy()
     table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=launcher.device))
+    of_points = wp.array(fields.numpy()[lights.of_points], dtype=LightField, device=launcher.device)
     launcher.rows(
-        tabulate_multiple_along_camera,
-        nodes.counts[1:],
-        known
-        | {
-            "table": table,
-            "lights": wp.array(fields.numpy()[lights.of_points], dtype=LightField, device=launcher.device),
-        },
-        tile_rows=1,
+        tabulate_multiple_along_camera, nodes.counts[1:], known | {"table": table, "lights": of_points}, tile_rows=1
     )
     return table.radiance.numpy()
 
