@@ -3,12 +3,11 @@
     python -m benchmarks.bench [ref1 open_water jerlov_1b ... closed_room demo] [--methods path,field+oidn,...]
                                [--device cuda:0] [--seconds 150] [--quick] [-o OUT]
 
-Writes bench.json, a CSV file and charts; docs/benchmarks.md says what is measured. Every row is written as soon as it
+Writes bench.json and charts; docs/benchmarks.md says what is measured. Every row is written as soon as it
 is known. ``--seconds`` is of a scene; compilation, tables and references that must be made first come on top.
 ``--quick``: two scenes, few methods, two minutes on two cores.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -22,8 +21,13 @@ SECONDS, QUICK_SECONDS = 150.0, 25.0
 """Seconds for a scene, unless the caller says otherwise."""
 
 
-def run(names=(), method_names=(), device="auto", quick=False, seconds=None, out=Path("bench"), quiet=False) -> dict:
-    """Measure scenes by methods (none named: all, a few if ``quick``), write and draw; returns what bench.json holds.
+def tell(text: str) -> None:
+    """Print a line of progress."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def run(names=(), method_names=(), device="auto", quick=False, seconds=None, out=Path("bench")) -> None:
+    """Measure scenes by methods (none named: all, a few if ``quick``), write and draw.
 
     ``seconds`` are for each scene. Of the results of an earlier run in ``out`` by the same code on the same machine,
     the scenes that are measured anew are replaced, of others all. An InputError tells that there is no such scene,
@@ -35,18 +39,12 @@ def run(names=(), method_names=(), device="auto", quick=False, seconds=None, out
     chosen = scenes.find(names or (scenes.QUICK if quick else ()))
     ways, device = methods.find(method_names, quick), resolve_device(device)
     store = reopen(Path(out), machine(device))
-
-    def tell(text: str) -> None:
-        if not quiet:
-            print(text, file=sys.stderr, flush=True)
-
     store.forget([bench.name for bench in chosen])
     for bench in chosen:
         if radiance.compare(bench, ways, device, seconds, store, tell):
             chart.radiance(store.content(), bench.name, store.folder / f"A_{bench.name}.png")
     if store.rows:
         chart.scenes(store.content(), store.folder / "scenes.png")
-    return store.content()
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -58,16 +56,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seconds", type=float)
     parser.add_argument("-o", "--out", type=Path, default=Path("bench"), help="folder for tables and charts")
-    parser.add_argument("--json", action="store_true", help="print what bench.json holds")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no lines of progress")
     given = parser.parse_args(arguments)
     try:
-        result = run(given.names, given.methods, given.device, given.quick, given.seconds, given.out, given.quiet)
+        run(given.names, given.methods, given.device, given.quick, given.seconds, given.out)
     except InputError as error:
         print(f"benchmarks.bench: {error.message}", file=sys.stderr)
         return 2
-    names = ", ".join(sorted(path.name for path in given.out.glob("*.*")))
-    print(json.dumps(result, indent=2) if given.json else f"{given.out}: {names}")
+    print(f"{given.out}: {', '.join(sorted(path.name for path in given.out.glob('*.*')))}")
     return 0
 
 

@@ -22,6 +22,7 @@ COLOURS = {
     "mitsuba": "#2ca02c",
     "cycles": "#d62728",
 }
+HOLLOW = {"linestyle": "", "markerfacecolor": "white"}
 MARKERS = {"none": "o", "oidn": "^", "nlm": "s"}
 ERRORS = {"rmse": "relative RMSE", "median": "median relative error", "ssim": "1 - SSIM of the 8-bit image"}
 MAIN = ("direct", "single", "reference", "path", "path+oidn", "field", "field+oidn", "mitsuba", "cycles", "cycles+oidn")
@@ -95,15 +96,8 @@ def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
     points = [(seconds_of(row, device), row[f"{kind}_limit"]) for row in rows if row[f"{kind}_limit"] > 0.0]
     front = pareto(points)
     axis.set(xscale="log", yscale="log", xlabel="CPU-seconds of an image" if device == "cpu" else "seconds of an image")
-    axis.plot(
-        *zip(*front, strict=True),
-        "-",
-        color="#ffe08a",
-        linewidth=9,
-        solid_capstyle="round",
-        zorder=1,
-        label="Pareto front",
-    )
+    band = {"color": "#ffe08a", "linewidth": 9, "solid_capstyle": "round"}
+    axis.plot(*zip(*front, strict=True), "-", zorder=1, label="Pareto front", **band)
     for (name, label), series in _by(rows, "method", "label").items():
         first = series[0]
         colour = COLOURS.get(name, COLOURS.get(first["family"], "#e377c2"))
@@ -111,31 +105,13 @@ def _radiance_panel(axis, rows: list[dict], kind: str, device: str) -> None:
         x = np.array([seconds_of(row, device) for row in series])
         y = np.array([max(row[f"{kind}_limit"], 1e-9) for row in series])
         known = np.array([row[f"{kind}_resolved"] for row in series])
-        marker = MARKERS[first["denoise"]]
-        axis.plot(x, y, style, color=colour, marker=marker, markersize=6, linewidth=1.3, label=label, zorder=2)
-        axis.plot(
-            x[~known],
-            y[~known],
-            linestyle="",
-            marker=marker,
-            markersize=6,
-            color=colour,
-            markerfacecolor="white",
-            zorder=3,
-        )
-        axis.annotate(
-            str(series[-1]["spp"]), (x[-1], y[-1]), textcoords="offset points", xytext=(5, 4), fontsize=7, color=colour
-        )
-    axis.plot(
-        [1.0],
-        [np.nan],
-        linestyle="",
-        marker="o",
-        markersize=6,
-        color="#555555",
-        markerfacecolor="white",
-        label="hollow: within the reference's noise",
-    )
+        marks = {"marker": MARKERS[first["denoise"]], "markersize": 6, "color": colour}
+        axis.plot(x, y, style, linewidth=1.3, label=label, zorder=2, **marks)
+        axis.plot(x[~known], y[~known], zorder=3, **marks, **HOLLOW)
+        spp = str(series[-1]["spp"])
+        axis.annotate(spp, (x[-1], y[-1]), textcoords="offset points", xytext=(5, 4), fontsize=7, color=colour)
+    label = "hollow: within the reference's noise"
+    axis.plot([1.0], [np.nan], marker="o", markersize=6, color="#555555", label=label, **HOLLOW)
     axis.grid(True, which="major", alpha=0.35)
     axis.grid(True, which="minor", alpha=0.12)
     for one in (axis.xaxis, axis.yaxis):
@@ -165,8 +141,8 @@ def scenes(result: dict, path: Path) -> None:
     save_figure(figure, path)
 
 
-def save_figure(figure, path: Path) -> None:
+def save_figure(figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure to a file, whose folder is made, and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI)
+    figure.savefig(path, dpi=dpi)
     plt.close(figure)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from benchmarks.peers.view import soft_edge
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lights import SpotLight
 from varos_warp.scene.frames import camera_pose, intrinsics
@@ -55,7 +56,8 @@ def along_rays(scene: Scene, lamp, origin: np.ndarray, rays: np.ndarray, nodes: 
     integrand = (half[..., None] * w).reshape(theta.shape) / h[:, None]
     integrand *= water.phase.eval(-np.sin(theta))
     if axis is not None:
-        integrand *= _edge((v @ axis + t * (rays @ axis)[:, None]) / d, lamp)
+        cosine = (v @ axis + t * (rays @ axis)[:, None]) / d
+        integrand *= soft_edge(cosine, np.radians(lamp.cone_deg) / 2, lamp.blend)
     path = np.maximum(t + d, 0.0)
     return np.stack(
         [
@@ -74,12 +76,3 @@ def _crossings(v, rays, axis, cosine: float) -> np.ndarray:
         root = np.sqrt(B**2 - A * C)
         distances = np.stack([(-B - root) / A, (-B + root) / A], axis=1)
     return np.clip(np.nan_to_num(distances, nan=0.0, posinf=0.0, neginf=0.0), 0.0, DISTANCES_M[-1])
-
-
-def _edge(cosine, lamp: SpotLight):
-    """Blender's soft edge of a cone: smoothstep over a share ``blend`` of it."""
-    size = np.cos(np.radians(lamp.cone_deg) / 2)
-    if lamp.blend == 0.0:
-        return cosine >= size
-    x = np.clip((cosine - size) / ((1.0 - size) * lamp.blend), 0.0, 1.0)
-    return x * x * (3.0 - 2.0 * x)

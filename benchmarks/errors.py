@@ -106,18 +106,13 @@ def measure(images: np.ndarray, reference: Reference) -> dict:
     worst, middle = int(np.argmax(limit)), int(np.argmax(median))
     known = reference.known
     off = images[:, known].mean(axis=(0, 1)) / reference.mean[known].mean(axis=0) - 1.0
-    row = {
-        "rmse": float(rmse[worst]),
-        "rmse_limit": float(limit[worst]),
-        "rmse_resolved": bool(rmse[worst] > 0.0),
-        "median": float(median[middle]),
-        "median_limit": float(median[middle]),
-        "median_resolved": bool(median[middle] > 2.0 * floor[middle]),
-        "pixels": float(reference.known.mean()),
-        "ssim": ssim,
-        "ssim_limit": ssim,
-        "ssim_resolved": bool(ssim > 2.0 * ssim_floor),
-    }
+    row = {"pixels": float(known.mean())}
+    for name, error, upper, resolved in (
+        ("rmse", rmse[worst], limit[worst], rmse[worst] > 0.0),
+        ("median", median[middle], median[middle], median[middle] > 2.0 * floor[middle]),
+        ("ssim", ssim, ssim, ssim > 2.0 * ssim_floor),
+    ):
+        row |= {name: float(error), f"{name}_limit": float(upper), f"{name}_resolved": bool(resolved)}
     for name, values in (("rmse", rmse), ("median", median), ("mean_off", off)):
         row |= {f"{name}_{channel}": float(value) for channel, value in zip("rgb", values, strict=True)}
     return row

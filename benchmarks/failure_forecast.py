@@ -20,13 +20,13 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import rankdata
 
+from benchmarks.machine import RESULTS, ROOT
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.readiness.measure import by_frame
 from varos_warp.dataset.readiness.odometry.forecast import SIGNS, Forecast, regressors
 from varos_warp.dataset.readiness.odometry.odometry import odometries
 
-ROOT = Path(__file__).parents[1]
-TABLE = ROOT / "benchmarks" / "results" / "failure_forecast.csv"
+TABLE = RESULTS / "failure_forecast.csv"
 FORECAST = ROOT / "varos_warp" / "data" / "readiness" / "forecast.json"
 WATERS = ("IB", "III", "1C", "3C", "7C")
 COMMON = ("vehicle.cameras.0.resolution=[320,180]", "particles=[]", "render.max_triangles=250000")

@@ -15,13 +15,12 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from benchmarks.machine import Stopwatch, command, counts, machine, save
+from benchmarks.machine import MUNKHOLMEN, RESULTS, Stopwatch, command, counts, machine, numbers, save
 from varos_warp.render.planner.errors import error
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import load_scene
 from varos_warp.sim.trajectory import simulate
 
-ROOT = Path(__file__).parents[1]
 AS_IN_A_RUN = {"denoise": "oidn", "denoise_b": "oidn", "copied": ["denoised"]}
 REPEATS = 6
 SEED = 9000
@@ -67,19 +66,14 @@ def errors(renderer, pose, letter: str, ladder: list[float], estimate_spp: int) 
     return rows
 
 
-def rates(text: str) -> list[float]:
-    """Samples a pixel between commas."""
-    return [float(number) for number in text.split(",")]
-
-
 def main() -> None:
     parser = command(__doc__, device="cuda:0")
-    parser.add_argument("--scene", type=Path, default=ROOT / "examples" / "munkholmen" / "scene.yaml")
+    parser.add_argument("--scene", type=Path, default=MUNKHOLMEN)
     parser.add_argument("--frames", type=counts, default="60,150", help="Whose errors are measured.")
-    parser.add_argument("--spp", type=rates, default="1,2,3.25,8,16")
+    parser.add_argument("--spp", type=numbers, default="1,2,3.25,8,16")
     parser.add_argument("--spp-b", type=counts, default="2,4,6,8,20")
     parser.add_argument("--estimate-spp", type=int, default=768)
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "frame_cost.json")
+    parser.add_argument("-o", "--out", type=Path, default=RESULTS / "frame_cost.json")
     options = parser.parse_args()
     scene = load_scene(options.scene)
     simulation = simulate(scene)

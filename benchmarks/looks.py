@@ -16,17 +16,17 @@ clipped         share of the pixels with all channels at white
 dark            share of the pixels below 1 % of white
 """
 
-import argparse
-import json
 import sys
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from scipy.stats import kurtosis
 
+from benchmarks.machine import command, markdown, save
 from varos_warp.dataset.files import read_exr
 from varos_warp.scene.images import srgb_to_linear
 
@@ -97,9 +97,7 @@ def _power(square: np.ndarray) -> np.ndarray:
 def gradient_moments(luminance: np.ndarray) -> tuple[float, float]:
     """Standard deviation and kurtosis of the differences of log luminance along rows; of an even picture 0 and 0."""
     step = np.diff(np.log(luminance + OFFSET), axis=1).ravel()
-    step -= step.mean()
-    variance = np.square(step).mean()
-    return float(np.sqrt(variance)), float(np.square(np.square(step)).mean() / variance**2) if variance > 0.0 else 0.0
+    return float(step.std()), float(kurtosis(step, fisher=False)) if step.any() else 0.0
 
 
 def read_picture(path: Path, gain: float = 1.0) -> np.ndarray:
@@ -112,21 +110,16 @@ def read_picture(path: Path, gain: float = 1.0) -> np.ndarray:
 
 
 def table(looks: dict[str, Look]) -> str:
-    """A line for each picture, and their median."""
-    rows = {**looks, "median": Look(*np.median([list(asdict(look).values()) for look in looks.values()], axis=0))}
-    wide = max(map(len, rows))
-    head = f"{'':{wide}}  power slope  upper slope  log gradients: std  kurtosis  clipped %  dark %"
-    lines = (
-        f"{name:{wide}}  {look.power_slope:11.2f}  {look.upper_slope:11.2f}  {look.gradient_std:18.3f}  "
-        f"{look.gradient_kurtosis:8.1f}  {100 * look.clipped:9.2f}  {100 * look.dark:6.1f}"
-        for name, look in rows.items()
-    )
-    return "\n".join([head, *lines])
+    """A line of Markdown for each picture, and their median."""
+    rows = {name: astuple(look) for name, look in looks.items()}
+    rows["median"] = tuple(np.median([*rows.values()], axis=0))
+    head = ("picture", "power slope", "upper slope", "log gradients: std", "kurtosis", "clipped", "dark")
+    return markdown(head, [(name, *(f"{value:.3g}" for value in row)) for name, row in rows.items()])
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Print a table; exit status 2 where a picture cannot be read."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = command(__doc__, device=None)
     parser.add_argument("pictures", nargs="+", type=Path)
     parser.add_argument("--gain", type=float, default=1.0, help="of linear values of EXR")
     parser.add_argument("-o", "--out", type=Path, help="JSON with the same numbers")
@@ -139,8 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{path}: {error}", file=sys.stderr)
             return 2
     print(table(looks))
-    if asked.out:
-        asked.out.write_text(json.dumps({name: asdict(look) for name, look in looks.items()}, indent=2) + "\n")
+    save(asked.out, {name: asdict(look) for name, look in looks.items()})
     return 0
 
 

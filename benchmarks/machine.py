@@ -1,4 +1,4 @@
-"""What measurements share: the machine they ran on, clocks, the command line, and how results are kept."""
+"""What measurements share: the machine they ran on, clocks, the command line, how results are kept and tabled."""
 
 import argparse
 import json
@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 import time
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,14 +14,17 @@ import warp as wp
 
 from varos_warp.device.devices import resolve_device, usable_cores
 
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+MUNKHOLMEN = ROOT / "examples" / "munkholmen" / "scene.yaml"
+"""What most measurements of speed render."""
+
 
 def commit() -> str:
     """Short hash of the checkout; without its history what VAROS_WARP_COMMIT says, or unknown."""
     given = os.environ.get("VAROS_WARP_COMMIT", "unknown")
     try:
-        result = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
-        )
+        result = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=ROOT)
     except OSError:
         return given
     return result.stdout.strip() or given
@@ -68,6 +72,11 @@ def counts(text: str) -> list[int]:
     return [int(number) for number in text.split(",")]
 
 
+def numbers(text: str) -> list[float]:
+    """Numbers between commas."""
+    return [float(number) for number in text.split(",")]
+
+
 def size(text: str) -> tuple[int, ...]:
     """Width and height of ``WIDTHxHEIGHT``."""
     return tuple(int(number) for number in text.split("x"))
@@ -78,6 +87,12 @@ def save(path: Path | None, result) -> None:
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(result, indent=1) + "\n")
+
+
+def markdown(header: Sequence, rows: Iterable[Sequence]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
 
 
 class Stopwatch:

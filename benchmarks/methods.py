@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from benchmarks import peers
 from benchmarks.machine import Budget, Stopwatch
 from benchmarks.scenes import BenchScene
 from varos_warp.errors import require_known
@@ -60,15 +61,11 @@ QUICK = ("direct", "single", "reference", "path", "field", "field+oidn")
 DENOISING_PEERS = ("cycles",)
 
 
-def peers() -> list[Method]:
-    """The other programs that are installed, plain and denoised; none where the package of peers is missing."""
-    try:
-        from benchmarks.peers import available
-    except ImportError:
-        return []
+def of_peers() -> list[Method]:
+    """The other programs that are installed, plain and denoised."""
     return [
         Method(f"{name}{added}", f"{name.capitalize()}{words}", name, spp=LADDER[1:], denoise=denoise, peer=name)
-        for name in available()
+        for name in peers.available()
         for added, words, denoise in (("", "", "none"), ("+oidn", ", OIDN", "oidn"))
         if denoise == "none" or name in DENOISING_PEERS
     ]
@@ -76,7 +73,7 @@ def peers() -> list[Method]:
 
 def find(names, quick: bool = False) -> list[Method]:
     """Methods by name; where none is named all of them, or the few that a quick run has time for."""
-    known = {method.name: method for method in (*OURS, *peers())}
+    known = {method.name: method for method in (*OURS, *of_peers())}
     for name in names:
         require_known(name, known, "there is no such method", key="--methods")
     return [known[name] for name in dict.fromkeys(names or (QUICK if quick else known))]
@@ -142,8 +139,6 @@ class Workshop:
         return Timed(np.array(images, float), float(np.median(wall)), float(np.median(cpu)))
 
     def _peer(self, method: Method, spp: int) -> Timed:
-        from benchmarks.peers import render
-
         seen = (self.bench.scene, self.bench.parts, self.bench.camera, self.bench.T_w_v)
-        made = render(method.peer, *seen, spp=spp, denoise=method.denoise != "none")
+        made = peers.render(method.peer, *seen, spp=spp, denoise=method.denoise != "none")
         return Timed(np.array([made.radiance], float), made.seconds, made.cpu_seconds, made.setup_seconds)

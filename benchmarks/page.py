@@ -12,11 +12,11 @@ from math import log
 from pathlib import Path
 
 from benchmarks import chart
+from benchmarks.machine import RESULTS, ROOT, markdown
 from varos_warp.dataset.files import read_json, write_bytes, write_json
 from varos_warp.errors import InputError
 
-ROOT = Path(__file__).parents[1]
-RESULTS, PAGE, IMAGES = ROOT / "benchmarks/results", ROOT / "docs/benchmarks.md", ROOT / "docs/images"
+PAGE, IMAGES = ROOT / "docs/benchmarks.md", ROOT / "docs/images"
 RUNS = ("cpu", "gpu")
 TARGETS = (0.1, 0.03, 0.01)
 """Relative RMSE that the page asks each method for."""
@@ -59,14 +59,18 @@ def tables(result: dict) -> dict[str, str]:
     }
 
 
-def markdown(header: list[str], rows: list[list]) -> str:
-    """A table in Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
+def _error(row: dict, kind: str) -> str:
+    """An error of a row, in brackets where the reference does not resolve it."""
+    limit = f"{row[f'{kind}_limit']:.2g}"
+    return limit if row[f"{kind}_resolved"] else f"(< {limit})"
 
 
-def _number(x: float, resolved: bool = True) -> str:
-    return f"{x:.2g}" if resolved else f"(< {x:.2g})"
+def _median(row: dict) -> str:
+    return " / ".join(f"{row[f'median_{channel}']:.2g}" for channel in "rgb")
+
+
+def _percent_off(row: dict) -> str:
+    return " / ".join(f"{100 * row[f'mean_off_{channel}']:.2f}" for channel in "rgb")
 
 
 def _machine(result: dict) -> str:
@@ -87,9 +91,9 @@ def _methods(rows: list[dict], device: str) -> str:
                 row["label"],
                 row["spp"],
                 f"{chart.seconds_of(row, device):.3g}",
-                _number(row["rmse_limit"], row["rmse_resolved"]),
-                " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
-                _number(row["ssim"], row["ssim_resolved"]),
+                _error(row, "rmse"),
+                _median(row),
+                _error(row, "ssim"),
                 f"{row['setup_seconds']:.2g}",
             ]
             for row in last.values()
@@ -134,16 +138,7 @@ def _own_truth(rows: list[dict]) -> str:
     last = {row["scene"]: row for row in rows if row["truth"] == "single"}
     return markdown(
         ["scene", "samples", "relative RMSE", "median R / G / B", "image means off R / G / B [%]"],
-        [
-            [
-                name,
-                row["spp"],
-                _number(row["rmse_limit"], row["rmse_resolved"]),
-                " / ".join(_number(row[f"median_{c}"]) for c in "rgb"),
-                " / ".join(f"{100 * row[f'mean_off_{c}']:.2f}" for c in "rgb"),
-            ]
-            for name, row in last.items()
-        ],
+        [[name, row["spp"], _error(row, "rmse"), _median(row), _percent_off(row)] for name, row in last.items()],
     )
 
 

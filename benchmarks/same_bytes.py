@@ -6,7 +6,6 @@ runs the same commands with this working tree and with a checkout of REVISION, a
 except what describes the run itself: logs, checksums, reports, and the versions that dataset.json names.
 """
 
-import argparse
 import hashlib
 import json
 import os
@@ -16,7 +15,8 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from benchmarks.machine import ROOT, command
+
 DEMO, STARTER = "varos_warp/data/demo.yaml", "varos_warp/data/starter.yaml"
 MUNKHOLMEN = "examples/munkholmen"
 SMALL = ["--device", "cpu", "-q", "--set", "vehicle.cameras.0.resolution=[48, 27]"]
@@ -112,7 +112,7 @@ def sums_of_both(name: str, tree: Path, folder: Path, kept: Path | None) -> tupl
 
 def main() -> int:
     """Compare; the status is the number of jobs that differ."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command(__doc__, device=None)
     parser.add_argument("revision")
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(JOBS))
     parser.add_argument("--keep", type=Path, help="Folder of the sums of REVISION, made where it is missing.")

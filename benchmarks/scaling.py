@@ -13,13 +13,10 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from benchmarks.machine import command, counts, machine, save
+from benchmarks.machine import MUNKHOLMEN, RESULTS, command, counts, machine, save
 from varos_warp.dataset.run.produce import produce
 from varos_warp.device.devices import resolve_device
 from varos_warp.scene.file.load import load_scene
-
-ROOT = Path(__file__).parents[1]
-MUNKHOLMEN = ROOT / "examples" / "munkholmen" / "scene.yaml"
 
 
 def measure(scene, frames: int, workers: int, device: str, out: Path, step: int = 1) -> dict:
@@ -88,7 +85,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=1, help="Every so many-th frame, over a long course.")
     parser.add_argument("--workers", type=counts, default="0,1,2,4", help="Numbers of workers; 0: one process.")
     parser.add_argument("--set", dest="changed", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "benchmarks" / "results" / "scaling.json")
+    parser.add_argument("-o", "--out", type=Path, default=RESULTS / "scaling.json")
     asked = parser.parse_args()
     scene = load_scene(asked.scene, asked.changed)
     with tempfile.TemporaryDirectory() as folder:

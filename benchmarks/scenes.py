@@ -3,7 +3,8 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,11 @@ import numpy as np
 from benchmarks.closed_form import single_scattering_image
 from benchmarks.errors import Reference
 from benchmarks.light import scenes as unlike
-from benchmarks.light.scenes import Built
+from benchmarks.light.scenes import Built, from_file
+from benchmarks.machine import command
 from varos_warp.cache import cached
 from varos_warp.errors import require_known
 from varos_warp.render.renderer import FrameRenderer
-from varos_warp.scene.description import Scene
-from varos_warp.scene.description.vehicle import Camera
-from varos_warp.scene.file.load import load_scene
-from varos_warp.scene.geometry.build import build_parts
-from varos_warp.sim.trajectory import simulate
 
 HERE = Path(__file__).parent
 REFERENCES = HERE / "references"
@@ -36,65 +33,41 @@ RESOLUTION = (160, 90)
 
 @dataclass(frozen=True)
 class BenchScene:
-    """A named scene, seen by its first camera at a frame."""
+    """A named scene, seen by its first camera; it is made when it is first asked for."""
 
     name: str
     title: str
-    path: Path | None = None
-    """Absent: one of the unlike scenes (benchmarks/light/scenes.py)."""
-    changes: tuple[str, ...] = ()
-    """Changes to the scene file, as ``key.path=value``."""
-    frame: int = 0
+    make: Callable[[], Built]
 
     @cached_property
     def built(self) -> Built:
         """The scene, its geometry, and the pose of the vehicle."""
-        if self.path is None:
-            return unlike.build(self.name, RESOLUTION)
-        scene = self.with_changes()
-        return Built(scene, build_parts(scene), simulate(scene).frames.T_w_v(self.frame))
+        return self.make()
 
-    @property
-    def scene(self) -> Scene:
-        """The scene as loaded."""
-        return self.built.scene
+    scene = property(attrgetter("built.scene"))
+    parts = property(attrgetter("built.parts"))
+    T_w_v = property(attrgetter("built.T_w_v"))
+    camera = property(attrgetter("built.camera"))
 
-    @property
-    def parts(self) -> list:
-        """Its geometry."""
-        return self.built.parts
 
-    @property
-    def T_w_v(self) -> np.ndarray:
-        """Pose [4, 4] of the vehicle."""
-        return self.built.T_w_v
-
-    @property
-    def camera(self) -> Camera:
-        """The camera that is compared."""
-        return self.scene.vehicle.cameras[0]
-
-    def with_changes(self, *changes: str) -> Scene:
-        """The scene of a file, with further changes."""
-        return load_scene(self.path, (*self.changes, *changes))
+def _of_file(name: str, title: str, path: str, *changes: str) -> BenchScene:
+    return BenchScene(name, title, partial(from_file, HERE / "scenes" / path, changes))
 
 
 SCENES = {
     scene.name: scene
     for scene in (
-        BenchScene(
-            "ref1", "a sea floor and pipes of 522 000 triangles, the paper's water", HERE / "scenes/ref1/scene.yaml"
-        ),
-        BenchScene("open_water", "the paper's water with two lights, no surfaces", HERE / "scenes/open_water.yaml"),
+        _of_file("ref1", "a sea floor and pipes of 522 000 triangles, the paper's water", "ref1/scene.yaml"),
+        _of_file("open_water", "the paper's water with two lights, no surfaces", "open_water.yaml"),
         *(
-            BenchScene(name, unlike.SCENES[name]["title"])
+            BenchScene(name, unlike.SCENES[name]["title"], partial(unlike.build, name, RESOLUTION))
             for name in ("jerlov_1b", "jerlov_1c", "jerlov_3c", "jerlov_5c", "closed_room")
         ),
-        BenchScene(
+        _of_file(
             "demo",
             "a pipe and boulders: textures, depth of field",
-            HERE / "scenes/textured.yaml",
-            ("vehicle.cameras.0.resolution=[160,90]",),
+            "textured.yaml",
+            "vehicle.cameras.0.resolution=[160,90]",
         ),
     )
 }
@@ -198,10 +171,7 @@ def ship(names, device: str) -> None:
 
 
 if __name__ == "__main__":
-    import argparse
-
-    parser = argparse.ArgumentParser(description="Render references and put them beside the code.")
+    parser = command("Render references and put them beside the code.", device="cuda:0")
     parser.add_argument("scenes", nargs="+")
-    parser.add_argument("--device", default="cuda:0")
     arguments = parser.parse_args()
     ship(arguments.scenes, arguments.device)

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.chart import plt, save_figure
 from benchmarks.light.shapes import PAPER, paper_lamps
-from benchmarks.machine import Stopwatch, command, machine, save, size
+from benchmarks.machine import RESULTS, Stopwatch, command, machine, save, size
 from varos_warp.dataset.run.produce import produce
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.file.load import scene_from_dict
@@ -63,6 +63,11 @@ def resources() -> dict[str, float]:
     }
 
 
+def python_threads() -> int:
+    """Threads of Python, but for the helpers that a process keeps from first use on (device/launch.py)."""
+    return sum(not thread.name.startswith("helper") for thread in threading.enumerate())
+
+
 class Watched(FrameRenderer):
     """A renderer that looks at the process every so many images."""
 
@@ -95,7 +100,7 @@ def growth(samples: list[dict]) -> dict[str, float]:
 def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -> dict:
     """Run, with keys of the scene's block ``render``, and return the samples and what they say."""
     scene = small_scene(frames, size, **render)
-    before, watch = threading.active_count(), Stopwatch()
+    before, watch = python_threads(), Stopwatch()
     renderer = Watched(scene, device, max(1, frames // SAMPLES))
     summary = produce(scene, out, device=device, renderer=renderer, quiet=True)
     if not summary.complete:
@@ -111,7 +116,7 @@ def soak(frames: int, size: tuple[int, int], device: str, out: Path, **render) -
         "stages": summary.stages,
         "growth_per_frame": growth(renderer.samples),
         "after": resources(),
-        "python_threads_left": threading.active_count() - before,
+        "python_threads_left": python_threads() - before,
         "samples": renderer.samples,
     }
 
@@ -143,7 +148,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--size", type=size, default="16x9")
     parser.add_argument("--integrator", default="auto")
-    parser.add_argument("-o", "--out", type=Path, default=Path(__file__).parent / "results" / "soak_cpu")
+    parser.add_argument("-o", "--out", type=Path, default=RESULTS / "soak_cpu")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "soak"

@@ -7,28 +7,37 @@ over the cores, as an idle machine would take them with all cores busy: other wo
 are added to those of other scenes in the file, and put on docs/benchmarks.md.
 """
 
-import argparse
 import json
 import resource
-import subprocess
-import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 
-from benchmarks.machine import command, machine, save
-from benchmarks.page import PAGE, fill, markdown
-from benchmarks.scenes import HERE
+from benchmarks.machine import MUNKHOLMEN, RESULTS, ROOT, command, machine, markdown, save
+from benchmarks.page import PAGE, fill
+from varos_warp.cache import cache_folder
+from varos_warp.dataset import timing
+from varos_warp.dataset.run import produce
+from varos_warp.dataset.run.planning import kept_plan, plan_sequence
+from varos_warp.dataset.write.images import Store
+from varos_warp.device.devices import usable_cores
+from varos_warp.render.planner.cost import sequence_cost
+from varos_warp.render.planner.pilot import Frames
+from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.file.load import load_scene
+from varos_warp.sim.trajectory import simulate
 
-DATA = HERE.parent / "varos_warp/data"
+DATA = ROOT / "varos_warp/data"
 SCENES = {
     "starter": (DATA / "starter.yaml", ()),
     "starter at 1280x720": (DATA / "starter.yaml", ("vehicle.cameras.0.resolution=[1280,720]", "render.spp=2")),
     "demo": (DATA / "demo.yaml", ("render.spp=null",)),
     "turbid_water": (DATA / "templates/turbid_water.yaml", ("vehicle.cameras.0.resolution=[320,180]",)),
     "harbour_wall": (DATA / "templates/harbour_wall.yaml", ("vehicle.cameras.0.resolution=[320,180]",)),
-    "munkholmen": (HERE.parent / "examples/munkholmen/scene.yaml", ("vehicle.cameras.0.resolution=[320,180]",)),
+    "munkholmen": (MUNKHOLMEN, ("vehicle.cameras.0.resolution=[320,180]",)),
 }
 """Scene files, and what is changed in them."""
 STAGES = ("start", "simulate", "load", "plan", "render", "finish")
@@ -36,15 +45,10 @@ STAGES = ("start", "simulate", "load", "plan", "render", "finish")
 FORETOLD = "foretold over real"
 
 
-def measure_here(name: str, frames: int, foretell: bool) -> dict:
+def measure_here(path: Path, changes, frames: int, forget: bool = False, foretell: bool = False) -> dict:
     """One run in this process: CPU-seconds over cores of its stages, and at its first image."""
-    from varos_warp.dataset import timing
-    from varos_warp.dataset.run import produce
-    from varos_warp.dataset.write.images import Store
-    from varos_warp.device.devices import usable_cores
-    from varos_warp.scene.file.load import load_scene
-
-    path, changes = SCENES[name]
+    if forget:
+        forget_plans()
     start, first, write = time.process_time(), [], Store.write
     timing.time = SimpleNamespace(perf_counter=time.process_time)  # stages in CPU-seconds
 
@@ -63,7 +67,6 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
     parts = {"start": start, **{name: took[name] for name in ("simulate", "load", "plan")}}
     parts |= {"render": took["render"] + took["wait"], "finish": took["expose"] + took["checksums"]}
     row = {
-        "scene": name,
         "stages": {stage: round(seconds / cores, 2) for stage, seconds in parts.items()},
         "first_image": round(min(first) / cores, 2),
         "a_frame": round(parts["render"] / frames / cores, 3),
@@ -75,12 +78,6 @@ def measure_here(name: str, frames: int, foretell: bool) -> dict:
 
 def foretold(scene, frames: int) -> float:
     """Seconds a frame that `plan` foretells for the same frames."""
-    from varos_warp.dataset.run.planning import kept_plan, plan_sequence
-    from varos_warp.render.planner.cost import sequence_cost
-    from varos_warp.render.planner.pilot import Frames
-    from varos_warp.render.renderer import FrameRenderer
-    from varos_warp.sim.trajectory import simulate
-
     simulation, renderer = simulate(scene), FrameRenderer(scene, "cpu")
     plan = kept_plan(
         scene,
@@ -92,17 +89,16 @@ def foretold(scene, frames: int) -> float:
     return sequence_cost(scene, costed, plan)["seconds_per_frame"]
 
 
-def measure(name: str, frames: int, *options: str) -> dict:
+def measure(name: str, frames: int, **options: bool) -> dict:
     """Measure in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.stages", name, "--frames", str(frames), "--here", *options]
-    printed = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
-    return json.loads(printed.splitlines()[-1])
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        return {"scene": name} | pool.submit(measure_here, *SCENES[name], frames, **options).result()
 
 
 def check(name: str, frames: int) -> dict:
     """One row: without a plan, as a run that is the first of its scene, and then with it."""
-    row = measure(name, frames, "--forget")
-    again = measure(name, frames, "--foretell")
+    row = measure(name, frames, forget=True)
+    again = measure(name, frames, foretell=True)
     row["first_image_planned"] = again["first_image"]
     row["peak_mb"] = max(row["peak_mb"], again["peak_mb"])
     row["foretold"], row["a_frame"] = again["foretold"], again["a_frame"]
@@ -112,8 +108,6 @@ def check(name: str, frames: int) -> dict:
 
 def forget_plans() -> None:
     """Delete the plans in the user's cache; all else stays."""
-    from varos_warp.cache import cache_folder
-
     for path in cache_folder().glob("plan-*.npz"):
         path.unlink()
 
@@ -136,15 +130,8 @@ def main():
     parser.add_argument("names", nargs="*", choices=[*SCENES, []])
     parser.add_argument("--frames", type=int, default=2)
     parser.add_argument("--note", default="", help="On the machine, such as: ', busy'.")
-    parser.add_argument("-o", "--out", type=Path, default=HERE / "results/stages_cpu.json")
-    for option in ("--here", "--forget", "--foretell"):
-        parser.add_argument(option, action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("-o", "--out", type=Path, default=RESULTS / "stages_cpu.json")
     asked = parser.parse_args()
-    if asked.here:
-        if asked.forget:
-            forget_plans()
-        print(json.dumps(measure_here(asked.names[0], asked.frames, asked.foretell)))
-        return
     rows = {row["scene"]: row for row in json.loads(asked.out.read_text())["rows"]} if asked.out.exists() else {}
     result = {"machine": machine("cpu"), "note": asked.note, "frames": asked.frames}
     for name in asked.names or SCENES:

@@ -1,16 +1,14 @@
-"""Writes the rows of a measurement as they come: a run that is killed leaves complete files of what was done."""
+"""Writes the rows of a measurement as they come: a run that is killed leaves a complete file of what was done."""
 
-import csv
-import io
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from varos_warp.dataset.files import read_json, write_bytes, write_json
+from varos_warp.dataset.files import read_json, write_json
 
 
 @dataclass
 class Store:
-    """``bench.json`` with facts and all rows, and ``A.csv`` with the rows and facts, written anew with every row."""
+    """``bench.json`` with facts and all rows, written anew with every row."""
 
     folder: Path
     facts: dict
@@ -32,12 +30,6 @@ class Store:
     def save(self) -> None:
         """Write what there is."""
         write_json(self.folder / "bench.json", self.content())
-        names = list(dict.fromkeys(name for row in self.rows for name in row))
-        text = io.StringIO()
-        writer = csv.DictWriter(text, [*names, *self.facts], restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(row | self.facts for row in self.rows)
-        write_bytes(self.folder / "A.csv", text.getvalue().encode())
 
     def content(self) -> dict:
         """What ``bench.json`` holds."""

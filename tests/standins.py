@@ -157,12 +157,16 @@ class FlatFloorRenderer:
         tone = np.where(hit, 0.3 + 0.3 * (np.floor(point[..., 0]) + np.floor(point[..., 1])) % 2, 0.02)
         light = tone / np.where(hit, np.maximum(z, 1), 1) ** 2
         clean = light[..., None] * np.array([0.4, 0.7, 1.0])
-        rng = np.random.default_rng([self.scene.seed, frame, *view.id.encode()])
-        noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
         error = (clean / np.sqrt(spp)).astype(np.float32)
         plain = dict.fromkeys(("albedo", "normal", "correction", "denoised", "snow"))
         plain |= {"spp": float(spp), "lost_samples": 0}
-        A = SimpleNamespace(**plain, radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2})
+        A = None
+        if "A" in outputs:
+            rng = np.random.default_rng([self.scene.seed, frame, *view.id.encode()])
+            noisy = (clean * rng.gamma(spp, 1 / spp, clean.shape)).astype(np.float32)
+            A = SimpleNamespace(
+                **plain, radiance=noisy, stderr=error, layers={"direct": noisy / 2, "single": noisy / 2}
+            )
         grey = (tone[..., None] * np.ones(3)).astype(np.float32)
         B = SimpleNamespace(**plain, radiance=grey, stderr=error * 0, layers={})
         C = SimpleNamespace(normal=np.where(hit[..., None], [0.0, 0.0, 1.0], 0.0).astype(np.float32))

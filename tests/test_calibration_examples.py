@@ -65,9 +65,9 @@ OFFSET_S, CORNER_NOISE_PX = 7e-3, 0.1
 
 
 def excited(root, rate_hz):
-    """The course for a camera with an IMU, at 10 images a second, whose IMU has constant biases."""
+    """The course for a camera with an IMU, at 5 images a second, whose IMU has constant biases."""
     noise = "{accelerometer_bias: [0.1, -0.05, 0.08], gyroscope_bias: [0.004, -0.003, 0.005]}"
-    changes = ["render.frame_rate_hz=10", f"vehicle.imu.noise={noise}", f"vehicle.imu.rate_hz={rate_hz}"]
+    changes = ["render.frame_rate_hz=5", f"vehicle.imu.noise={noise}", f"vehicle.imu.rate_hz={rate_hz}"]
     produce(load_scene(DATA / "templates/calibration_imu.yaml", changes), root / "data", images=False, quiet=True)
     export(root / "data", "corners", root / "corners")
     return root

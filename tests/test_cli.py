@@ -441,8 +441,13 @@ def test_schema_explains_one_key_in_words_or_as_json():
 def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     path = tmp_path / "mine.yaml"
     assert call("init", path).exit_code == 0
-    few = ("--set", "render.max_triangles=20000", "--set", "vehicle.cameras.0.resolution=[64,36]")
-    assert call("info", path, *few).exit_code == 0
+    few = (
+        "render.max_triangles=20000",
+        "vehicle.cameras.0.resolution=[64,36]",
+        "scatter.0.shapes=1",
+        "scatter.1.shapes=1",
+    )
+    assert call("info", path, *(word for change in few for word in ("--set", change))).exit_code == 0
     before = path.read_text()
     assert "is there already" in refused("init", path)
     assert path.read_text() == before
@@ -704,8 +709,9 @@ def test_a_run_that_is_asked_to_end_does_so_with_status_130_and_whole_files_only
     )
     out = tmp_path / "out"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([os.path.dirname(standins.__file__), *sys.path])}
+    run = ("run", scene_file, "-o", out, "--device", "cpu", "--outputs", "D")
     process = subprocess.Popen(
-        [sys.executable, program, "run", scene_file, "-o", out, "--device", "cpu"],
+        [sys.executable, program, *run],
         stderr=subprocess.PIPE,
         text=True,
         env=environment,
@@ -719,7 +725,7 @@ def test_a_run_that_is_asked_to_end_does_so_with_status_130_and_whole_files_only
     assert "interrupted" in text
     assert "Traceback" not in text
     assert not list(out.rglob(".*.tmp"))
-    assert call("run", scene_file, "-o", out, "--device", "cpu", "-q").exit_code == 0
+    assert call(*run, "-q").exit_code == 0
     assert call("validate", out, "-q").exit_code == 0
 
 

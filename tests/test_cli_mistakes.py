@@ -1,5 +1,7 @@
 """What newcomers type wrong: one message that names what they gave and what to give instead, status 2, no traceback."""
 
+import shutil
+
 import pytest
 import standins
 import trimesh
@@ -23,10 +25,19 @@ def scene_file(tmp_path):
     return path
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A dataset of A; read it, do not change it."""
+    out = tmp_path_factory.mktemp("made") / "data"
+    with pytest.MonkeyPatch.context() as patch:
+        standins.install(patch)
+        produce(standins.make_scene({"outputs": ["A"]}), out, quiet=True)
+    return out
+
+
 @pytest.fixture
-def dataset(tmp_path):
-    produce(standins.make_scene({"outputs": ["A"]}), tmp_path / "data", quiet=True)
-    return tmp_path / "data"
+def dataset(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "data")
 
 
 @pytest.fixture

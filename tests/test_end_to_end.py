@@ -29,10 +29,12 @@ SMALL = [
     "growth=[{on: [terrain], kind: pebble, per_m2: 9, size_m: [0.1, 0.2], seed: 3}]",
     "--set",
     "render.max_triangles=20000",
+    "--set",
+    "water={jerlov: {type: IA}}",
     *(word for i in (0, 3, 4, 5) for word in ("--set", f"objects.{i}.chord_error_m=0.05")),
 ]
 """With a few copies, and pebbles that are large enough to be placed: kernels for them, textures and the field are those
-of tests/physics/test_field_integrator.py."""
+of tests/physics/test_field_integrator.py. In water that scatters little, for the field is coarse here."""
 
 
 def call(*arguments):
@@ -62,11 +64,8 @@ def test_one_sample_a_pixel_is_a_sound_dataset(made):
 
 
 def test_two_shards_of_a_real_run_give_the_same_bytes(made, tmp_path):
-    """With a given integrator: that a plan is the same each time is shown of the planner.
-
-    In water that scatters little, for the field is coarse here.
-    """
-    how = [*SMALL, "--integrator", "field", "--set", "water={jerlov: {type: IA}}"]
+    """With a given integrator: that a plan is the same each time is shown of the planner."""
+    how = [*SMALL, "--integrator", "field"]
     for shard in (["--shard", "1/2"], ["--shard", "0/2"]):
         call("run", made / "scene.yaml", "-o", tmp_path / "shards", *shard, *how)
     call("run", made / "scene.yaml", "-o", tmp_path / "whole", *how)

@@ -45,7 +45,7 @@ SMALL = {
         "scatter.0.count=3",
         *(f"objects.{i}.{key}" for i in range(4) for key in ("length_m=3", "height_m=4", "fender_length_m=2")),
     ],
-    "hull": [f"objects.{i}.length_m=8" for i in range(3)],
+    "hull": [f"objects.{i}.length_m=5" for i in range(3)],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],
     **{board: ["terrain.resolution=33"] for board in ("calibration_camera", "calibration_imu")},
     **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
@@ -73,12 +73,16 @@ would be compiled anew, and what says how many pixels there are: other tests ren
 
 
 def with_little_on_it(scene: Scene) -> list[str]:
-    """Surfaces of few triangles, and a tenth of what grows on them: most of the time goes into forming them."""
+    """Surfaces of few triangles, a tenth of what grows on them, scattered stones of two shapes at most.
+
+    Most of the time goes into forming them, each shape anew.
+    """
     objects = {f"objects.{i}": each for i, each in enumerate(scene.objects)}
     objects |= {f"scatter.{i}.object": each.object for i, each in enumerate(scene.scatter)}
     return [
-        "render.max_triangles=20000",
+        "render.max_triangles=6000",
         *(f"{key}.chord_error_m=0.05" for key, each in objects.items() if "chord_error_m" in type(each).model_fields),
+        *(f"scatter.{i}.shapes=2" for i, each in enumerate(scene.scatter) if (each.shapes or 1) > 2),
         *(f"growth.{i}.per_m2={0.1 * each.per_m2}" for i, each in enumerate(scene.growth) if each.per_m2),
     ]
 

@@ -21,7 +21,11 @@ from varos_warp.cli import app
 EXAMPLE = Path(__file__).parents[1] / "examples" / "publish"
 FEW_THINGS = [
     word
-    for change in ("growth=[]", "terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3")
+    for change in (
+        "growth=[]",
+        "terrain.resolution=65",
+        *(f"scatter.{i}.{few}" for i in (0, 1) for few in ("count=3", "shapes=1")),
+    )
     for word in ("--set", change)
 ]
 """The scene with little to form: what is published of it are files all the same."""

@@ -44,7 +44,7 @@ class TexturedRenderer(standins.FlatFloorRenderer):
     c, noise = 0.0, 0.002
 
     def render(self, T_w_v, camera, outputs, **how):
-        made = super().render(T_w_v, camera, outputs, **how)
+        made = super().render(T_w_v, camera, [letter for letter in outputs if letter != "A"], **how)
         view = next(c for c in self.scene.vehicle.cameras if c.id == camera)
         matrices = (np.asarray(m, float).tobytes() for m in (intrinsics(view), camera_pose(view, T_w_v)))
         t, albedo = floor_seen(tuple(view.resolution), *matrices)
@@ -59,17 +59,21 @@ class TexturedRenderer(standins.FlatFloorRenderer):
         }
         if "A" in outputs:
             made.A = SimpleNamespace(
-                **made.A.__dict__
-                | {"radiance": layers["direct"] + layers["single"], "stderr": 0 * layers["direct"], "layers": layers}
+                **dict.fromkeys(("albedo", "normal", "correction", "denoised", "snow")),
+                spp=1.0,
+                lost_samples=0,
+                radiance=layers["direct"] + layers["single"],
+                stderr=0 * layers["direct"],
+                layers=layers,
             )
         return made
 
 
-def textured_scene(outputs="ADF", **render):
+def textured_scene(outputs="ADF", resolution=(320, 240), **render):
     """A stereo pair that looks at the floor, obliquely, and moves along a bent line for two seconds."""
     vehicle = standins.scene_dict()["vehicle"]
     vehicle["cameras"] = [
-        {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0], "resolution": [320, 240]}
+        {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0], "resolution": [*resolution]}
         for name, x in (("L0", -0.15), ("R0", 0.15))
     ]
     course = [

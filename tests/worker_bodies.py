@@ -98,7 +98,7 @@ def sleep_in_two_workers(folder: Path) -> None:
 
 
 def slow_command(out: Path) -> None:
-    """The command line with two workers that take long for each image."""
+    """The command line with a worker that takes long for each image."""
     from functools import partial
 
     import pytest
@@ -113,5 +113,5 @@ def slow_command(out: Path) -> None:
     patch.setattr(load, "load_scene", lambda *_: standins.make_scene(render={"outputs": ["D"]}))
     patch.setattr(produce, "render_shard", partial(flat_floor_shard, "slow", None))
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.argv = ["varos-warp", "run", "scene.yaml", "-o", str(out), "--device", "cpu", "--workers", "2"]
+    sys.argv = ["varos-warp", "run", "scene.yaml", "-o", str(out), "--device", "cpu", "--workers", "1"]
     cli.main()

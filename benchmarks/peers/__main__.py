@@ -47,7 +47,7 @@ def agree(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="JSON; absent: ../results")] = None,
 ):
     """Compare image means by this project and by the peers: soft lights, a lens and real meshes, in several waters."""
-    from benchmarks.peers.agree import CASES, RESULTS, TOLERANCE, measure
+    from benchmarks.peers.agree import AGREEMENT, CASES, TOLERANCE, measure
 
     known = {":".join(case): case for case in CASES}
     for key, names, there_are in (("--only", only, known), ("--light", light, TOLERANCE)):
@@ -55,7 +55,7 @@ def agree(
             require_known(name, there_are, "there is no such case", key=key)
     for name in peer or ():
         peers.check_available(name)
-    measure(seconds, output or RESULTS, [known[name] for name in only or known], peer, light or tuple(TOLERANCE))
+    measure(seconds, output or AGREEMENT, [known[name] for name in only or known], peer, light or tuple(TOLERANCE))
 
 
 def main():

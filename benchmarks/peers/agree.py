@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import peers
-from benchmarks.machine import Stopwatch, machine
-from benchmarks.scenes import BenchScene
+from benchmarks.light import scores
+from benchmarks.light.scenes import from_file
+from benchmarks.machine import RESULTS, Stopwatch, machine
 from varos_warp.dataset.files import write_json
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import LAYERS, FrameRenderer
 
 HERE = Path(__file__).parent
-RESULTS = HERE.parent / "results" / "peers_agree.json"
+AGREEMENT = RESULTS / "peers_agree.json"
 SCENES = ("lamps", "lens", "meshes")
 WATERS = {
     "ff3.6": "{kind: fournier_forand, n: 1.10, mu: 3.5835}",
@@ -111,23 +112,23 @@ class Case:
     def __init__(self, scene: str, water: str):
         self.scene, self.water = scene, water
         change = f"water.coefficients.phase={WATERS[water]}"
-        self.bench = BenchScene(scene, scene, HERE / "scenes" / f"{scene}.yaml", (change,))
+        self.built = from_file(HERE / "scenes" / f"{scene}.yaml", (change,))
 
     @cached_property
     def _renderer(self) -> FrameRenderer:
-        return FrameRenderer(self.bench.scene, "cpu", self.bench.parts)
+        return FrameRenderer(self.built.scene, "cpu", self.built.parts)
 
     def render(self, name: str, light: str, spp: int, seed: int) -> tuple[np.ndarray, float]:
         """Linear radiance [H, W, 3], and the CPU seconds that it took."""
-        bench, one = self.bench, light == "one event"
+        built, one = self.built, light == "one event"
         if name not in OURS:
             how = {"spp": spp, "seed": seed, "max_events": 1 if one else None}
-            made = peers.render(name, bench.scene, bench.parts, bench.camera, bench.T_w_v, **how)
+            made = peers.render(name, built.scene, built.parts, built.camera, built.T_w_v, **how)
             return made.radiance, made.cpu_seconds
         watch = Stopwatch()
         how = {"integrator": name, "spp": spp, "seed": seed, "denoise": "none"}
         layers = ("direct", "single") if one else LAYERS
-        image = self._renderer.render(bench.T_w_v, bench.camera, "A", layers=layers, **how).A
+        image = self._renderer.render(built.T_w_v, built.camera, "A", layers=layers, **how).A
         return image.radiance, watch.cpu_seconds
 
     def estimate(self, name: str, light: str, seconds: float) -> Estimate:
@@ -137,9 +138,8 @@ class Case:
         _, cost = self.render(name, light, PILOT_SPP, 0)
         spp = int(np.clip(PILOT_SPP * seconds / REPLICATES / max(cost, 1e-3), PILOT_SPP, MOST_SPP))
         made = [self.render(name, light, spp, seed) for seed in range(1, REPLICATES + 1)]
-        means = np.array([radiance.mean(axis=(0, 1), dtype=float) for radiance, _ in made])
-        stderr = means.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
-        return Estimate(means.mean(axis=0), stderr, spp, sum(cpu for _, cpu in made))
+        mean, stderr = scores.Estimate(np.array([radiance for radiance, _ in made])).whole
+        return Estimate(mean, stderr, spp, sum(cpu for _, cpu in made))
 
     def row(self, light: str, programs, seconds: float) -> Row:
         """All programs that render it."""
@@ -152,7 +152,7 @@ class Case:
         return row
 
 
-def measure(seconds: float, output: Path = RESULTS, cases=CASES, others=None, lights=tuple(TOLERANCE)) -> None:
+def measure(seconds: float, output: Path = AGREEMENT, cases=CASES, others=None, lights=tuple(TOLERANCE)) -> None:
     """Print a table in Markdown, a line for each program, and put the rows into ``output``, in place of older ones.
 
     ``seconds`` are of CPU for each peer, scene and water, for light of all orders; less for one event. Absent

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.peers.view import FOURNIER_FORAND, RAYLEIGH, PlainLight, PlainMesh, PlainScene
+from benchmarks.peers.view import FOURNIER_FORAND, RAYLEIGH, PlainLight, PlainMesh, PlainScene, soft_edge
 from varos_warp.errors import InputError
 
 MASK_ERROR = 1e-4
@@ -177,13 +177,6 @@ def _towards(light):
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.column_stack([x, np.cross(z, x), z]), light.position
     return T
-
-
-def soft_edge(cos_angle, half_angle: float, blend: float):
-    """Share of the intensity at an angle to the axis (Blender's spot, as measured on Cycles)."""
-    size = np.cos(half_angle)
-    x = np.clip((cos_angle - size) / (blend * (1.0 - size)), 0.0, 1.0)
-    return x * x * (3.0 - 2.0 * x)
 
 
 def mask_pixels(half_angle: float, blend: float) -> int:

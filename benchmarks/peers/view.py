@@ -11,6 +11,15 @@ HENYEY_GREENSTEIN, FOURNIER_FORAND, RAYLEIGH = "henyey_greenstein", "fournier_fo
 """Kinds of phase functions."""
 
 
+def soft_edge(cosine, half_angle: float, blend: float):
+    """Share of a spot's intensity at an angle to its axis: smoothstep over a share of its cone, as in Blender."""
+    size = np.cos(half_angle)
+    if blend == 0.0:
+        return cosine >= size
+    x = np.clip((cosine - size) / (blend * (1.0 - size)), 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
 @dataclass(frozen=True)
 class Lobe:
     """One phase function of a sum."""

@@ -3,20 +3,19 @@
     python -m benchmarks.stability [KEY ...] [--only transport] [--list] [--page]
 
 Without a key all of them run: minutes on two cores. What is measured goes into benchmarks/results/stability.json by its
-key, so that a single entry can be measured again; ``--page`` only writes the page.
+key, so that a single entry can be measured again; ``--page`` only writes the page. Entries of map.yaml that no module
+here sweeps are settled: their numbers stay, and tests guard them.
 """
 
 import importlib
 import json
-from pathlib import Path
 
-from benchmarks.machine import Stopwatch, command, commit, cpu_name
+from benchmarks.machine import RESULTS, ROOT, Stopwatch, command, commit, cpu_name, save
 from benchmarks.stability.entry import Series, measured, record_of, words
 from benchmarks.stability.page import write_page
 from varos_warp.device.devices import usable_cores
 
-ROOT = Path(__file__).parents[2]
-RESULTS = ROOT / "benchmarks" / "results" / "stability.json"
+MAP = RESULTS / "stability.json"
 PAGE = ROOT / "docs" / "stability.md"
 GROUPS = {
     "transport_media": "Light transport: water and phase functions",
@@ -26,13 +25,15 @@ GROUPS = {
     "dynamics": "Vehicle dynamics, control and sensors",
     "geometry": "Meshes, guidance and coordinates",
 }
-"""Modules of sweeps here and the titles of their sections."""
+"""Groups of entries and the titles of their sections."""
+MODULES = ("transport_media", "transport_lamps", "transport_surfaces", "transport_images", "dynamics")
+"""Groups with a module of sweeps here."""
 
 
 def sweeps() -> dict[str, tuple[str, Series]]:
     """Key -> (group, series) of every sweep there is."""
     found: dict = {}
-    for group in GROUPS:
+    for group in MODULES:
         for key, series in importlib.import_module(f"benchmarks.stability.{group}").SWEEPS.items():
             if key in found:
                 raise ValueError(f"two sweeps are called {key}")
@@ -69,19 +70,16 @@ def main():
             print(f"{group:20} {key}")
         elif not arguments.page:
             record = measure(key, group, series)
-            keep({key: record}, found)
+            keep({key: record})
             print(f"{key}: {record['seconds']} s", flush=True)
     if not arguments.list:
-        keep({}, found)
-        write_page(json.loads(RESULTS.read_text()), words(), GROUPS, PAGE)
+        write_page(json.loads(MAP.read_text()), words(), GROUPS, PAGE)
 
 
-def keep(measured: dict, found: dict):
-    """Add to the results, which other runs may have added to meanwhile; only entries that there still are stay."""
-    kept = (json.loads(RESULTS.read_text()) if RESULTS.exists() else {}) | measured
-    kept = {key: kept[key] for key, (group, _) in found.items() if key in kept and kept[key]["group"] == group}
-    RESULTS.with_suffix(".tmp").write_text(json.dumps(kept, indent=1) + "\n")
-    RESULTS.with_suffix(".tmp").replace(RESULTS)
+def keep(measured: dict):
+    """Add to the results, which other runs may have added to meanwhile; only what the map speaks of stays."""
+    kept = json.loads(MAP.read_text()) | measured
+    save(MAP, {key: kept[key] for key in words() if key in kept})
 
 
 if __name__ == "__main__":

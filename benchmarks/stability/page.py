@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
+from benchmarks.chart import plt, save_figure
+from benchmarks.machine import markdown
 from benchmarks.stability.entry import Sweep, sweep_of
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 
 COLUMNS = 3
 SMALLEST = 1e-12
@@ -36,7 +34,7 @@ def write_page(results: dict, said: dict, groups: dict[str, str], page: Path):
         text += [
             f"## {title}\n",
             _table(sweeps),
-            f"\n![{title}]({figure})\n",
+            f"![{title}]({figure})\n",
             _measures(sweeps),
             _made(list(records.values())),
         ]
@@ -44,10 +42,8 @@ def write_page(results: dict, said: dict, groups: dict[str, str], page: Path):
 
 
 def _table(sweeps: list[Sweep]) -> str:
-    rows = [TITLES, ("---",) * len(TITLES)]
-    for sweep in sweeps:
-        rows.append((sweep.method, sweep.parameter, sweep.limit, sweep.fails, sweep.program, _link(sweep.test)))
-    return "\n".join(f"| {' | '.join(_cell(text) for text in row)} |" for row in rows)
+    rows = [(s.method, s.parameter, s.limit, s.fails, s.program, _link(s.test)) for s in sweeps]
+    return markdown(TITLES, [[_cell(text) for text in row] for row in rows])
 
 
 def _cell(text: str) -> str:
@@ -91,9 +87,7 @@ def draw(sweeps: list[Sweep], path: Path):
         _panel(axis, sweep)
     for axis in axes.flat[len(sweeps) :]:
         axis.axis("off")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+    save_figure(figure, path, dpi=90)
 
 
 def _panel(axis, sweep: Sweep):

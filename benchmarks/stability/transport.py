@@ -1,14 +1,21 @@
 """What the sweeps of light transport share: estimates of one ray, and how far they are from the truth."""
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import warp as wp
 
+from benchmarks.stability.entry import Series
 from tests.physics.rig import radiance, single_scattering
 from varos_warp.errors import InputError
 
 INTEGRATORS = ("field", "path", "reference")
+
+
+def by_each(error: Callable, *arguments, integrators=INTEGRATORS) -> Series:
+    """A series for each integrator: ``error(value, *arguments, integrator)``."""
+    return {name: lambda value, by=name: error(value, *arguments, by) for name in integrators}
 
 
 def estimate(scene, parts=(), layer=None, **how) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 
 from benchmarks.stability.entry import Sweeps
-from benchmarks.stability.transport import INTEGRATORS, estimate, off, run, truth_of
+from benchmarks.stability.transport import by_each, estimate, off, run, truth_of
 from tests.physics.rig import floor, one_ray_scene, point, spot, water
 from varos_warp.kernels.world.lights.light import falloff
 from varos_warp.kernels.world.lights.record import Light
@@ -76,11 +76,9 @@ def _cone_or_nan(cone: float, blend: float, integrator: str) -> float:
     return cone_error(cone, blend, integrator) if 20 <= cone <= 179 or integrator == "path" else np.nan
 
 
-SIDES = [0.1, 0.01, 1e-3, 1e-4, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8]
-CONES = [0.01, 0.1, 0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 65.0, 120.0, 179.0, 181.0, 270.0, 350.0, 359.9, 359.99, 359.999]
 SWEEPS: Sweeps = {
-    "lamp_beside_the_ray": {name: lambda h, by=name: beside_error(h, 2.0, by) for name in INTEGRATORS},
-    "lamp_on_the_camera": {name: lambda h, by=name: beside_error(h, 0.0, by) for name in INTEGRATORS},
+    "lamp_beside_the_ray": by_each(beside_error, 2.0),
+    "lamp_on_the_camera": by_each(beside_error, 0.0),
     "distance_to_a_lit_surface": {
         f"{name}, plate of {label}": lambda d, by=name, least=least: lit_error(d, max(20 * d, least), by)
         for name in ("path", "reference")
@@ -94,5 +92,5 @@ SWEEPS: Sweeps = {
         for name in ("field", "path")
         for blend in (0.0, 1.0)
     },
-    "intensity": {name: lambda x, by=name: intensity_error(np.log10(x), by) for name in INTEGRATORS},
+    "intensity": by_each(lambda x, by: intensity_error(np.log10(x), by)),
 }

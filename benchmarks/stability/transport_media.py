@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from benchmarks.stability.entry import Sweeps
-from benchmarks.stability.transport import INTEGRATORS, estimate, off, run, truth_of
+from benchmarks.stability.transport import by_each, estimate, off, run, truth_of
 from tests.physics.rig import VAROS_LAMPS, one_ray_scene, point, water
 from varos_warp.kernels.world.medium import sample_truncated_exponential
 from varos_warp.kernels.world.phase import hg_eval, hg_sample_one_minus_cos
@@ -136,18 +136,18 @@ def flight_error(sigma: float, t_max: float) -> float:
 
 
 SWEEPS: Sweeps = {
-    "single_over_sigma_t": {name: lambda s, by=name: single_error(s, 0.8, by) for name in INTEGRATORS},
+    "single_over_sigma_t": by_each(single_error, 0.8),
     "single_over_optical_distance": {
         name: lambda h, by=name: single_error(1.0, 0.8, by, (h, 0.0, 0.0)) for name in ("field", "path")
     },
-    "single_over_g": {name: lambda g, by=name: _worst_over_lamps(g, by) for name in ("field", "path")},
+    "single_over_g": by_each(_worst_over_lamps, integrators=("field", "path")),
     "phase_function_over_g": {
         "value, g > 0": lambda x: phase_value_error(1 - x),
         "value, g < 0": lambda x: phase_value_error(x - 1),
         "1 - mean cosine, g > 0": lambda x: phase_moment_error(1 - x),
         "1 + mean cosine, g < 0": lambda x: phase_moment_error(x - 1),
     },
-    "all_orders_over_albedo": {name: lambda x, by=name: abs(_of_case_zweifel(x, by)[0] - 1) for name in INTEGRATORS}
+    "all_orders_over_albedo": by_each(lambda x, by: abs(_of_case_zweifel(x, by)[0] - 1))
     | {"stderr of path": lambda x: _of_case_zweifel(x, "path")[1]},
     "field_over_sigma_t": {("field", "stderr of path"): lambda s: multiple_errors(s, 0.8, "spots of 65 degrees")},
     "field_over_g": {

@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 
 from benchmarks.stability.entry import Sweeps
+from tests.physics.rig import floor
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -22,11 +23,8 @@ def part(vertices, faces) -> Part:
 
 
 def wall(distance: float, size: float, offset=(0.0, 0.0, 0.0)) -> Part:
-    """A square of two triangles across the view."""
-    corners = np.array(
-        [[-size, distance, -size], [size, distance, -size], [size, distance, size], [-size, distance, size]]
-    )
-    return part(corners + offset, [[0, 2, 1], [0, 3, 2]])
+    """A grey square of two triangles across the view."""
+    return floor(distance, 0.5, size, offset)
 
 
 def scene_of(lights, positions=((0.0, 0.0, 0.0),), **view) -> Scene:

@@ -111,11 +111,11 @@ def test_rows_replace_older_ones_of_the_same_case(tmp_path):
 
 @pytest.mark.parametrize(("scene", "water"), agree.CASES)
 def test_cases_load_and_have_what_they_are_named_for(scene, water):
-    bench = agree.Case(scene, water).bench
-    assert len(bench.parts) >= 2
-    assert all(lamp.blend > 0.0 for lamp in bench.scene.vehicle.lights)
-    assert (bench.camera.f_stop > 0.0) == (scene == "lens")
-    assert lobes_of(phase_function(bench.scene))
+    built = agree.Case(scene, water).built
+    assert len(built.parts) >= 2
+    assert all(lamp.blend > 0.0 for lamp in built.scene.vehicle.lights)
+    assert (built.camera.f_stop > 0.0) == (scene == "lens")
+    assert lobes_of(phase_function(built.scene))
 
 
 # ---------------------------------------------------------------------------------------------------------- rendering

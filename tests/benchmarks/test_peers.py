@@ -13,8 +13,9 @@ import pytest
 from physics.rig import Z, one_ray_scene, single_scattering, spot
 
 from benchmarks import peers
-from benchmarks.peers.mitsuba_scene import MASK_PIXELS, mask_pixels, soft_edge, write_mitsuba
+from benchmarks.peers.mitsuba_scene import MASK_PIXELS, mask_pixels, write_mitsuba
 from benchmarks.peers.plain import plain_scene
+from benchmarks.peers.view import soft_edge
 from benchmarks.scenes import SCENES, references
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer

@@ -1,14 +1,12 @@
 """The order of work, the budget and what is written, with stand-ins that render nothing."""
 
-import csv
 import json
-import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks import chart, methods, radiance, scenes, store
+from benchmarks import chart, methods, peers, radiance, scenes, store
 from benchmarks.errors import Reference
 from benchmarks.methods import Method, Timed
 from varos_warp.errors import InputError
@@ -99,11 +97,9 @@ def test_every_row_is_on_disk_before_the_next_is_made(bench, tmp_path):
     kept = store.Store(tmp_path, MACHINE)
     with pytest.raises(KeyboardInterrupt):
         radiance.compare(bench, series("0.1"), "cuda:0", 100.0, kept, killed)
-    with (tmp_path / "A.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["spp"] for row in rows] == ["1", "4", "16"]
-    assert {row["commit"] for row in rows} == {"abc"}
-    assert len(json.loads((tmp_path / "bench.json").read_text())["A"]) == 3
+    result = json.loads((tmp_path / "bench.json").read_text())
+    assert [row["spp"] for row in result["A"]] == [1, 4, 16]
+    assert result["machine"]["commit"] == "abc"
 
 
 def test_the_charts_are_drawn(bench, tmp_path):
@@ -127,9 +123,8 @@ def test_other_programs_join_in_where_they_are_installed(monkeypatch):
         calls.append((name, spp, denoise))
         return SimpleNamespace(radiance=np.ones(SHAPE, np.float32), seconds=1.0, cpu_seconds=2.0, setup_seconds=3.0)
 
-    module = ModuleType("benchmarks.peers")
-    module.__dict__.update(available=lambda: ["mitsuba", "cycles"], render=render)
-    monkeypatch.setitem(sys.modules, "benchmarks.peers", module)
+    monkeypatch.setattr(peers, "available", lambda: ["mitsuba", "cycles"])
+    monkeypatch.setattr(peers, "render", render)
     plain, denoised = methods.find(["mitsuba", "cycles+oidn"])
     bench = SimpleNamespace(scene=None, parts=[], camera=None, T_w_v=None)
     made, setup = methods.Workshop(bench, "cpu").prepare(denoised)
@@ -143,7 +138,7 @@ def test_other_programs_join_in_where_they_are_installed(monkeypatch):
 
 
 def test_without_them_only_ours_are_known(monkeypatch):
-    monkeypatch.setitem(sys.modules, "benchmarks.peers", None)
+    monkeypatch.setattr(peers, "available", list)
     assert methods.find([]) == list(methods.OURS)
 
 

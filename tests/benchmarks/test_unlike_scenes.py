@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.light import many_seeds, scores
-from benchmarks.light.scenes import SCENES, build
+from benchmarks.light.scenes import SCENES, build, build_planned
 from benchmarks.light.scores import Estimate
 from varos_warp.errors import InputError
 from varos_warp.render.renderer import FrameRenderer
@@ -48,7 +48,8 @@ def test_error_bars_and_times_of_many_seeds(capsys, monkeypatch):
     """Each subject tells of each scene what its name says."""
     monkeypatch.setattr(many_seeds, "SEEDS_OF_REFERENCE", 2)
     small = ["--scenes", "paper_room", "--resolution", "24x14", "--seeds", "3", "--spp", "2", "--rates", "0.5,2"]
-    expected = {"bars": "field z_variance", "means": "block_z", "choice": "over_best", "rate": "2"}
+    small += ["--reference-spp", "16"]
+    expected = {"bars": "field z_variance", "means": "block_z", "choice": "over_best", "tolerance": "kept", "rate": "2"}
     for subject, key in expected.items():
         many_seeds.main([subject, *small])
         name, row = capsys.readouterr().out.strip().splitlines()[-1].split(" ", 1)
@@ -57,8 +58,18 @@ def test_error_bars_and_times_of_many_seeds(capsys, monkeypatch):
 
 
 def test_an_unknown_scene_is_refused():
-    with pytest.raises(InputError, match="no such scene"):
-        build("atlantis")
+    for make in (build, build_planned):
+        with pytest.raises(InputError, match="no such scene"):
+            make("atlantis")
+
+
+def test_scenes_for_plans_are_files_with_their_changes_at_their_own_size():
+    scene = build_planned("fixed_camera").scene
+    assert scene.render.tolerance == 0.03
+    assert scene.render.spp is None
+    assert scene.vehicle.cameras[0].mount == "world"
+    assert scene.vehicle.cameras[0].resolution == (320, 180)
+    assert build_planned("no_water").scene.water == "none"
 
 
 def test_gaussian_noise_that_claims_itself_is_calibrated():
@@ -135,11 +146,3 @@ def test_a_bias_is_told_and_noise_is_not():
     told = scores.bias(Estimate(off), Estimate(noisy(0.1, 12, seed=7)))
     assert told["block_z"] > 4.5
     assert told["block_z_at"] == [1, 1, 2]
-
-
-def test_batches_weigh_by_their_samples():
-    """Two images of 1 sample and one of 8 know as much as ten of 1."""
-    values = np.random.default_rng(5).standard_normal((200_000, 3)) * [[1.0, 1.0, 8**-0.5]]
-    mean, stderr = Estimate(None, np.array([1.0, 1.0, 8.0])).of(values.T)
-    assert mean.std() == pytest.approx(10**-0.5, rel=0.02)
-    assert np.sqrt((stderr**2).mean()) == pytest.approx(10**-0.5, rel=0.02)

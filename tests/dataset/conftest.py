@@ -2,11 +2,26 @@
 
 import shutil
 from functools import cache
+from multiprocessing import get_all_start_methods, get_context
 
 import pytest
 import standins
 
+from varos_warp.dataset.run import workers
 from varos_warp.dataset.run.produce import produce
+
+READY = [
+    "pytest",
+    "varos_warp.dataset.sweep.run",
+    "varos_warp.dataset.report",
+    "varos_warp.render.renderer",
+    "varos_warp.render.planner.plan",
+    "varos_warp.sim.trajectory",
+    "benchmarks.soak",
+    "PIL.PngImagePlugin",
+    "standins",
+]
+"""What processes that share nothing with others have imported when they start."""
 
 
 @pytest.fixture
@@ -19,6 +34,27 @@ def unchecked(tmp_path):
         return copied
 
     return copy_of
+
+
+@pytest.fixture(scope="session")
+def processes():
+    """Makes processes that share nothing with other ones; they are forks of one that imports, once, and does no more.
+
+    They do not see what tests change in the environment.
+    """
+    context = get_context("forkserver" if "forkserver" in get_all_start_methods() else "spawn")
+    if context.get_start_method() == "forkserver":
+        context.set_forkserver_preload(READY)
+    return context
+
+
+@pytest.fixture
+def ready_workers(monkeypatch, processes):
+    """Workers of a run start in a tenth of a second, not after three of imports, as those of users do.
+
+    That these start at all is for tests of the command line and of tables.
+    """
+    monkeypatch.setattr(workers, "_context", processes)
 
 
 @pytest.fixture(autouse=True)

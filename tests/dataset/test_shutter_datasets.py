@@ -43,6 +43,19 @@ def copy(whole, unchecked):
     return unchecked(whole)
 
 
+@pytest.fixture(scope="module")
+def of_d(tmp_path_factory):
+    """As `whole`, of D alone, for damage that the vehicle's motion tells."""
+    with pytest.MonkeyPatch.context() as patch:
+        install(patch)
+        return made_with(tmp_path_factory.mktemp("rolling") / "d", "D")
+
+
+@pytest.fixture
+def copy_of_d(of_d, unchecked):
+    return unchecked(of_d)
+
+
 # ------------------------------------------------------------------------------------------------------- in the dataset
 
 
@@ -181,13 +194,15 @@ def test_a_camera_that_stands_in_the_world_needs_no_poses_of_rows(tmp_path):
     assert len(np.unique(data[1].row_times_ns)) == 54
 
 
-def test_frames_that_come_later_make_the_same_bytes(whole, tmp_path):
-    out = made_with(tmp_path / "data", frames=slice(3, 5))
+def test_frames_that_come_later_make_the_same_bytes(tmp_path):
+    """Of a small camera."""
+    whole = made_with(tmp_path / "whole", size=[48, 27])
+    out = made_with(tmp_path / "data", size=[48, 27], frames=slice(3, 5))
     assert np.array_equal(np.load(Dataset(out).layout.row_poses("M0")), rows.read(Dataset(whole))[3:5])
     assert validate(out, quiet=True).problems == []
-    made_with(out, frames=slice(0, 10, 2), shard=(0, 2))
-    made_with(out, frames=slice(0, 10, 2), shard=(1, 2))
-    made_with(out)
+    made_with(out, size=[48, 27], frames=slice(0, 10, 2), shard=(0, 2))
+    made_with(out, size=[48, 27], frames=slice(0, 10, 2), shard=(1, 2))
+    made_with(out, size=[48, 27])
     assert tree(out) == tree(whole)
 
 
@@ -236,12 +251,12 @@ def no_number(table):
         (upside_down, "of frame 0 is not where"),
     ],
 )
-def test_damaged_poses_of_rows_are_named(copy, damage, problem):
-    path = Dataset(copy).layout.row_poses("M0")
+def test_damaged_poses_of_rows_are_named(copy_of_d, damage, problem):
+    path = Dataset(copy_of_d).layout.row_poses("M0")
     table = np.load(path)
     damage(table)
     np.save(path, table)
-    problems = validate(copy, quiet=True).problems
+    problems = validate(copy_of_d, quiet=True).problems
     assert any(problem in found and "camM0_poses_rows.npy" in found for found in problems), problems
 
 
@@ -256,12 +271,12 @@ def test_damaged_poses_of_rows_are_named(copy, damage, problem):
         (lambda path, table: np.save(path, np.array([{}]), allow_pickle=True), "cannot be read"),
     ],
 )
-def test_a_file_of_rows_that_cannot_be_used_is_named(copy, damage, problem):
-    path = Dataset(copy).layout.row_poses("M0")
+def test_a_file_of_rows_that_cannot_be_used_is_named(copy_of_d, damage, problem):
+    path = Dataset(copy_of_d).layout.row_poses("M0")
     damage(path, np.load(path))
-    assert any(problem in found and path.name in found for found in validate(copy, quiet=True).problems)
+    assert any(problem in found and path.name in found for found in validate(copy_of_d, quiet=True).problems)
     with pytest.raises(InputError, match=path.name):
-        Dataset(copy)[0].T_w_c_rows  # noqa: B018
+        Dataset(copy_of_d)[0].T_w_c_rows  # noqa: B018
 
 
 def test_where_no_vehicle_is_on_record_the_images_tell(tmp_path):
@@ -278,11 +293,11 @@ def test_where_no_vehicle_is_on_record_the_images_tell(tmp_path):
     assert any("of frame 0 is not where" in problem for problem in validate(out, quiet=True).problems)
 
 
-def test_another_readout_in_dataset_json_is_found(copy):
-    meta = json.loads((copy / "dataset.json").read_text())
+def test_another_readout_in_dataset_json_is_found(copy_of_d):
+    meta = json.loads((copy_of_d / "dataset.json").read_text())
     meta["cameras"][0]["exposure"]["readout_s"] = 0.02
-    (copy / "dataset.json").write_text(json.dumps(meta))
-    problems = validate(copy, quiet=True).problems
+    (copy_of_d / "dataset.json").write_text(json.dumps(meta))
+    problems = validate(copy_of_d, quiet=True).problems
     assert any("exposure.readout_s" in problem for problem in problems)
     assert any("is not where the vehicle's motion has it" in problem for problem in problems)
 

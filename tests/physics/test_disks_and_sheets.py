@@ -6,6 +6,7 @@ from numpy.polynomial.legendre import leggauss
 from rig import assert_agrees, floor, hg, one_ray_scene, radiance, single_scattering, spot, to_vehicle, water
 
 from varos_warp.errors import InputError
+from varos_warp.render.field.along_camera import along_camera
 from varos_warp.render.renderer import FrameRenderer
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.world import Diffuse
@@ -133,10 +134,22 @@ def test_paths_and_the_reference_agree_in_turbid_water():
     assert_agrees(one, other[0], truth_stderr=other[1], precision=0.02)
 
 
-@pytest.mark.parametrize(("lamp", "why"), [(disk(0.1), "radius_m"), (sheet(), "'sheet'")], ids=["disk", "sheet"])
-def test_disks_and_sheets_are_rendered_by_paths_and_the_field_says_why(lamp, why):
-    renderer = FrameRenderer(one_ray_scene([lamp], WATER, pixels=2), "cpu", parts=[])
-    with pytest.raises(InputError, match=why):
+@pytest.mark.parametrize("radius", [0.05, 0.4], ids=["tables along the rays", "no tables"])
+@pytest.mark.parametrize("layer", ["single", "multiple"])
+def test_the_field_and_paths_agree_on_a_disk_beside_the_camera(radius, layer):
+    """With a wall that hides a part of what it scatters; in the corner, the penumbra shows."""
+    lamp = disk(radius, (-0.25, 0, -0.1), axis=(0.2, 0, 1), cone_deg=80.0)
+    scene = one_ray_scene([lamp], WATER, direction=(0.2, 0, 1))
+    assert along_camera(scene, scene.vehicle.cameras[0]) == (radius < 0.1)
+    parts = [*CORNER, plate("edge", [[-0.1, -0.5, 0.8], [0.1, -0.5, 0.8], [0.1, 0.5, 0.8], [-0.1, 0.5, 0.8]], 0.3)]
+    field = radiance(scene, parts, layer, spp=512, integrator="field")
+    paths = radiance(scene, parts, layer, spp=2048)
+    assert_agrees(field, paths[0], truth_stderr=paths[1])
+
+
+def test_sheets_are_rendered_by_paths_and_the_field_says_why():
+    renderer = FrameRenderer(one_ray_scene([sheet()], WATER, pixels=2), "cpu", parts=[])
+    with pytest.raises(InputError, match="'sheet'"):
         renderer.render(np.eye(4), outputs="A", spp=1, integrator="field")
 
 

@@ -7,7 +7,7 @@ from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
-from benchmarks.stability.dynamics_body import ROV, truth_of
+from benchmarks.stability.dynamics import ROV, truth_of
 from varos_warp.scene.description import vehicle as description
 from varos_warp.sim import quaternion
 from varos_warp.sim.vehicle.body import sphere

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from regulators import exact_gain
 
-from benchmarks.stability.riccati import exact_gain
 from varos_warp.errors import InputError
 from varos_warp.scene.description import vehicle as description
 from varos_warp.scene.file.load import scene_from_dict

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from benchmarks.stability import dynamics_body
+from benchmarks.stability.dynamics import SECONDS, end_of, misallocated, rov, truth_of
 from varos_warp.errors import InputError
 from varos_warp.products.sensors.imu import ImuNoise
 from varos_warp.scene.description import vehicle as description
@@ -90,20 +90,20 @@ def test_a_stiff_righting_moment_without_drag_is_cut_into_substeps_like_drag():
 
 def test_a_rigid_body_is_right_up_to_where_it_is_refused():
     """Substeps keep the error where it is, up to lambda h = 2."""
-    body = dynamics_body.rov()
-    truth, limit = dynamics_body.truth_of(body), 2.0 / body.stiffness()
-    steps = [dynamics_body.SECONDS / np.ceil(share * dynamics_body.SECONDS / limit) for share in (1.0, 8.0)]
-    error = [np.linalg.norm(dynamics_body.end_of(body, h) - truth) for h in steps]
+    body = rov()
+    truth, limit = truth_of(body), 2.0 / body.stiffness()
+    steps = [SECONDS / np.ceil(share * SECONDS / limit) for share in (1.0, 8.0)]
+    error = [np.linalg.norm(end_of(body, h) - truth) for h in steps]
     assert max(error) < 1e-6
     with pytest.raises(InputError, match="lambda h"):
-        dynamics_body.end_of(body, 1.02 * limit)
+        end_of(body, 1.02 * limit)
 
 
 def test_thrusters_that_are_all_but_parallel_are_refused():
     for degrees in (45.0, 1.0, 0.1):
-        assert dynamics_body.misallocated(np.radians(degrees)) < 1e-10
+        assert misallocated(np.radians(degrees)) < 1e-10
     with pytest.raises(InputError, match=r"force to the right \(x\)"):
-        dynamics_body.misallocated(np.radians(0.03))
+        misallocated(np.radians(0.03))
 
 
 @pytest.mark.parametrize("z", [0.1, 1.0, 1.9])

@@ -27,6 +27,8 @@ class SceneSpec:
     """Some material has an image or a pattern: more than colours of faces, and metal."""
     metals: bool = True
     """Some material shows bare metal."""
+    grain: bool = False
+    """Some material's tone varies from grain to grain."""
     rough: bool = False
     """Some material's diffuse part is rough."""
     masks: bool = False

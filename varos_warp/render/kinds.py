@@ -176,7 +176,7 @@ def lamps_tabled(scene: Scene, view: Camera) -> bool:
 
     It cannot where lamps change, or rays and lamps do not move together.
     """
-    return along_camera(scene, view) and not lights_vary(scene.lights) and not any(map(radius_of, scene.lights))
+    return along_camera(scene, view) and not lights_vary(scene.lights)
 
 
 def particle_kernels(

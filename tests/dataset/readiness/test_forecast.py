@@ -18,16 +18,16 @@ from varos_warp.dataset.readiness.measure import by_frame
 from varos_warp.dataset.readiness.odometry import forecast
 from varos_warp.dataset.readiness.odometry.score import STANDS, WRONG_TURN, WRONG_WAY, failed
 
-FRAMES = slice(0, 12)
+FRAMES = slice(0, 8)
 """Of 20."""
 
 
-def as_of_a_sweep(root, frames=slice(None)):
+def as_of_a_sweep(root, **how):
     """As a sweep over two waters and two seeds leaves it; the noise of the pixels stands for what seeds change."""
     versions = []
     for water, c in (("clear", 0.1), ("murky", 1.2)):
         for seed in (1, 2):
-            textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, frames=frames, outputs="AD")
+            textured.write(root / f"{water}-{seed}", c, noise=0.004 * seed, outputs="AD", **how)
             versions.append(
                 {
                     "name": f"{water}-{seed}",
@@ -41,7 +41,7 @@ def as_of_a_sweep(root, frames=slice(None)):
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory):
-    return as_of_a_sweep(tmp_path_factory.mktemp("sweep"), FRAMES)
+    return as_of_a_sweep(tmp_path_factory.mktemp("sweep"), frames=FRAMES)
 
 
 @pytest.fixture(scope="module")
@@ -164,8 +164,8 @@ def test_datasets_that_differ_in_their_seed_alone_are_one_with_a_standard_error(
 
 
 def test_the_command_tells_of_datasets_that_differ_in_their_seed_alone(tmp_path):
-    """Of three frames each."""
-    sweep = as_of_a_sweep(tmp_path / "sweep", slice(0, 3))
+    """Of three small frames each."""
+    sweep = as_of_a_sweep(tmp_path / "sweep", frames=slice(0, 3), resolution=(160, 120))
     done = CliRunner().invoke(
         app, ["readiness", str(sweep), "--json", "--seeds", "1", "--quiet", "-o", str(tmp_path / "page.html")]
     )

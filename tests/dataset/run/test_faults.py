@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from multiprocessing import get_context
 
 import filelock
 import pytest
@@ -26,7 +25,7 @@ from varos_warp.errors import InputError
 
 KILLS = 12
 FRAMES = 24
-processes = pytest.mark.skipif(sys.platform == "win32", reason="needs fork, signals and limits")
+posix = pytest.mark.skipif(sys.platform == "win32", reason="needs fork, signals and limits")
 
 
 # ------------------------------------------------------------------- runs of their own, with the real renderer
@@ -54,24 +53,11 @@ def quick_run(out):
 
 
 @pytest.fixture(scope="module")
-def start():
+def start(processes):
     """Starts `real_run`, or another, in a process that has imported everything and shares nothing with other ones."""
-    context = get_context("forkserver")
-    context.set_forkserver_preload(
-        [
-            "varos_warp.dataset.run.produce",
-            "varos_warp.dataset.report",
-            "varos_warp.render.renderer",
-            "varos_warp.render.planner.plan",
-            "varos_warp.sim.trajectory",
-            "benchmarks.soak",
-            "PIL.PngImagePlugin",
-            "standins",
-        ]
-    )
 
     def started(*args, body=real_run, **options):
-        process = context.Process(target=body, args=args, kwargs=options)
+        process = processes.Process(target=body, args=args, kwargs=options)
         process.start()
         return process
 
@@ -106,7 +92,7 @@ def kill_after(process, out, count: int) -> bool:
     return process.exitcode == -signal.SIGKILL
 
 
-@processes
+@posix
 def test_a_run_killed_at_random_moments_is_completed_to_the_bytes_of_an_uninterrupted_one(start, written, tmp_path):
     """And at each of these moments what has its name is what it will be in the end."""
     rng, kills, datasets, whole = random.Random(7), 0, 0, tree(written)
@@ -130,7 +116,7 @@ def test_a_run_killed_at_random_moments_is_completed_to_the_bytes_of_an_uninterr
     assert datasets > 1
 
 
-@processes
+@posix
 def test_files_that_cannot_grow_are_refused_in_one_message_and_the_rest_is_made_later(start, tmp_path):
     """The limit of a file's size, below that of A's EXR with all its layers."""
     how = {"size": (64, 36), "linear_exr": True}
@@ -147,7 +133,7 @@ def test_files_that_cannot_grow_are_refused_in_one_message_and_the_rest_is_made_
     assert tree(tmp_path / "out") == expected
 
 
-@processes
+@posix
 @pytest.mark.parametrize("size", ["600k", "1m"])
 def test_a_disk_that_is_full_is_refused_in_one_message_and_the_rest_is_made_when_there_is_space(
     start, whole, tmp_path, size
@@ -180,12 +166,11 @@ def test_a_disk_that_is_full_is_refused_in_one_message_and_the_rest_is_made_when
         subprocess.run(["umount", disk], check=True)
 
 
-@processes
-def test_shards_that_start_together_plan_once_and_make_the_bytes_of_a_plain_run(tmp_path, written):
-    context = get_context("forkserver")
+@posix
+def test_shards_that_start_together_plan_once_and_make_the_bytes_of_a_plain_run(processes, tmp_path, written):
     plans = tmp_path / "plans"
     plans.mkdir()
-    shards = [context.Process(target=slow_shard, args=(tmp_path / "out", plans, i)) for i in range(3)]
+    shards = [processes.Process(target=slow_shard, args=(tmp_path / "out", plans, i)) for i in range(3)]
     for process in shards:
         process.start()
     for process in shards:

@@ -67,14 +67,14 @@ def test_each_worker_has_its_share_of_the_cores_and_at_least_one(monkeypatch, co
 
 @posix
 @pytest.mark.parametrize(("how", "reason"), [("kill", "SIGKILL"), ("crash", "status 1")])
-def test_a_worker_that_dies_is_started_again_three_times(tmp_path, how, reason):
+def test_a_worker_that_dies_is_started_again_three_times(tmp_path, how, reason, ready_workers):
     results, _, told = start(2, worker_bodies.dies, tmp_path, workers.RESTARTS, how)
     assert results == [0, workers.RESTARTS]
     assert told == [f"note: worker 1 of 2 died with {reason} ({k}) and is started again" for k in (1, 2, 3)]
 
 
 @posix
-def test_a_worker_that_dies_always_is_named_and_the_others_do_their_work(tmp_path):
+def test_a_worker_that_dies_always_is_named_and_the_others_do_their_work(tmp_path, ready_workers):
     with pytest.raises(RunFailed, match=r"worker 1 of 2 died 4 times, the last time with SIGKILL"):
         start(2, worker_bodies.dies, tmp_path, 100, "kill")
     assert len(list(tmp_path.glob("0-*"))) == 1
@@ -167,7 +167,9 @@ def test_workers_of_a_parent_that_is_killed_end_by_themselves(tmp_path):
 
 
 @posix
-def test_workers_make_the_bytes_of_one_process_though_one_is_killed_while_it_renders(written, tmp_path, monkeypatch):
+def test_workers_make_the_bytes_of_one_process_though_one_is_killed_while_it_renders(
+    written, tmp_path, monkeypatch, ready_workers
+):
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "killed", tmp_path))
     summary = produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=2)
     assert (tmp_path / "killed").exists()
@@ -198,13 +200,14 @@ def test_tables_are_written_once_and_while_workers_render(tmp_path, monkeypatch)
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "waiting", tmp_path))
     written, write = [], Run.write_tables
     monkeypatch.setattr(Run, "write_tables", lambda run, sensors: written.append(write(run, sensors)))
-    assert produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=1).complete
+    scene = make_scene(render={"outputs": ["D"]})
+    assert produce(scene, tmp_path / "out", device="cpu", quiet=True, workers=1).complete
     assert len(written) == 1
 
 
 @posix
 @pytest.mark.parametrize("count", [None, 1])
-def test_tables_that_cannot_be_written_stop_the_run_at_once(tmp_path, monkeypatch, count):
+def test_tables_that_cannot_be_written_stop_the_run_at_once(tmp_path, monkeypatch, count, ready_workers):
     def full(run, sensors):
         raise InputError("cannot be written: No space left on device")
 
@@ -217,7 +220,7 @@ def test_tables_that_cannot_be_written_stop_the_run_at_once(tmp_path, monkeypatc
 
 
 @posix
-def test_workers_that_add_frames_leave_what_one_process_leaves(tmp_path, monkeypatch):
+def test_workers_that_add_frames_leave_what_one_process_leaves(tmp_path, monkeypatch, ready_workers):
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "whole", tmp_path))
     install(monkeypatch)
     produce(make_scene(), tmp_path / "one", device="cpu", frames=slice(0, 4), quiet=True)
@@ -227,7 +230,7 @@ def test_workers_that_add_frames_leave_what_one_process_leaves(tmp_path, monkeyp
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
 
 
-def test_a_frame_that_fails_in_a_worker_is_named_and_all_others_are_made(written, tmp_path, monkeypatch):
+def test_a_frame_that_fails_in_a_worker_is_named_and_all_others_are_made(written, tmp_path, monkeypatch, ready_workers):
     monkeypatch.setattr(production, "render_shard", partial(worker_bodies.flat_floor_shard, "failing", tmp_path))
     with pytest.raises(RunFailed, match=r"frame 5, camera L0 could not be made: CUDA error 700; 1 more failed"):
         produce(make_scene(), tmp_path / "out", device="cpu", quiet=True, workers=1)

@@ -263,7 +263,7 @@ def test_several_vehicles_have_a_dataset_each_in_every_version(tmp_path):
     }
 
 
-def test_workers_make_the_bytes_of_one_process(swept, tmp_path):
+def test_workers_make_the_bytes_of_one_process(swept, tmp_path, ready_workers):
     _, folder, _ = swept
     options = ["render.outputs=[D,T]", "vehicle.cameras.0.exposure={}", "growth=[]"]
     made = {}

@@ -7,7 +7,6 @@ import shutil
 import signal
 import sys
 import time
-from multiprocessing import get_context
 
 import pytest
 import standins
@@ -193,22 +192,13 @@ def killed_sweep(scene_file, out):
 
 
 @posix
-def test_a_sweep_killed_at_random_moments_ends_with_the_bytes_of_an_uninterrupted_one(whole, scene_file, tmp_path):
+def test_a_sweep_killed_at_random_moments_ends_with_the_bytes_of_an_uninterrupted_one(
+    processes, whole, scene_file, tmp_path
+):
     """And no file has its name that is not what it will be in the end."""
-    context = get_context("forkserver")
-    context.set_forkserver_preload(
-        [
-            "varos_warp.dataset.sweep.run",
-            "varos_warp.dataset.report",
-            "standins",
-            "varos_warp.render.kinds",
-            "varos_warp.scene.device",
-            "PIL.PngImagePlugin",
-        ]
-    )
     final, rng, kills, out = everything(whole / "out"), random.Random(5), 0, tmp_path / "out"
     while True:
-        process = context.Process(target=killed_sweep, args=(scene_file, out))
+        process = processes.Process(target=killed_sweep, args=(scene_file, out))
         process.start()
         count = len(stamps(out)) if out.exists() else 0
         until = count + rng.randrange(1, 90)

@@ -18,14 +18,19 @@ OPTICS = {
 }
 
 
+def made(out, optics, kind="z"):
+    """Four frames of a camera with such optics."""
+    camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [96, 54]} | OPTICS[optics]
+    vehicle = {"lights": [{"kind": "point"}], "cameras": [camera], "imu": {}, "depth_gauge": {}}
+    scene = make_scene(vehicle=vehicle, render={"outputs": ["A", "B", "C", "D"], "depth_kind": kind})
+    produce(scene, out, frames=slice(0, 4), quiet=True)
+    return out
+
+
 @pytest.mark.parametrize("kind", ["z", "range"])
 @pytest.mark.parametrize("optics", OPTICS)
 def test_a_sound_dataset_passes(tmp_path, optics, kind):
-    camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [96, 54]} | OPTICS[optics]
-    vehicle = {"lights": [{"kind": "point"}], "cameras": [camera], "imu": {}, "depth_gauge": {}}
-    standins_scene = make_scene(vehicle=vehicle, render={"outputs": ["A", "B", "C", "D"], "depth_kind": kind})
-    produce(standins_scene, tmp_path / "data", quiet=True)
-    result = validate(tmp_path / "data", quiet=True)
+    result = validate(made(tmp_path / "data", optics, kind), quiet=True)
     assert result.problems == []
     assert any("D of successive frames" in measure["name"] for measure in result.measures)
 
@@ -42,7 +47,7 @@ def test_a_sound_dataset_passes(tmp_path, optics, kind):
 def test_lenses_and_ports_that_are_not_whole_are_refused(tmp_path, optics, key, value):
     camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [16, 9]} | OPTICS[optics]
     scene = make_scene(vehicle={"lights": [], "cameras": [camera]}, render={"outputs": ["D"]})
-    produce(scene, tmp_path / "data", quiet=True)
+    produce(scene, tmp_path / "data", frames=slice(0, 2), quiet=True)
     path = tmp_path / "data/dataset.json"
     about = json.loads(path.read_text())
     about["cameras"][0][key] = value
@@ -53,10 +58,7 @@ def test_lenses_and_ports_that_are_not_whole_are_refused(tmp_path, optics, key, 
 
 def test_a_wrong_distortion_is_found(tmp_path):
     """D and poses of two frames fit only with the right coefficients."""
-    camera = {"id": "M0", "rotation_euler_deg": [-30, 0, 0], "resolution": [96, 54]} | OPTICS["barrel"]
-    vehicle = {"lights": [{"kind": "point"}], "cameras": [camera], "imu": {}, "depth_gauge": {}}
-    produce(make_scene(vehicle=vehicle, render={"outputs": ["A", "B", "C", "D"]}), tmp_path / "data", quiet=True)
-    path = tmp_path / "data/dataset.json"
+    path = made(tmp_path / "data", "barrel") / "dataset.json"
     about = json.loads(path.read_text())
     about["cameras"][0]["distortion"]["k"][0] = 0.0
     path.write_text(json.dumps(about))

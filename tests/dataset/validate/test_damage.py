@@ -438,13 +438,13 @@ def test_only_the_damaged_frames_are_named(copy):
 # --------------------------------------------------------------------------------------------- what only one check sees
 
 
-def test_a_small_bias_of_the_accelerometer_is_seen_by_integration(copy):
+def test_a_small_bias_of_the_accelerometer_is_seen_by_integration(copy_of_d):
     """Half the limit of the differences; the states are left out, which would tell at once."""
-    path = layout(copy).sensor("imu0")
+    path = layout(copy_of_d).sensor("imu0")
     table = files.read_csv(path)
     name = list(table)[1]
     files.write_csv(path, list(table), *[c + 5e-4 if n == name else c for n, c in table.items()])
-    text = "\n".join(p for p in validate(copy, quiet=True).problems if "states" not in p and "checksum" not in p)
+    text = "\n".join(p for p in validate(copy_of_d, quiet=True).problems if "states" not in p and "checksum" not in p)
     assert "position against poses" in text
     assert "differences" not in text
     assert "specific force" not in text
@@ -464,13 +464,15 @@ def test_an_a_that_was_replaced_altogether_is_seen_by_checksums_only(copy):
     assert rest == []
 
 
-def test_sensors_that_are_all_gone_are_missed_by_checksums_only(copy):
-    for path in layout(copy).vehicle_dir.glob("[!c]*"):
+def test_sensors_that_are_all_gone_are_missed_by_checksums_only(copy_of_d):
+    for path in layout(copy_of_d).vehicle_dir.glob("[!c]*"):
         if path.name != "lights0":
             shutil.rmtree(path)
-    assert any("imu0_data.csv: there is no such file" in problem for problem in validate(copy, quiet=True).problems)
-    (copy / "checksums").unlink()
-    assert validate(copy, quiet=True).problems == []
+    assert any(
+        "imu0_data.csv: there is no such file" in problem for problem in validate(copy_of_d, quiet=True).problems
+    )
+    (copy_of_d / "checksums").unlink()
+    assert validate(copy_of_d, quiet=True).problems == []
 
 
 # --------------------------------------------------------------------------------------------------------- with noise
@@ -479,6 +481,12 @@ def test_sensors_that_are_all_gone_are_missed_by_checksums_only(copy):
 @pytest.fixture
 def noisy(hilly, tmp_path):
     return add_noise(hilly, load_profile("low_light_rov"), tmp_path / "noisy", seed=3, quiet=True)
+
+
+@pytest.fixture
+def noisy_sensors(hills, tmp_path):
+    """With A alone, whose noise a profile has beside that of sensors."""
+    return add_noise(hills("A"), load_profile("low_light_rov"), tmp_path / "noisy", seed=3, quiet=True)
 
 
 def test_a_dataset_with_noise_is_sound(noisy):
@@ -541,7 +549,8 @@ def rewrite(noisy, name, white=1.0, bias=1.0):
         ),
     ],
 )
-def test_noise_that_is_not_that_of_profile_and_seed_is_found(noisy, damage, problem):
+def test_noise_that_is_not_that_of_profile_and_seed_is_found(noisy_sensors, damage, problem):
+    noisy = noisy_sensors
     (noisy.root / "checksums").unlink()
     damage(noisy)
     assert problem in "\n".join(validate(noisy.root, quiet=True).problems)
@@ -556,16 +565,16 @@ def test_no_run_goes_on_in_a_dataset_with_noise(noisy):
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-9, 3e-8, 1e-7, 3e-7, 1e-6, 1e-5])
-def test_a_pitch_of_nearly_ninety_degrees_is_sound(copy, off):
+def test_a_pitch_of_nearly_ninety_degrees_is_sound(copy_of_d, off):
     """Euler angles lose digits within 1e-7 rad of it."""
     from scipy.spatial.transform import Rotation
 
     from varos_warp.dataset.validate.motion import check_poses
 
-    data = Dataset(copy)
+    data = Dataset(copy_of_d)
     time_ns, T = data.poses("M0")
     T[:, :3, :3] = Rotation.from_euler("xyz", [[0.3, np.pi / 2 - off, 0.7]]).as_matrix()
     tables.write_poses(data.layout, "M0", time_ns, T)
-    found = Validation(copy)
-    check_poses(Dataset(copy), found)
+    found = Validation(copy_of_d)
+    check_poses(Dataset(copy_of_d), found)
     assert found.problems == []

@@ -20,6 +20,7 @@ UNLIKE = {
     "four tilted": {"lights": FOUR},
     "clear": {"lights": FOUR[:2], "water": CLEAR},
     "half a wall": {"lights": [BEHIND], "objects": WALL},
+    "a disk": {"lights": [BEHIND | {"radius_m": 0.1}]},
     "beside the lens": {"lights": [LAMP | {"position": [0.06, -0.02, 0.03], "direction": [0, 1, 0], "cone_deg": 150}]},
 }
 
@@ -59,8 +60,11 @@ def test_images_by_table_are_as_right_as_stated(name, monkeypatch):
     assert np.all(np.abs(error) <= along_camera.MOST_ERROR_AT_A_POINT * scale)
     by_quadrature(monkeypatch)
     known, _ = expected_of(scene)
-    assert not np.array_equal(tabulated, known)
-    assert np.all(np.abs(tabulated - known) <= PANELS * scale)
+    off = tabulated - known
+    assert off.any()
+    if name == "a disk":  # rays see points of it by chance: of that 0.1 % of the scale is left in the mean
+        off = off.mean(axis=(0, 1))
+    assert np.all(np.abs(off) <= PANELS * scale)
 
 
 @pytest.mark.parametrize(
@@ -68,9 +72,9 @@ def test_images_by_table_are_as_right_as_stated(name, monkeypatch):
     [
         [LAMP | {"position": [0.0, 1.0, 0.1], "direction": [0, 1, 0]}],
         [LAMP | {"position": [-0.5, 0.5, 0.0], "direction": [1, 0.3, 0], "cone_deg": 8, "blend": 0.0}],
-        [BEHIND | {"radius_m": 0.05}],
+        [BEHIND | {"radius_m": 0.2}],
     ],
-    ids=["in view", "narrow beam across", "disk"],
+    ids=["in view", "narrow beam across", "a disk as large as it is near"],
 )
 def test_where_a_table_would_not_be_right_there_is_none(lights, monkeypatch):
     made, snow = expected_of(snow_scene(VIEW, lights=lights))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.description.world import Diffuse, Dirt, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry.parts import Page, Part, Skin
 from varos_warp.scene.materials.records import features
@@ -29,6 +30,9 @@ def part(material, skin=None):
         ([part(METAL, COLOURS)], {"textures"}),  # colours of its own take the place of the material
         ([part(RUST)], {"textures", "patterns"} | ({"metals"} if RUST.roughness is not None else set())),
         ([part(Rust(kind="rust", roughness=0.3))], {"textures", "patterns", "metals"}),
+        ([part(Layered(kind="layered", relief="rock"), COLOURS)], {"textures", "grain", "rough"}),
+        ([part(Layered(kind="layered", relief="rock", grain=0), COLOURS)], {"textures", "rough"}),
+        ([part(Layered(kind="layered", relief="zinc"), COLOURS)], {"textures", "rough"}),
     ],
 )
 def test_what_materials_need_is_found(some, present):

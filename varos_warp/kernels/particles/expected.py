@@ -205,6 +205,7 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
         row = first_row + tile_row
         if wp.static(spec.disks > 0):
             drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
+            lights = scene.lights
         L = wp.vec3(0.0)
         covered = float(0.0)
         rays = hits.shape[0]
@@ -216,7 +217,9 @@ def make_expected_kernel(spec: SceneSpec) -> wp.Kernel:
                 scene.moving = moments.moving[instant]
                 camera = moments.cameras[instant]
             if wp.static(spec.disks > 0):
-                scene = with_points(scene, place_of(sampler), drawn)
+                if wp.static(spec.varies):
+                    lights = scene.lights
+                scene = with_points(scene, lights, place_of(sampler), drawn)
             u = draw(sampler, FILM)
             x, y = float(col) + u[0], float(row) + u[1]
             across, down = x / float(hits.shape[2]), y / float(hits.shape[1])

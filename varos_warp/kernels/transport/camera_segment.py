@@ -119,6 +119,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
         sums = Sums()
         if wp.static(spec.disks > 0):
             drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
+            lights = scene.lights
         for taken in range(batch.begin, batch.end):
             sampler = make_sampler(key, pixel_of(film, batch), sample_of(film, batch, taken))
             in_step()
@@ -128,7 +129,9 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
                 scene.moving = moments.moving[instant]
                 camera = moments.cameras[instant]
             if wp.static(spec.disks > 0):
-                scene = with_points(scene, place_of(sampler), drawn)
+                if wp.static(spec.varies):
+                    lights = scene.lights
+                scene = with_points(scene, lights, place_of(sampler), drawn)
             u = draw(sampler, FILM)
             point = film_point(scene, camera, batch.row, batch.col, u)
             ray, weight = sample_ray(camera, point.x, point.y, wp.vec2(u[2], u[3]), sampler)

@@ -86,10 +86,10 @@ def place_of(sampler: Sampler):
 
 
 @wp.func
-def with_points(scene: SceneData, u: wp.vec2, drawn: wp.array(dtype=Light)):
-    """The scene with a point for each disk, all at the same place ``u`` of theirs; its lights are put in ``drawn``."""
-    for i in range(light_count(scene.lights)):
-        drawn[i] = sample_point(get_light(scene.lights, i), u)
+def with_points(scene: SceneData, lights: wp.array(dtype=Light), u: wp.vec2, drawn: wp.array(dtype=Light)):
+    """The scene with a point for each disk of ``lights``, all at the same place ``u`` of theirs, put in ``drawn``."""
+    for i in range(light_count(lights)):
+        drawn[i] = sample_point(get_light(lights, i), u)
     after = scene
     after.lights = drawn
     return after

@@ -353,6 +353,7 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
         group = int(0)
         if wp.static(spec.disks > 0):
             drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
+            lights = scene.lights
         while i < film.batches.shape[0]:
             # a ray: from the camera, or on from a subpath's vertex
             in_step()
@@ -365,7 +366,9 @@ def make_subpath_kernel(spec: SceneSpec) -> wp.Kernel:
                     camera = moments.cameras[instant]
                     group = group_of(instant, moments, virtual_lights)
                 if wp.static(spec.disks > 0):
-                    scene = with_points(scene, place_of(sampler), drawn)
+                    if wp.static(spec.varies):
+                        lights = scene.lights
+                    scene = with_points(scene, lights, place_of(sampler), drawn)
                 u = draw(sampler, FILM)
                 point = film_point(scene, camera, batch.row, batch.col, u)
                 ray, seen = sample_ray(camera, point.x, point.y, wp.vec2(u[2], u[3]), sampler)

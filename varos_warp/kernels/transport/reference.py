@@ -181,6 +181,7 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
         sums = Sums()
         if wp.static(spec.disks > 0):
             drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
+            lights = scene.lights
         for sample in range(batch.begin, batch.end):
             L_direct = wp.vec3(0.0)
             L_single = wp.vec3(0.0)
@@ -194,7 +195,9 @@ def make_reference_kernel(spec: SceneSpec) -> wp.Kernel:
                 scene.moving = moments.moving[instant]
                 camera = moments.cameras[instant]
             if wp.static(spec.disks > 0):
-                scene = with_points(scene, place_of(sampler), drawn)
+                if wp.static(spec.varies):
+                    lights = scene.lights
+                scene = with_points(scene, lights, place_of(sampler), drawn)
             x, y = float(batch.col) + u[0], float(batch.row) + u[1]
             ray, seen = sample_ray(camera, x, y, wp.vec2(u[2], u[3]), sampler)
             path = plain_path(ray, seen)

@@ -157,7 +157,7 @@ def make_virtual_lights_kernel(spec: SceneSpec) -> wp.Kernel:
             scene.moving = moments.moving[instant]
         if wp.static(spec.disks > 0):
             drawn = wp.zeros(shape=wp.static(spec.disks), dtype=Light)
-            scene = with_points(scene, sobol2(half_key(key, row), -1, col, 3), drawn)
+            scene = with_points(scene, scene.lights, sobol2(half_key(key, row), -1, col, 3), drawn)
         i = choose_by_flux(scene.lights, u[2])
         light = get_light(scene.lights, i)
         ray = light_emit(light, u[0], u[1])

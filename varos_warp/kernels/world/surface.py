@@ -17,7 +17,7 @@ from varos_warp.kernels.world.texture import MAPPED, Bsdf, footprint_width, make
 
 wp.set_module_options({"enable_backward": False})
 
-MATERIALS = ("textures", "patterns", "metals", "rough")
+MATERIALS = ("textures", "patterns", "metals", "grain", "rough")
 """What surfaces are compiled for."""
 
 
@@ -51,7 +51,7 @@ def shading_normal(scene: SceneData, hit: Hit):
     return corner_normal(scene, scene.shading_normals, hit)
 
 
-@specialised("patterns", "metals", "instances")
+@specialised("patterns", "metals", "grain", "instances")
 def make_textured(spec: SceneSpec) -> wp.Function:
     """The function ``textured`` of a material other than one plain reflectance."""
     material_at = make_material_at(spec)
@@ -69,6 +69,7 @@ def make_textured(spec: SceneSpec) -> wp.Function:
         if wp.static(spec.patterns and spec.instances):
             if hit.instance >= 0 and m.kind == MAPPED and page >= 0:
                 at[2] = at[2] / get_instance(scene, hit.instance).scale
+        if wp.static((spec.patterns or spec.grain) and spec.instances):
             if moves(scene, hit):
                 # patterns move with their object
                 copy = scene.moving[hit.instance]

@@ -20,6 +20,11 @@ METAL = wp.constant(4)
 RUST = wp.constant(5)
 DIRT = wp.constant(6)
 
+GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(60.0), wp.constant(5)
+"""Patches of the coarsest octave of grain per metre, and octaves: what is finer than triangles, down to 1 mm."""
+GRAIN_CONTRAST, MOST_GRAIN = wp.constant(2.5), wp.constant(0.8)
+"""Tone over noise of the most grain, and how far from 1 a tone may be."""
+
 NOISE_DEVIATION = wp.constant(0.215)
 """Standard deviation of the noise that is thresholded for rust and dirt: fbm of four octaves."""
 
@@ -77,6 +82,8 @@ class Material:
     """Noise above this is rust or dirt."""
     cycles: float
     """Patches of rust or dirt per metre."""
+    grain: float
+    """How much the tone varies from grain to grain, 0 to 1; 0: it does not."""
     layers: wp.array(dtype=Layer)
     """The layer of flat parts, then that of steep ones; or one layer for all, or the pages of a mesh file."""
     has_holes: int
@@ -188,6 +195,23 @@ def layered(m: Material, q: wp.vec3, n: wp.vec3, footprint: float):
     return bsdf
 
 
+@wp.func(inline=False)  # long code, and run near surfaces only
+def grain_tone(seed: wp.uint32, grain: float, q: wp.vec3, footprint: float):
+    """Factor of a reflectance from grain to grain, of mean 1; 1 where no grain is resolved.
+
+    Octaves are alike, as of grains of all sizes, so that at any distance the finest that are resolved are seen.
+    """
+    total = float(0.0)
+    cycles = float(GRAIN_CYCLES)
+    for octave in range(GRAIN_OCTAVES):
+        share = band(cycles * footprint)
+        if share == 0.0:
+            break
+        total += share * wp.noise(seed + wp.uint32(octave), cycles * q)
+        cycles *= 2.03
+    return 1.0 + wp.clamp(GRAIN_CONTRAST * grain * total, -MOST_GRAIN, MOST_GRAIN)
+
+
 @wp.func
 def wrapped(u: float, how: int, count: int):
     """Coordinate within 0..1 of one outside, and half a texel of ``count`` from its ends, if none repeats."""
@@ -236,7 +260,7 @@ def page_alpha(layer: Layer, u: float, v: float):
 # ---------------------------------------------------------------------------------------------------------------- all
 
 
-@specialised("patterns", "metals")
+@specialised("patterns", "metals", "grain")
 def make_material_at(spec: SceneSpec) -> wp.Function:
     """The function ``material_at``, for scenes with or without images, patterns and metals.
 
@@ -255,6 +279,10 @@ def make_material_at(spec: SceneSpec) -> wp.Function:
             bsdf.reflectance = m.base
         elif m.kind == COLOURED or (m.kind == MAPPED and page < 0):
             bsdf.reflectance = at
+        if wp.static(spec.grain):
+            if m.grain > 0.0:
+                tone = grain_tone(m.seed + wp.uint32(31), m.grain, p + m.offset, footprint)
+                bsdf.reflectance = unit_clamp(tone * bsdf.reflectance)
         if wp.static(spec.patterns):
             if m.kind == GROUND:
                 bsdf.reflectance = unit_clamp(ground(m, p, n, footprint))

@@ -8,6 +8,7 @@ import warp as wp
 
 from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.field.along_camera import AlongCamera
+from varos_warp.kernels.field.open_water import LightField
 from varos_warp.kernels.field.tabulate import (
     compare_single_along_camera,
     tabulate_multiple_along_camera,
@@ -20,7 +21,7 @@ from varos_warp.scene.description.optics import resized
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.device import camera_record, optics_spec
 from varos_warp.scene.frames import camera_pose, intrinsics
-from varos_warp.scene.lights.records import Lights, light_position
+from varos_warp.scene.lights.records import Lights, light_position, radius_of
 
 FARTHEST_M = 200.0
 """Last distance of the tables."""
@@ -28,6 +29,9 @@ PIXELS = (1024, 1024)
 """Pixels that places in the image are counted in; any number gives the same rays."""
 IN_VIEW = 0.75
 """Lights within so many widths and heights of the image's centre are in view, or so near that its rays pass them."""
+LARGEST_DISK = 0.3
+"""Largest radius of a disk over its distance from the camera: nearer, its few points in the tables are too few. Up to
+there they are within `MOST_ERROR` (tests/render/field/test_disks_along_camera.py)."""
 MOST_ERROR, MOST_ERROR_AT_A_POINT = 1e-3, 2e-2
 """Largest errors accepted of a table of what lamps send, relative to the layer's root mean square: of its root mean
 square error, and of the largest at any point. Tables of the templates and of coastal water with four tilted lamps have
@@ -64,12 +68,17 @@ SINGLE = Nodes("single", (192, 46, 81), 0.1)
 
 
 def along_camera(scene: Scene, view: Camera) -> bool:
-    """Return whether there are tables along a camera's rays: they are straight, move with all lights, and see none."""
+    """Return whether there are tables along a camera's rays: they are straight, move with all lights, and see none.
+
+    Nor is a light a disk as large as it is near.
+    """
     if view.mount == "world" or optics_spec(view).bends or len(scene.lights) > len(scene.vehicle.lights):
         return False
     T_c_v, K = np.linalg.inv(camera_pose(view, np.eye(4))), intrinsics(view)
     for light in scene.vehicle.lights:
         p = T_c_v[:3, :3] @ light_position(light, np.eye(4)) + T_c_v[:3, 3]
+        if radius_of(light) > LARGEST_DISK * np.linalg.norm(p):
+            return False
         col, row = (K @ p)[:2] / max(p[2], 1e-9) / view.resolution
         if p[2] > 0.0 and abs(col - 0.5) < IN_VIEW and abs(row - 0.5) < IN_VIEW:
             return False
@@ -112,17 +121,21 @@ def tabulated(
     if nodes.name != MULTIPLE.name:
         return checked(launcher, nodes, OF_SINGLE, known).radiance.numpy()
     table = nodes.table(wp.empty(nodes.counts, dtype=wp.vec3, device=launcher.device))
+    of_points = wp.array(fields.numpy()[lights.of_points], dtype=LightField, device=launcher.device)
     launcher.rows(
-        tabulate_multiple_along_camera, nodes.counts[1:], known | {"table": table, "lights": fields}, tile_rows=1
+        tabulate_multiple_along_camera, nodes.counts[1:], known | {"table": table, "lights": of_points}, tile_rows=1
     )
     return table.radiance.numpy()
 
 
 def seen_at_rest(view: Camera, medium: Medium, lights: Lights) -> dict:
-    """Water, lights and camera of a vehicle at rest, as arguments of kernels that fill tables."""
+    """Water, lights and camera of a vehicle at rest, as arguments of kernels that fill tables.
+
+    Tables hold means over disks: each is some points.
+    """
     T_w_v, origin = np.eye(4), np.zeros(3)
     scene = SceneData()
-    scene.medium, scene.lights = medium, lights.at(T_w_v, origin)
+    scene.medium, scene.lights = medium, lights.points_at(T_w_v, origin)
     return {
         "scene": scene,
         "camera": camera_record(view, T_w_v, origin, pinhole=True),

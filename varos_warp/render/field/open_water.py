@@ -20,7 +20,7 @@ from varos_warp.render.field.solver import LightFieldSolver, NotSolved, farthest
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.lights.distribution import Distribution, distribution
-from varos_warp.scene.lights.records import Lights, radius_of
+from varos_warp.scene.lights.records import Lights
 from varos_warp.scene.passes import passes
 from varos_warp.scene.water import medium_record, optical_properties
 
@@ -39,7 +39,7 @@ MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""
 LIGHT_KINDS = ("spot", "point", "profile")
-"""Lights that the field serves: points that are symmetric about an axis."""
+"""Lights that the field serves: points that are symmetric about an axis. Of disks a sample sees a point."""
 CONES_DEG = (20.0, 179.0)
 """Cones, full angle, that the grids resolve, and that have one convex nappe. In sea water a cone of 20 degrees loses
 0.2 % of the light within two free paths, of 10 degrees 1 %, of 5 degrees 3 %: narrow beams are seen as thin lines."""
@@ -57,8 +57,6 @@ def _no_lights(scene: Scene) -> str | None:
             return f"a light is of kind {light.kind!r}, and the field is known for {', '.join(LIGHT_KINDS)} only"
         if light.strobe:
             return "a light is a strobe, and the field is known for lights that shine all the time"
-        if radius_of(light):
-            return "a lamp is a disk (radius_m), and the field is known for points only"
     return None if scene.lights else "there are no lights"
 
 

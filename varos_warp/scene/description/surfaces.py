@@ -11,6 +11,9 @@ Relief = Literal["rock", "sand", "steel", "concrete", "zinc", "none"]
 ROUGH = 0.5
 """Roughness of sand as Oren and Nayar (1994) measured it: facets of a standard deviation of 35 degrees."""
 
+GRAIN: dict[Relief, float] = {"rock": 0.2, "sand": 0.2, "concrete": 0.15, "steel": 0.08}
+"""How much the tone of a relief varies from grain to grain; of others it does not."""
+
 
 class Layered(Block):
     """A surface with form and layers (docs/surfaces.md).
@@ -34,7 +37,10 @@ class Layered(Block):
     diffuse_roughness: Unit = ROUGH
     """How rough the surface is below the size of a pixel: 0 is Lambert's law; the rougher, the less it darkens towards
     its rim in light from beside the camera (docs/surfaces.md)."""
+    grain: Unit | None = Field(default=None, examples=[0.2])
+    """How much the tone varies from grain to grain, from centimetres down to a pixel; its mean stays. Absent: as the
+    relief has it."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """The patterns follow from it and from the object."""
 
-    _written = unwritten_if_absent("steep", "paint")
+    _written = unwritten_if_absent("steep", "paint", "grain")

@@ -14,6 +14,17 @@ from varos_warp.scene.frames import R_V_C, look_at_matrix
 from varos_warp.scene.lights.distribution import Distribution, distribution
 from varos_warp.scene.optics.shutter import Instants, on_share
 
+DISK_NODES = np.array(
+    [
+        (0.0, 0.0, 1.0 / 4.0),
+        *(
+            (np.sqrt(2.0 / 3.0) * np.cos(t), np.sqrt(2.0 / 3.0) * np.sin(t), 1.0 / 8.0)
+            for t in np.arange(6) * np.pi / 3.0
+        ),
+    ]
+)
+"""Points (x, y) of the unit disk and weights, [7, 3]: exact for polynomials of degree five (Stroud 1971, S2 5-1)."""
+
 
 def light_record(shape: Distribution, intensity: ArrayLike, profile: wp.array | None = None) -> LightData:
     """A light as kernels know it, at the origin, along z; ``profile`` has its distribution's values on the device."""
@@ -51,6 +62,21 @@ class Lights:
         """The records [n] for a pose of the vehicle, relative to ``origin``; ``others``: poses [1, 4, 4] by key."""
         return wp.array(self._placed(T_w_v[None], origin, others or {})[0], dtype=LightData, device=self.device)
 
+    @property
+    def of_points(self) -> np.ndarray:
+        """Numbers [m] of the lights that the points of `points_at` are of."""
+        return np.repeat(np.arange(len(self.lights)), [len(_nodes(light)) for light in self.lights])
+
+    def points_at(self, T_w_v: np.ndarray, origin) -> wp.array:
+        """As `at`, each disk as points that together light all that is smooth as it does; records [m]."""
+        records = self._placed(T_w_v[None], origin, {})[0][self.of_points]
+        nodes = [node for light in self.lights for node in _nodes(light)]
+        x, y, weight = np.reshape(nodes, (-1, 3)).T[:, :, None]
+        records["position"] += records["radius"][:, None] * (x * records["right"] + y * records["up"])
+        records["intensity"] *= weight
+        records["radius"] = 0.0
+        return wp.array(records, dtype=LightData, device=self.device)
+
     def over(self, T_w_v: np.ndarray, origin, when: Instants, others: dict[str, np.ndarray]) -> wp.array:
         """The records [N, n] for poses [N, 4, 4] of the vehicle at instants.
 
@@ -83,9 +109,14 @@ class Lights:
         return records
 
 
+def _nodes(light):
+    """Points of a light and their weights, as `DISK_NODES`: of what is no disk, itself."""
+    return DISK_NODES if radius_of(light) else np.array([[0.0, 0.0, 1.0]])
+
+
 def lights_vary(lights: Iterable[Light]) -> bool:
-    """Return whether the lights differ from sample to sample, though vehicle and camera stand still."""
-    return any(radius_of(light) or light.strobe for light in lights)
+    """Return whether the lights differ from instant to instant, though vehicle and camera stand still."""
+    return any(bool(light.strobe) for light in lights)
 
 
 def radius_of(light: Light) -> float:

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from varos_warp.kernels.world import texture
 from varos_warp.kernels.world.tiling import PERIOD
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.surfaces import Layered
+from varos_warp.scene.description.surfaces import GRAIN, Layered
 from varos_warp.scene.description.world import Diffuse, Dirt, Material, Metal, Rust, SlopeBlend
 from varos_warp.scene.geometry.parts import Instances, Part
 from varos_warp.scene.geometry.placed import may_have_colours, may_have_images
@@ -34,7 +34,7 @@ def device_material(part: Part, scene: Scene, local_origin: np.ndarray, textures
     # by the place, so that no two look alike (paper 3.1.2)
     record.seed = wp.uint32(zlib.crc32(np.asarray(part.origin, np.float64).tobytes(), scene.seed))
     material = part.material
-    record.diffuse_roughness = diffuse_roughness(material)
+    record.diffuse_roughness, record.grain = diffuse_roughness(material), grain(material)
     if part.skin is not None:
         _set_skin(record, part, textures)
     elif isinstance(material, SlopeBlend):
@@ -62,6 +62,7 @@ def features(parts: Sequence[Part | Instances]) -> dict[str, bool]:
         "textures": any(map(is_textured, parts)),
         "patterns": any(part.skin.pages for part in parts if part.skin is not None) or any(map(_has_pattern, bare)),
         "metals": any(map(has_lobe, bare)),
+        "grain": any(grain(part.material) > 0.0 for part in parts),
         "rough": any(diffuse_roughness(part.material) > 0.0 for part in parts),
     }
 
@@ -78,6 +79,7 @@ def foretold_features(scene: Scene) -> dict[str, bool]:
         "textures": bool(scene.growth or bring) or any(not isinstance(material, Diffuse) for material in named),
         "patterns": any(map(may_have_images, bring)) or any(map(_has_pattern, named)),
         "metals": any(map(has_lobe, named)),
+        "grain": any(grain(material) > 0.0 for material in named),
         "rough": bool(scene.growth) or any(diffuse_roughness(material) > 0.0 for material in named),
     }
 
@@ -85,6 +87,13 @@ def foretold_features(scene: Scene) -> dict[str, bool]:
 def diffuse_roughness(material: Material) -> float:
     """Roughness of the diffuse part, 0 to 1; 0: Lambertian."""
     return material.diffuse_roughness if isinstance(material, Diffuse | Layered) else 0.0
+
+
+def grain(material: Material) -> float:
+    """How much a surface's tone varies from grain to grain, 0 to 1."""
+    if not isinstance(material, Layered):
+        return 0.0
+    return GRAIN.get(material.relief, 0.0) if material.grain is None else material.grain
 
 
 def _has_pattern(material: Material) -> bool:

@@ -9,6 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import kstest
 
 from varos_warp.scene.description.growth import Growth
+from varos_warp.scene.geometry.growth import room
 from varos_warp.scene.geometry.growth.chance import key_of, uniform
 from varos_warp.scene.geometry.growth.clumps import (
     EMPTY_FROM,
@@ -78,22 +79,23 @@ def error_of_room(wanted, crowd, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("kind", "scars", "more", "seeds"),
+    ("kind", "scars", "more", "seeds", "bodies"),
     [
-        ("barnacle", True, {"per_m2": 230, "size_m": (0.012, 0.04)}, 12),
-        ("mussel", True, {}, 12),
-        ("mussel", False, {}, 16),
-        ("coralline", True, {}, 24),
-        ("anemone", True, {"per_m2": 1}, 24),
-        ("pebble", False, {"per_m2": 400, "size_m": (0.01, 0.07)}, 12),
+        ("barnacle", True, {"per_m2": 230, "size_m": (0.012, 0.04)}, 8, room.BODIES),
+        ("mussel", True, {}, 8, room.BODIES),
+        ("mussel", False, {}, 10, room.BODIES),
+        ("coralline", True, {}, 24, room.BODIES),
+        ("anemone", True, {"per_m2": 1}, 24, 10_000),
+        ("pebble", False, {"per_m2": 400, "size_m": (0.01, 0.07)}, 8, room.BODIES),
     ],
 )
-def test_the_mean_number_is_per_m2_though_bodies_need_room(kind, scars, more, seeds, monkeypatch):
+def test_the_mean_number_is_per_m2_though_bodies_need_room(kind, scars, more, seeds, bodies, monkeypatch):
     """Counted by a ratio estimator: most of the scatter between seeds is that of clumps, whose mean is known.
 
     What a kind prefers is left out, as it moves the mean. Of so many seeds that hardly more is known by more: what room
-    bodies find is known no better.
+    bodies find is known no better. Nor is more known by more bodies than so many: of anemones there are few.
     """
+    monkeypatch.setattr(room, "BODIES", bodies)
     monkeypatch.setattr("varos_warp.scene.geometry.growth.placing._liking", lambda *_: 0.0)
     monkeypatch.setitem(KINDS, kind, replace(KINDS[kind], scars=scars))
     for known in (filling, left_of):

@@ -100,6 +100,7 @@ def test_the_mean_over_all_hosts_is_one(times, host):
     assert abs(np.mean(means) - 1.0) < 4.0 * np.std(means) / np.sqrt(len(means)) + 0.01
 
 
+@pytest.mark.usefixtures("few_bodies")
 @pytest.mark.parametrize(("host", "number"), [("terrain", 0), ("objects.0", 1)])
 def test_every_root_lies_on_its_host(host, number):
     points = roots(grown({"on": [host], "kind": "barnacle", "per_m2": 60, "size_m": [0.05, 0.1]}))
@@ -146,6 +147,7 @@ def test_the_ranges_of_slope_and_depth_are_kept():
     assert (points[:, 2] < 0.6 + 1e-9).all()
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_sizes_are_those_asked_for():
     small, large = 0.05, 0.15
     size = sizes(grown({"on": ["terrain"], "kind": "shell", "per_m2": 20, "size_m": [small, large]}))
@@ -163,6 +165,7 @@ def test_sizes_follow_a_power_law():
         assert abs(slope + KINDS[kind].small) < 0.01
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_the_places_do_not_depend_on_what_else_there_is():
     alone = {"on": ["objects.0"], "kind": "barnacle", "size_m": [0.05, 0.1]}
     other = {"on": ["terrain", "objects.0"], "kind": "shell", "size_m": [0.1, 0.1]}
@@ -175,6 +178,7 @@ def test_the_places_do_not_depend_on_what_else_there_is():
     assert not np.array_equal(in_order(roots(grown({**alone, "seed": 2})))[:5], in_order(roots(first))[:5])
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_batches_do_not_show(monkeypatch):
     block = {"on": ["terrain"], "kind": "shell", "size_m": [0.1, 0.1], "per_m2": 20}
     whole = grown(block)
@@ -183,6 +187,7 @@ def test_batches_do_not_show(monkeypatch):
         np.testing.assert_array_equal(a.T_w_o, b.T_w_o)
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_bodies_do_not_overlap():
     groups = grown({"on": ["terrain"], "kind": "starfish", "per_m2": 3, "size_m": [0.2, 0.4]})
     points, size = roots(groups), sizes(groups)
@@ -202,6 +207,7 @@ def test_thinning_is_that_of_one_after_the_other():
     assert set(np.flatnonzero(apart(points, size, 0.8, priority.astype(np.uint64)))) == set(kept)
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_more_than_find_room_are_told_so():
     with pytest.warns(UserWarning, match=r"growth\.0\.per_m2: no 300 starfish of 0\.2 to 0\.4 m find room.*lower it"):
         assert grown({"on": ["terrain"], "kind": "starfish", "per_m2": 300, "size_m": [0.2, 0.4]})
@@ -212,6 +218,7 @@ def test_a_block_that_asks_for_none_is_told_so():
         assert grown({"on": ["terrain"], "kind": "barnacle", "per_m2": 0}) == []
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_what_is_smaller_than_one_and_a_half_pixels_is_left_out_and_told():
     """A pixel is 1/160 wide at a metre: 2 cm from the nearest of the hills, which is over 2 m away."""
     with pytest.warns(UserWarning, match=r"growth\.0: no barnacle is placed: all of about \d+ would be smaller"):
@@ -220,6 +227,7 @@ def test_what_is_smaller_than_one_and_a_half_pixels_is_left_out_and_told():
     assert facts["too_small"] > 0 < facts["copies"]
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_no_copy_is_smaller_than_one_and_a_half_pixels_of_the_nearest_view():
     block = {"on": ["terrain"], "kind": "shell", "per_m2": 60, "size_m": [0.001, 0.1]}
     groups = grown(block)
@@ -228,6 +236,7 @@ def test_no_copy_is_smaller_than_one_and_a_half_pixels_of_the_nearest_view():
     assert 1.5 <= pixels.min() < 1.6
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_there_is_none_far_from_the_course():
     far = {"terrain": {**HILLS, "size_m": 120, "resolution": 61, "relief_m": 0.0}}
     points = roots(grown({"on": ["terrain"], "kind": "kelp", "per_m2": 0.5}, **far))
@@ -276,6 +285,7 @@ def test_faces_of_bodies_look_outwards(kind):
         assert (normals * (middle - foot)).sum() > 0.0
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_copies_all_at_once_are_those_one_by_one():
     groups = [*grown({"on": ["objects.0"], "kind": "barnacle", "size_m": [0.05, 0.1]})]
     groups += [
@@ -343,12 +353,14 @@ def test_a_host_of_which_nothing_is_near_has_no_edges():
     assert len(nothing(np.zeros((0, 3)))) == 0
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_fewer_barnacles_are_fewer_clumps_and_no_looser_ones():
     wanted = [placing.Wanted(Growth(on=["terrain"], kind="barnacle", per_m2=n), "growth.0", 1, 0.0) for n in (400, 800)]
     few, many = (each.per_m2 * each.crowding("terrain").peak for each in wanted)
     assert abs(few / many - 1.0) < 1e-6
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_more_mussels_are_larger_beds_and_no_fuller_ones():
     wanted = [placing.Wanted(Growth(on=["terrain"], kind="mussel", per_m2=n), "growth.0", 1, 0.0) for n in (200, 1600)]
     few, many = (each.per_m2 * each.crowding("terrain").peak for each in wanted)

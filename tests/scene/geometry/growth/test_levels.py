@@ -104,6 +104,7 @@ def test_levels_end_at_their_limits():
     np.testing.assert_array_equal(level_of(pixels), [0, 1, 1, 2])
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_copies_are_as_fine_as_they_are_large_in_the_nearest_view():
     near = footprint(scene(), build_parts(scene()))
     triangles = {len(solid.faces): level for shape in prototypes("shell") for level, solid in enumerate(shape)}
@@ -114,6 +115,7 @@ def test_copies_are_as_fine_as_they_are_large_in_the_nearest_view():
         np.testing.assert_array_equal(level_of(pixels), triangles[len(group.faces)])
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_copies_of_each_level_are_told():
     groups = grown(SHELLS)
     facts = groups[0].facts
@@ -122,6 +124,7 @@ def test_copies_of_each_level_are_told():
     assert all(group.facts == {} for group in groups[1:])
 
 
+@pytest.mark.usefixtures("few_bodies")
 def test_many_triangles_are_told_with_the_numbers(monkeypatch):
     monkeypatch.setattr(growing, "MANY_TRIANGLES", 1000)
     with pytest.warns(UserWarning, match=r"growth\.0: \d+ copies of shell have 0\.\d million triangles.*per_m2 \(3\)"):
@@ -147,6 +150,7 @@ def test_places_are_kept_and_are_the_same_again(tmp_path, monkeypatch):
     assert first[0].facts == again[0].facts == anew[0].facts
 
 
+@pytest.mark.usefixtures("few_bodies")
 @pytest.mark.parametrize(
     "change",
     [

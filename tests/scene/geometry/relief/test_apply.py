@@ -46,7 +46,7 @@ def test_two_stones_of_one_seed_and_material_have_surfaces_of_their_own():
 
 def test_near_copies_have_a_finer_mesh_than_far_ones_and_all_keep_their_numbers():
     block = {"object": {k: v for k, v in STONE.items() if k != "position"}, "count": 30}
-    made = scene(scatter=[block], vehicle={"cameras": [{**CAMERA, "resolution": [320, 180]}]})
+    made = scene(scatter=[block], vehicle={"cameras": [{**CAMERA, "resolution": [160, 90]}]})
     parts = build_parts(made)
     groups = [part for part in parts if isinstance(part, Instances)]
     assert len(groups) > 1

@@ -71,8 +71,15 @@ def test_small_stones_around_a_large_one_do_not_hide_it():
     T[1:, 0, 3], T[1:, 1, 3] = 1.1 * np.cos(angle), 1.1 * np.sin(angle)
     group = Instances("scatter.0", MESH.vertices, np.array(MESH.faces, np.int32), Diffuse(), T)
     clear, height = drifts.surroundings(ground((1.05, 0)), [group], STILL)
-    assert clear[0] == pytest.approx(0.01, abs=1e-3)
+    assert clear[0] == pytest.approx(0.05, abs=1e-3)  # from the large one: 1 cm from a small one is as much as that
     assert height[0] > 0.05
+
+
+def test_what_lies_about_a_small_stone_is_in_proportion_to_it():
+    """Stones that stand 8 and 4 cm out of the ground, at a quarter of that; and one of a metre, at its own distance."""
+    places, stones = ground((0.10, 0), (1.05, 0), (6.25, 0)), [ball(0, 0.08), ball(1, 0.04), ball(5, 1)]
+    clear, _ = drifts.surroundings(places, stones, STILL)
+    assert clear == pytest.approx([0.25 * drifts.WHOLE_M, 0.25 * drifts.WHOLE_M, 0.25], abs=2e-3)
 
 
 def test_drifts_turn_with_a_body(monkeypatch):

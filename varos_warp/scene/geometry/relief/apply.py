@@ -201,7 +201,7 @@ def _formed(scene, unformed, parts, ground, seen, factor):
     depends_on = {
         "mesh": unformed.digest,
         "factor": factor,
-        "look": look.model_dump(mode="json", exclude={"diffuse_roughness"}),
+        "look": look.model_dump(mode="json", exclude={"diffuse_roughness", "grain"}),
         "cameras": seen.digest,
         "code": _code(),
         "places": unformed.places,

@@ -27,6 +27,9 @@ REACH = 1.6
 """Beyond this many sizes from a body the ground knows nothing of it."""
 UNEVEN, UNEVEN_CYCLES = 1.2, 1.4
 """How much banks and moats differ along a body, over the noise, and cells of the noise over a size."""
+WHOLE_M = 0.2
+"""Distances from bodies smaller than this [m] count as so much longer: what lies about a stone and where ripples end at
+it are in proportion to it."""
 UNLIKE = 0.6
 """How much bodies differ from one another, likewise: some are scoured where others are banked up."""
 BESIDE_M = 0.1
@@ -45,8 +48,8 @@ def surroundings(
         current: float64 [2]: the current's horizontal direction; zeros: it comes from everywhere alike.
 
     Returns:
-        Distance [N] from the nearest [m], infinite where nothing is near, and the height [N] that all together
-        add [m].
+        Distance [N] from the nearest [m], longer from small ones in proportion, infinite where nothing is near, and
+        the height [N] that all together add [m].
     """
     clear, height = np.full(len(points), np.inf), np.zeros(len(points))
     objects = [part for part in parts if not isinstance(part, Instances | Moving)]
@@ -64,12 +67,13 @@ def surroundings(
         if trace is None:
             return None
         chosen, distance, size, aside = trace
-        return chosen, distance, drift(distance, size, aside @ current, own + unevenness(points[chosen], size, seed))
+        added = drift(distance, size, aside @ current, own + unevenness(points[chosen], size, seed))
+        return chosen, distance * max(1.0, WHOLE_M / size), added
 
     unlike = np.random.default_rng([seed, 1]).uniform(-UNLIKE, UNLIKE, len(near))
     traces = in_threads(found, list(zip(near, unlike, strict=True)))
-    for chosen, distance, added in filter(None, traces):  # in the order of the parts
-        clear[chosen] = np.minimum(clear[chosen], distance)
+    for chosen, apart, added in filter(None, traces):  # in the order of the parts
+        clear[chosen] = np.minimum(clear[chosen], apart)
         height[chosen] += added
     return clear, height
 

@@ -36,8 +36,6 @@ MEAN_EDGE = 2.0 / 3.0
 """Mean length of edges over the longest that is wanted."""
 LARGEST_FORM_M = 1.0
 """Size that the forms of a sea floor go by [m]."""
-GRAIN = 0.11
-"""Deviation of the reflectance from vertex to vertex, as a share."""
 WHITE = np.ones(3)
 SHARE_OF_THICKNESS = 1.0 / 3.0
 """Displacement inwards, at most, as a share of a part's thickness there: a third is left between both sides."""
@@ -141,7 +139,7 @@ def formed(
         colour = settled(colour, foot.covers(x, pattern), pattern, tint)
     elif around is not None and np.isfinite(clear).any():
         colour = settled(colour, beside(clear, pattern), pattern, tint)
-    colour = np.clip(colour * _grain(len(x), look.seed)[:, None], DARKEST, PALEST)
+    colour = np.clip(colour, DARKEST, PALEST)
     x = x + sum(silts)[:, None] * UP
     return {
         "vertices": x.astype(np.float32),
@@ -196,7 +194,8 @@ class Room:
 def _thickness(surface, points, inwards):
     """Distance [N] from points on a surface to its other side [m]; infinite where rays meet none."""
     skin = SKIN * float(np.ptp(surface.vertices, axis=0).max())
-    return skin + surface.distances(points + skin * inwards, inwards)
+    # a face that a ray meets nearly edge on has its plane anywhere, behind the ray's origin too
+    return skin + np.maximum(surface.distances(points + skin * inwards, inwards), 0.0)
 
 
 def _heights(x, foot):
@@ -225,11 +224,6 @@ def _blended(sites, look, up):
         return [Coat(RECIPES[look.relief], look, sites, np.ones(len(sites.p)))]
     flat = smoothstep(*STEEP, up + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge))
     return [Coat(RECIPES[name], look, sites, share) for name, share in ((look.relief, flat), (look.steep, 1.0 - flat))]
-
-
-def _grain(count, seed):
-    """Factors [count] of the reflectance of vertices: what is finer than a mesh shows as its grain."""
-    return 1.0 + GRAIN * np.clip(np.random.default_rng([seed, 1]).standard_normal(count), -2.5, 2.5)
 
 
 def _bounded(h, x, normals, neighbours):

@@ -7,7 +7,7 @@ from varos_warp.scene.description.world import Flange
 from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, lathe, rounded
 from varos_warp.scene.geometry.assets.pipes import BORE, flange, flange_measures
 from varos_warp.scene.geometry.assets.slabs import box
-from varos_warp.scene.geometry.assets.structures.hardware import bent_bar, hexagon, ring, rod
+from varos_warp.scene.geometry.assets.structures.hardware import ACROSS, bent_bar, hexagon, ring, rod, studs
 from varos_warp.scene.geometry.assets.structures.pieces import Piece, chosen, placed
 
 STEEL, RUBBER, BARE, RED = (0.12, 0.1, 0.085), (0.03, 0.03, 0.03), (0.13, 0.11, 0.09), (0.2, 0.03, 0.02)
@@ -15,10 +15,6 @@ CONCRETE = (0.13, 0.12, 0.1)
 DOWN = np.diag([1.0, -1.0, -1.0])
 NECK = 0.9
 """Length of a flange's welding neck, in thicknesses of the flange."""
-STUD = 0.9
-"""Diameter of the studs, in that of their holes."""
-ACROSS, NUT = 1.55, 0.85
-"""Width across flats and height of their nuts, in their diameters (ISO 4032: 1.5 to 1.6 and 0.8 to 0.9)."""
 EYE, EYE_HEIGHT, EYE_BEND = 0.008, 0.14, 0.045
 """Radius of the bar of lifting eyes, how high they stand, and the radius of their bend [m]."""
 
@@ -44,23 +40,10 @@ def flange_joint(block: FlangeJoint, key: str, detail: Detail) -> list[Piece]:
         {
             "flanges": [(STEEL, mesh) for mesh in flanges],
             "gasket": [(RUBBER, gasket)],
-            "bolts": [(BARE, mesh) for mesh in _studs(circle, hole, count, thick + 0.5 * gap, detail)],
+            "bolts": [(BARE, mesh) for mesh in studs(circle, hole, count, thick + 0.5 * gap, detail)],
         },
         block.only,
     )
-
-
-def _studs(circle, hole, count, face, detail):
-    """Stud bolts around z with a nut on each side, before faces at z = -face and face."""
-    d = 2.0 * STUD * hole
-    reach = face + (NUT + 0.35) * d
-    meshes = [
-        rod(0.5 * d, -reach, reach, detail),
-        hexagon(ACROSS * d, face - 0.001, face + NUT * d, detail),
-        hexagon(ACROSS * d, -face - NUT * d, 0.001 - face, detail),
-    ]
-    angles = 2.0 * np.pi / count * (0.5 + np.arange(count))
-    return [placed(mesh, None, (circle * np.cos(a), circle * np.sin(a), 0.0)) for a in angles for mesh in meshes]
 
 
 def hand_wheel(block: HandWheel, key: str, detail: Detail) -> list[Piece]:

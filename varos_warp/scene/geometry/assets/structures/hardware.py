@@ -14,6 +14,11 @@ from varos_warp.scene.geometry.assets.lofts import (
 from varos_warp.scene.geometry.assets.slabs import slab
 from varos_warp.scene.geometry.assets.structures.pieces import Mesh, placed
 
+STUD = 0.9
+"""Diameter of the studs, in that of their holes."""
+ACROSS, NUT = 1.55, 0.85
+"""Width across flats and height of their nuts, in their diameters (ISO 4032: 1.5 to 1.6 and 0.8 to 0.9)."""
+
 
 def rod(radius: float, low: float, high: float, detail: Detail) -> Mesh:
     """A round bar along z with rounded ends."""
@@ -28,6 +33,27 @@ def hexagon(across: float, low: float, high: float, detail: Detail, at=(0.0, 0.0
     return placed(
         slab([rounded(outline, 0.04 * across, detail, closed=True)], low, high, 0.05 * across, detail), None, (*at, 0.0)
     )
+
+
+def studs(circle: float, hole: float, count: int, face: float, detail: Detail) -> list[Mesh]:
+    """Stud bolts around z with a nut on each side, before faces at z = -face and face.
+
+    Args:
+        circle: Radius of the circle that they stand on [m].
+        hole: Of their holes [m].
+        count: How many there are.
+        face: Half of the height of what they hold together [m].
+        detail: How fine they are.
+    """
+    d = 2.0 * STUD * hole
+    reach = face + (NUT + 0.35) * d
+    meshes = [
+        rod(0.5 * d, -reach, reach, detail),
+        hexagon(ACROSS * d, face - 0.001, face + NUT * d, detail),
+        hexagon(ACROSS * d, -face - NUT * d, 0.001 - face, detail),
+    ]
+    angles = 2.0 * np.pi / count * (0.5 + np.arange(count))
+    return [placed(mesh, None, (circle * np.cos(a), circle * np.sin(a), 0.0)) for a in angles for mesh in meshes]
 
 
 def bent_bar(line, bend: float, radius: float, detail: Detail) -> Mesh:
