@@ -20,8 +20,8 @@ METAL = wp.constant(4)
 RUST = wp.constant(5)
 DIRT = wp.constant(6)
 
-GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(60.0), wp.constant(5)
-"""Patches of the coarsest octave of grain per metre, and octaves: what is finer than triangles, down to 1 mm."""
+GRAIN_CYCLES, GRAIN_OCTAVES = wp.constant(150.0), wp.constant(3)
+"""Patches of the coarsest octave of grain per metre, and octaves: 7 to 1.6 mm; coarser ones look like a mottle."""
 GRAIN_CONTRAST, MOST_GRAIN = wp.constant(2.5), wp.constant(0.8)
 """Tone over noise of the most grain, and how far from 1 a tone may be."""
 

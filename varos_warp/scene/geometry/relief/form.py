@@ -37,6 +37,8 @@ MEAN_EDGE = 2.0 / 3.0
 LARGEST_FORM_M = 1.0
 """Size that the forms of a sea floor go by [m]."""
 WHITE = np.ones(3)
+UNEVEN = 0.08
+"""Deviation of the reflectance from vertex to vertex, as a share."""
 SHARE_OF_THICKNESS = 1.0 / 3.0
 """Displacement inwards, at most, as a share of a part's thickness there: a third is left between both sides."""
 SKIN = 1e-4
@@ -139,7 +141,7 @@ def formed(
         colour = settled(colour, foot.covers(x, pattern), pattern, tint)
     elif around is not None and np.isfinite(clear).any():
         colour = settled(colour, beside(clear, pattern), pattern, tint)
-    colour = np.clip(colour, DARKEST, PALEST)
+    colour = np.clip(colour * _uneven(len(x), look.seed)[:, None], DARKEST, PALEST)
     x = x + sum(silts)[:, None] * UP
     return {
         "vertices": x.astype(np.float32),
@@ -224,6 +226,11 @@ def _blended(sites, look, up):
         return [Coat(RECIPES[look.relief], look, sites, np.ones(len(sites.p)))]
     flat = smoothstep(*STEEP, up + RAGGED * fbm(sites.p, 2.5, 5, look.seed, edge=sites.edge))
     return [Coat(RECIPES[name], look, sites, share) for name, share in ((look.relief, flat), (look.steep, 1.0 - flat))]
+
+
+def _uneven(count, seed):
+    """Factors [count] of the reflectance of vertices: what is between the finest noise of a mesh and its grain."""
+    return 1.0 + UNEVEN * np.clip(np.random.default_rng([seed, 1]).standard_normal(count), -2.5, 2.5)
 
 
 def _bounded(h, x, normals, neighbours):
