@@ -37,6 +37,7 @@ ASSETS = {
     "short bolt": {"kind": "bolt", "size": "M48", "length": 0.005},
     "nut": {"kind": "nut", "size": "M5"},
     "valve": {"kind": "valve", "radius": 0.1},
+    "bolted valve": {"kind": "valve", "radius": 0.1, "bolted": True},
     "boulder": {"kind": "boulder", "diameter": 1.0, "seed": 3},
     "boulder of joints": {"kind": "boulder", "diameter": 1.0, "seed": 3, "form": "joints"},
 }

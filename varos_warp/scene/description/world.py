@@ -225,6 +225,8 @@ class Valve(Parametric):
     kind: Literal["valve"]
     radius: Measure = Field(examples=[0.15])
     """Outer radius of the pipe [m]."""
+    bolted: bool = False
+    """Whether its flanges are bolted to two of the pipe."""
 
 
 class Boulder(Parametric):

@@ -151,7 +151,10 @@ def pipe_support(block: PipeSupport, key: str = "pipe_support", detail: Detail =
 
 
 def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
-    """A body between two bolted joints on a pipe along y, bonnet and stem along +z, a hand wheel with four spokes."""
+    """Two flanges and a body on a pipe along y, bonnet and stem along +z, a hand wheel with four spokes.
+
+    Where it is ``bolted``, each flange is bolted to one of the pipe.
+    """
     r = block.radius
     along = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # z to -y
     across = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z to x
@@ -167,7 +170,7 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
     plate = flange(Flange(kind="flange", radius=r), key, detail)
     flip = np.diag([1.0, -1.0, -1.0])
     lying = [disc(1.03 * r, -1.95 * r, 1.95 * r, 0.02), lathe(body, detail, circle_points(1.4 * r, detail))]
-    for joint in _joint(r, plate, detail):
+    for joint in _joint(r, plate, detail) if block.bolted else [plate]:
         lying += [placed(joint, None, (0.0, 0.0, -2.0 * r)), placed(joint, flip, (0.0, 0.0, 2.0 * r))]
     upright = [disc(0.9 * r, r, 1.8 * r), disc(1.1 * r, 1.8 * r, 2.1 * r), disc(0.18 * r, 2.0 * r, 3.6 * r)]
     wheel = trimesh.creation.torus(
@@ -186,8 +189,14 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
 def _joint(r, plate, detail):
     """A flange from z = 0 up, the pipe's below it, the gasket between them and the bolts, each a closed solid."""
     _, middle, hole, count, thickness = flange_measures(r)
-    gap = GASKET * thickness
-    seal = [(0.0, -1.1 * gap), (middle - 1.2 * hole, -1.1 * gap), (middle - 1.2 * hole, 0.1 * gap), (0.0, 0.1 * gap)]
+    gap, core = GASKET * thickness, middle - 1.2 * hole
+    # a core within both flanges, of which the gap shows a ring
+    seal = [
+        (0.0, -gap - 0.8 * thickness),
+        (core, -gap - 0.8 * thickness),
+        (core, 0.8 * thickness),
+        (0.0, 0.8 * thickness),
+    ]
     gasket = lathe(rounded(seal, 0.2 * gap, detail), detail, circle_points(middle, detail))
     bolts = studs(middle, hole, count, thickness + 0.5 * gap, detail)
     lower = placed(plate, None, (0.0, 0.0, -thickness - gap))
