@@ -88,13 +88,18 @@ def test_a_streak_is_as_long_as_speed_times_exposure(truth):
 ALL = ("direct", "single", "multiple")
 
 
+DISKS = [lamp | {"radius_m": 0.1} for lamp in LAMPS]
+
+
 @pytest.mark.parametrize(
-    ("integrator", "layers"), [("path", ALL[:2]), ("path", ALL), ("field", ALL), ("reference", ALL)]
+    ("integrator", "layers", "lights"),
+    [("path", ALL[:2], LAMPS), ("path", ALL, LAMPS), ("field", ALL, LAMPS), ("reference", ALL, LAMPS)]
+    + [("field", ALL, DISKS)],
 )
-def test_a_blurred_image_is_the_mean_of_instants(any_field, integrator, layers):
+def test_a_blurred_image_is_the_mean_of_instants(any_field, integrator, layers, lights):
     """64 of them, of a rig that moves and turns, in water; pixel by pixel, in blocks, and as a whole."""
     exposure, motion = 0.4, steady((0.6, 0.1, -0.3), (0.1, -0.2, 0.9))
-    blurred = scene_of({"time_s": exposure}, water={"coefficients": TURBID})
+    blurred = scene_of({"time_s": exposure}, lights, water={"coefficients": TURBID})
     renderer = FrameRenderer(blurred, "cpu", parts=room())
     how = {"outputs": "A", "integrator": integrator, "denoise": "none", "layers": layers}
     spp = 256 if integrator == "reference" else 64
