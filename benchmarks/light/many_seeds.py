@@ -78,13 +78,15 @@ def roughened(built: Built, roughness: float) -> Built:
 
 
 def softened(built: Built, radius_m: float) -> Built:
-    """A scene whose lamps are disks of such a radius, those that may be."""
+    """A scene whose lamps are disks of such a radius, those that may be; 0: as they are."""
+    if not radius_m:
+        return built
     vehicle = built.scene.vehicle
     lights = [
         light if light.kind == "point" else light.model_copy(update={"radius_m": radius_m}) for light in vehicle.lights
     ]
     vehicle = vehicle.model_copy(update={"lights": lights})
-    return built._replace(scene=built.scene.model_copy(update={"vehicle": vehicle})) if radius_m else built
+    return built._replace(scene=built.scene.model_copy(update={"vehicle": vehicle}))
 
 
 def reference_of(renderer, built: Built, spp: int) -> Estimate:

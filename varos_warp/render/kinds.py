@@ -40,7 +40,7 @@ from varos_warp.scene.description.vehicle import Camera
 from varos_warp.scene.description.world import SlopeBlend
 from varos_warp.scene.device import foretold_spec, optics_spec
 from varos_warp.scene.geometry.surface import KERNELS
-from varos_warp.scene.lights.records import lights_vary, radius_of
+from varos_warp.scene.lights.records import disks, lights_vary
 from varos_warp.scene.optics.shutter import is_rolling
 from varos_warp.scene.water.particles import particle_laws
 
@@ -112,7 +112,7 @@ def water_kernels(
         spec,
         optics=optics_spec(view),
         varies=moves or lights_vary(scene.lights),
-        disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0,
+        disks=disks(scene.lights),
         **layers,
     )
     if integrator == "reference":
@@ -198,7 +198,7 @@ def particle_kernels(
         optics=optics_spec(view),
         varies=moves or lights_vary(scene.lights),
         rolling=is_rolling(view) and (moves or lights_vary(scene.lights)),
-        disks=len(scene.lights) if any(map(radius_of, scene.lights)) else 0,
+        disks=disks(scene.lights),
         field=field,
         lamps_tabled=tabled,
     )

@@ -38,7 +38,7 @@ class Layered(Block):
     """How rough the surface is below the size of a pixel: 0 is Lambert's law; the rougher, the less it darkens towards
     its rim in light from beside the camera (docs/surfaces.md)."""
     grain: Unit | None = Field(default=None, examples=[0.2])
-    """How much the tone varies from grain to grain, from centimetres down to a pixel; its mean stays. Absent: as the
+    """How much the tone varies from grain to grain, of 7 mm and less, down to a pixel; its mean stays. Absent: as the
     relief has it."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     """The patterns follow from it and from the object."""

@@ -1,6 +1,6 @@
 """The lights of all vehicles as kernels know them: where they are at a pose, and how their intensity is distributed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -116,7 +116,12 @@ def _nodes(light):
 
 def lights_vary(lights: Iterable[Light]) -> bool:
     """Return whether the lights differ from instant to instant, though vehicle and camera stand still."""
-    return any(bool(light.strobe) for light in lights)
+    return any(light.strobe for light in lights)
+
+
+def disks(lights: Sequence[Light]) -> int:
+    """Number of the lights, if some are disks, whose points differ from sample to sample; else 0."""
+    return len(lights) if any(map(radius_of, lights)) else 0
 
 
 def radius_of(light: Light) -> float:

@@ -54,7 +54,7 @@ FLANGES_MM = {
 """EN 1092-1, PN 16, type 01 (plate), by DN: outer diameters of pipe and flange, diameters of bolt circle and holes,
 number of holes, thickness [mm]."""
 GASKET = 0.06
-"""Thickness of the gasket of a valve, in those of its flanges."""
+"""Thickness of the gasket between two flanges, in those of one."""
 BORE = 1.012
 """Bore of a flange over the pipe's outer diameter; 1.01 to 1.015 in the standard."""
 

@@ -5,7 +5,7 @@ import numpy as np
 from varos_warp.scene.description.fittings import ConcreteBlock, FlangeJoint, HandWheel
 from varos_warp.scene.description.world import Flange
 from varos_warp.scene.geometry.assets.lofts import Detail, circle_points, lathe, rounded
-from varos_warp.scene.geometry.assets.pipes import BORE, flange, flange_measures
+from varos_warp.scene.geometry.assets.pipes import BORE, GASKET, flange, flange_measures
 from varos_warp.scene.geometry.assets.slabs import box
 from varos_warp.scene.geometry.assets.structures.hardware import ACROSS, bent_bar, hexagon, ring, rod, studs
 from varos_warp.scene.geometry.assets.structures.pieces import Piece, chosen, placed
@@ -23,7 +23,7 @@ def flange_joint(block: FlangeJoint, key: str, detail: Detail) -> list[Piece]:
     """Flanges, gasket and bolts of a joint, each a closed solid."""
     r = block.radius
     _, circle, hole, count, thick = flange_measures(r)
-    gap = 0.06 * thick
+    gap = GASKET * thick
     neck_low, neck_high, weld = 0.6 * thick, (1.0 + NECK) * thick, 1.06 * r
     inner = BORE * r
     shoulder = min(1.0 * r + 0.9 * thick, circle - 1.15 * ACROSS * hole)
