@@ -5,6 +5,7 @@ import re
 import sys
 from pathlib import Path, PurePosixPath
 
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))  # reference.py
@@ -89,6 +90,23 @@ def on_post_page(output, page, config):
 def on_post_template(output_content, template_name, config):
     """The same on the page that says that there is no such page."""
     return on_post_page(output_content, None, config) if template_name == "404.html" else output_content
+
+
+def on_post_build(config):
+    """Mend the search's dictionary (lunr 2.3.9, ``TokenSet.toString``): it takes unlike branches for one.
+
+    It names a branch by its letters and the numbers of its children, run together: letter 1 to child 523 is named like
+    letter 1 to child 5 and letter 2 to child 3. Words with digits then lead to words that no page has, and the search
+    fails.
+    """
+    (worker,) = Path(config.site_dir).glob("assets/javascripts/workers/search.*.min.js")
+    code = worker.read_text(encoding="utf-8")
+    mended = code.replace("e=e+s+o.id}return e", 'e=e+s+o.id+" "}return e')
+    if mended == code:
+        raise PluginError(
+            "docs/hooks/pages.py: on_post_build does not know this version of the theme's search; see there"
+        )
+    worker.write_text(mended, encoding="utf-8")
 
 
 def target(page: str, link: str) -> str:
