@@ -10,6 +10,7 @@ TEMPLATES = {
     "pipeline_inspection": "along a pipeline with field joints, an anode, a flange and boulders",
     "harbour_wall": "along a wall of sheet piles with fenders, a ladder, a chain and rubble, in coastal water",
     "hull": "along a ship's side with draught figures, anodes, a sea chest and a bilge keel, in harbour water",
+    "kelp_reef": "over boulders with kelp, crusts and animals, and seagrass between them, by night",
     "calibration": "a checkerboard before a stereo pair behind flat ports, in poses that a calibration needs",
     "calibration_camera": "a checkerboard in water before a camera without a port, to all corners of its image",
     "calibration_imu": "a checkerboard before a camera and an IMU that are moved and turned about all axes",

@@ -98,6 +98,13 @@ def test_coarser_prototypes_have_the_colour_of_the_whole(kind):
             np.testing.assert_allclose(mean_colour(solid), mean_colour(shape[0]), rtol=0.2)
 
 
+@pytest.mark.parametrize("kind", ["seagrass", "kelp"])
+def test_coarser_plants_have_the_colour_of_the_whole_exactly(kind):
+    for shape in prototypes(kind):
+        for solid in shape[1:]:
+            np.testing.assert_allclose(mean_colour(solid), mean_colour(shape[0]), rtol=1e-5)
+
+
 def test_levels_end_at_their_limits():
     (first, _), (second, _) = LEVELS
     pixels = np.array([first, np.nextafter(first, 0), second, np.nextafter(second, 0)])

@@ -61,7 +61,7 @@ def decimated(body: Solid, triangles: int) -> Solid:
 
 
 def thinned(strips: tuple[Strip, ...], triangles: int) -> list[Strip]:
-    """The longest of some strips, of fewer rows, with the surface of all of them."""
+    """The longest of some strips, of fewer rows, with the surface and the mean colour of all of them."""
     round_ = len(strips) <= FEW_STRIPS
     each = triangles / len(strips) / (6 if round_ else 2)
     rows = max(int(each) + 1, 3 if triangles >= 60 else 2)
@@ -70,7 +70,16 @@ def thinned(strips: tuple[Strip, ...], triangles: int) -> list[Strip]:
     longest = np.sort(np.argsort(length, kind="stable")[::-1][:most])
     kept = [_shorter(strips[k], rows, round_) for k in longest]
     wider = sum(strip.surface for strip in strips) / sum(strip.surface for strip in kept)
-    return [replace(strip, radius=wider * strip.radius) for strip in kept]
+    kept = [replace(strip, radius=wider * strip.radius) for strip in kept]
+    tint = _mean_colour(strips) / _mean_colour(kept)
+    return [replace(strip, colours=np.clip(tint * strip.colours, 0.0, 0.9)) for strip in kept]
+
+
+def _mean_colour(strips):
+    """The mean of a surface's colours, [3]."""
+    whole = together([strip.solid() for strip in strips])
+    a, b, c = np.moveaxis(whole.vertices[whole.faces], 1, 0)
+    return np.average(whole.corners.mean(axis=1), axis=0, weights=np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
 
 def _shorter(strip, rows, round_):

@@ -63,7 +63,8 @@ class Concrete:
         pattern = sites.patterns(look.seed)
         wear = _wear(sites, pattern, look)
         h = 0.0035 * wear.worn * (wear.stone - 0.6) - 0.004 * wear.pore + 0.0014 * wear.seam - 0.005 * wear.crack
-        return np.clip(h - 0.009 * wear.hole + 0.0016 * pattern.fbm(130.0, 2, 9), -FINE_LIMIT_M, FINE_LIMIT_M)
+        h += (0.0004 + 0.0012 * wear.worn) * pattern.fbm(130.0, 2, 9)  # the skin is as smooth as its formwork
+        return np.clip(h - 0.009 * wear.hole, -FINE_LIMIT_M, FINE_LIMIT_M)
 
     def colour(self, sites: Sites, shape: Shape, look: Look) -> tuple[np.ndarray, np.ndarray]:
         """Cement, stones where it is worn, lime below cracks, bands of tides, film and silt; mean about 0.1."""

@@ -89,7 +89,8 @@ class Rock:
             np.asarray(IRON) * (0.6 + 0.6 * beds.tone)[:, None],
             0.55 * patches(bent.fbm(4.0 / size, 5, 81), 0.22, 0.12),
         )
-        stone = stone * (1.0 + 0.9 * pattern.fbm(70.0, 3, 82, 0.7))[:, None]  # minerals
+        coarse = 0.15 + 0.85 * smoothstep(-0.2, 0.25, pattern.fbm(7.0, 3, 83))  # in some places more than in others
+        stone = stone * (1.0 + coarse * pattern.fbm(70.0, 3, 82, 0.7))[:, None]  # minerals
         edge, groove = np.clip(3.0 * shape.convexity, 0.0, 1.0), shape.hollow
         dark = 0.5 * np.maximum(joint, 0.7 * beds.parting)
         stone = stone * (1.0 + 0.30 * edge - 0.15 * groove)[:, None] * (1.0 - 0.5 * dark)[:, None]
