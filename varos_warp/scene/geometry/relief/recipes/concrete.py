@@ -56,7 +56,7 @@ class Concrete:
         broken = smoothstep(-0.12, 0.25, pattern.fbm(14.0, 4, 1) + 0.4 * pattern.fbm(45.0, 3, 2))
         chips = 0.014 * sites.edges * broken * min(1.0, 0.4 + 2.0 * look.wear)
         spalls = 0.008 * _spalled(pattern, look) * np.clip(0.7 + 1.5 * pattern.fbm(30.0, 3, 3), 0.2, 1.0)
-        return np.clip(0.003 * pattern.fbm(7.0, 3, 10) - chips - spalls, -LIMIT_M, LIMIT_M)
+        return np.clip(0.002 * pattern.fbm(2.5, 3, 10) - chips - spalls, -LIMIT_M, LIMIT_M)
 
     def fine(self, sites: Sites, look: Look) -> np.ndarray:
         """Aggregate, pores, seams, holes, cracks and grain."""
