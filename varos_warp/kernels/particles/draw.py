@@ -1,4 +1,4 @@
-"""From cells to splats: which bodies a camera sees in a frame, and their light."""
+"""From cells to splats: which bodies a camera may see in a frame, how they look, and their light."""
 
 import warp as wp
 
@@ -12,7 +12,6 @@ from varos_warp.kernels.particles.bodies import (
     Grain,
     Particles,
     bodies_in_cell,
-    body_at,
     body_of,
     cell_of,
     drawn_of_body,
@@ -21,7 +20,8 @@ from varos_warp.kernels.particles.bodies import (
 from varos_warp.kernels.particles.disc import edge_of, radius_of
 from varos_warp.kernels.particles.field_light import field_on_body
 from varos_warp.kernels.particles.floc import Floc, floc_extent, lies_along, looseness, shape_of
-from varos_warp.kernels.particles.image import Directions, Image, camera_between, make_image_of
+from varos_warp.kernels.particles.image import Image, camera_between
+from varos_warp.kernels.particles.sighting import Exposure, Sighting, make_sightings
 from varos_warp.kernels.particles.splat import (
     LARGEST_PX,
     Splat,
@@ -31,7 +31,6 @@ from varos_warp.kernels.particles.splat import (
     tiles_of,
 )
 from varos_warp.kernels.spec import SceneSpec, specialised
-from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.transport.next_event import irradiance
 from varos_warp.kernels.world.camera import GREEN, Camera
 from varos_warp.kernels.world.intersect import Instance, SceneData, make_rays
@@ -45,33 +44,6 @@ wp.set_module_options({"enable_backward": False})
 
 TUMBLE = wp.constant(0.3)
 """Amplitude by which a body is brighter or darker as it turns; its mean is 1."""
-STRAIGHT_PX, MOST_PARTS = wp.constant(0.1), wp.constant(16)
-"""A streak is drawn in parts, each of which is straight up to this, but no more of them."""
-LEAST_GAIN = wp.constant(0.1)
-"""An image that moves along with the rows is stretched no more than by one over this."""
-ROUNDS = 3
-"""Rounds in which the row of a rolling shutter that sees a body is found."""
-
-
-@wp.struct
-class Exposure:
-    """A camera, while the rows of an image are exposed."""
-
-    moments: Moments
-    """Moments of one camera at least."""
-    begin_s: float
-    """Beginning of the first instant, from the frame's time [s]."""
-    length_s: float
-    """Length of an instant [s]."""
-    after_s: float
-    """Time of its frame after that of the image [s]: the frame interval, of the next frame; else 0."""
-    way: wp.vec3
-    """How far the water has moved meanwhile [m]."""
-    current: wp.vec3
-    """Velocity of the water at its frame [m/s]."""
-    table: Directions
-    width: int
-    height: int
 
 
 @wp.struct
@@ -83,20 +55,6 @@ class Cone:
     half_angle: float
     slack: float
     """How far points may be off: the camera's and the bodies' ways, and the size of a port [m]."""
-
-
-@wp.struct
-class Sighting:
-    """A body in an image: where, in which row's exposure, or a part of that."""
-
-    image: Image
-    p: wp.vec3
-    begin: float
-    end: float
-    """The exposure of its row, or a part of it, in instants; image and place are those of its middle."""
-    row: int
-    stretch: float
-    """How much longer its image is than at one instant, for rows are not seen at once."""
 
 
 @wp.func
@@ -153,26 +111,6 @@ def is_out_of_sight(cone: Cone, particles: Particles, body: Body):
 
 
 @wp.func
-def exposure_of_row(moments: Moments, row: int):
-    """Begin and end of a row's exposure, or of what is lit of it, in instants; equal where it is one instant."""
-    begin = float(row) * moments.per_row
-    if moments.open == 0.0:
-        return wp.vec2(begin + 0.5, begin + 0.5)
-    end = begin + moments.open
-    if moments.lit_end > 0:
-        begin = wp.clamp(begin, float(moments.lit_begin), float(moments.lit_end))
-        end = wp.clamp(end, begin, float(moments.lit_end))
-    return wp.vec2(begin, end)
-
-
-@wp.func
-def place_at(exposure: Exposure, particles: Particles, body: Body, instant: float):
-    """Place of a body at a place in the instants."""
-    time = exposure.begin_s + instant * exposure.length_s
-    return body_at(particles, body, exposure.after_s + time, exposure.way + time * exposure.current)
-
-
-@wp.func
 def lamp_on_body(scene: SceneData, light: Light, p: wp.vec3, particles: Particles, d: wp.vec3):
     """Light of one lamp that a body at ``p`` sends against ``d``, per cross section, if nothing blocks it."""
     sample = light_sample(light, p)
@@ -208,80 +146,8 @@ def loosened(splat: Splat, grains: wp.array2d(dtype=Grain)):
     return after
 
 
-@specialised("instances", "masks", "optics", "rolling", "field")
-def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
-    """Splats of the bodies of cells, counted or written, specialised to ``spec``."""
-    image_of = make_image_of(spec.optics)
-    visible = make_rays(spec).visible
-    channels = 3 if spec.optics.dispersion else 1
-
-    @wp.func
-    def image_at(exposure: Exposure, particles: Particles, body: Body, instant: float, channel: int):
-        p = place_at(exposure, particles, body, instant)
-        return image_of(camera_between(exposure.moments, instant), exposure.table, p, channel)
-
-    @wp.func
-    def part_of(
-        exposure: Exposure, particles: Particles, body: Body, whole: Sighting, k: int, parts: int, channel: int
-    ):
-        """A body in the k-th of so many parts of its exposure."""
-        found = whole
-        length = (whole.end - whole.begin) / float(parts)
-        found.begin = whole.begin + float(k) * length
-        found.end = found.begin + length
-        middle = found.begin + 0.5 * length
-        found.image = image_at(exposure, particles, body, middle, channel)
-        found.p = place_at(exposure, particles, body, middle)
-        return found
-
-    @wp.func
-    def sighting_of(exposure: Exposure, particles: Particles, body: Body, channel: int):
-        """A body in the exposure of the row that it is seen in."""
-        found = Sighting()
-        found.row = exposure.height / 2
-        found.stretch = 1.0
-        row = float(found.row) + 0.5
-        for _ in range(wp.static(ROUNDS if spec.rolling else 1)):
-            open_at = exposure_of_row(exposure.moments, found.row)
-            found.begin = open_at[0]
-            found.end = open_at[1]
-            found = part_of(exposure, particles, body, found, 0, 1, channel)
-            if wp.static(spec.rolling):
-                # Newton's method: the image moves while the next row is awaited
-                later = 0.5 * (found.begin + found.end) + exposure.moments.per_row
-                gain = 1.0 - image_at(exposure, particles, body, later, channel).y + found.image.y
-                gain = wp.where(gain < 0.0, wp.min(gain, -LEAST_GAIN), wp.max(gain, LEAST_GAIN))
-                row += (found.image.y - row) / gain
-                found.row = wp.clamp(int(row), 0, exposure.height - 1)
-                found.stretch = 1.0 / wp.abs(gain)
-        return found
-
-    @wp.func
-    def parts_of(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
-        """Number of parts in which a body's way through the image is straight and even while its row is exposed."""
-        if found.end <= found.begin:
-            return 1
-        first = image_at(exposure, particles, body, found.begin, channel)
-        last = image_at(exposure, particles, body, found.end, channel)
-        if first.seen + found.image.seen + last.seen == 0:
-            return 1
-        if first.seen * found.image.seen * last.seen == 0:
-            return MOST_PARTS
-        bend = wp.vec2(0.5 * (first.x + last.x) - found.image.x, 0.5 * (first.y + last.y) - found.image.y)
-        change = wp.max(first.area, last.area) / wp.min(first.area, last.area)
-        parts = wp.sqrt(wp.length(bend) / STRAIGHT_PX + 10.0 * (change - 1.0) * (change - 1.0))
-        return wp.clamp(int(wp.ceil(parts)), 1, MOST_PARTS)
-
-    @wp.func
-    def half_streak(exposure: Exposure, particles: Particles, body: Body, found: Sighting, channel: int):
-        """Half of the way of an image in a part of an exposure [pixels]."""
-        if found.end <= found.begin:
-            return wp.vec2(0.0)
-        first = image_at(exposure, particles, body, found.begin, channel)
-        last = image_at(exposure, particles, body, found.end, channel)
-        if first.seen == 0 or last.seen == 0:
-            return wp.vec2(0.0)
-        return 0.5 * wp.vec2(last.x - first.x, last.y - first.y)
+def make_splat_of(spec: SceneSpec, half_streak: wp.Function) -> wp.Function:
+    """(exposure, particles, body, found, drawn, channel) -> the splat of a body that is seen, without its light."""
 
     @wp.func
     def splat_of(exposure: Exposure, particles: Particles, body: Body, found: Sighting, drawn: float, channel: int):
@@ -305,10 +171,18 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         reach = splat.radius + 0.5 * splat.edge
         splat.reach += wp.vec2(reach, reach)
         splat.cover = drawn * wp.pi * size * size
-        if wp.static(channels > 1):
+        if wp.static(spec.optics.dispersion):
             if channel != GREEN:
                 splat.cover = 0.0  # what it hides is hidden once
         return splat
+
+    return splat_of
+
+
+def make_lit(spec: SceneSpec) -> wp.Function:
+    """(scene, field, lights, moving, particles, body, found, splat, drawn) -> the splat with the light of its body."""
+    visible = make_rays(spec).visible
+    channels = 3 if spec.optics.dispersion else 1
 
     @wp.func
     def light_of(scene: SceneData, field: Field, particles: Particles, body: Body, found: Sighting):
@@ -324,16 +198,6 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
             L += field_on_body(scene, field, particles.opacity, found.p, found.image.d)
         bright = 1.0 + TUMBLE * wp.sin(wp.tau * body.u[3] + particles.turn)
         return bright * wp.pi * body.r * body.r * wp.cw_mul(particles.albedo, L)
-
-    @wp.func
-    def flow_of(following: Exposure, particles: Particles, body: Body, image: Image, channel: int):
-        """Flow to the image of a body in the next frame [pixels]; 0 if that is not known."""
-        if following.moments.cameras.shape[0] == 0:
-            return wp.vec2(0.0)
-        then = sighting_of(following, particles, body, channel).image
-        if then.seen * image.seen == 0:
-            return wp.vec2(0.0)
-        return wp.vec2(then.x - image.x, then.y - image.y)
 
     @wp.func
     def as_lit(scene: SceneData, lights: wp.array2d(dtype=Light), moving: wp.array2d(dtype=Instance), found: Sighting):
@@ -370,6 +234,26 @@ def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
         if splat.floc.loose == 0.0:
             after.scale = 1.0 / profile_sum(splat)
         return after
+
+    return lit
+
+
+@specialised("instances", "masks", "optics", "rolling", "field")
+def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
+    """Splats of the bodies of cells, counted or written, specialised to ``spec``."""
+    sighting_of, parts_of, part_of, half_streak = make_sightings(spec)
+    splat_of, lit = make_splat_of(spec, half_streak), make_lit(spec)
+    channels = 3 if spec.optics.dispersion else 1
+
+    @wp.func
+    def flow_of(following: Exposure, particles: Particles, body: Body, image: Image, channel: int):
+        """Flow to the image of a body in the next frame [pixels]; 0 if that is not known."""
+        if following.moments.cameras.shape[0] == 0:
+            return wp.vec2(0.0)
+        then = sighting_of(following, particles, body, channel).image
+        if then.seen * image.seen == 0:
+            return wp.vec2(0.0)
+        return wp.vec2(then.x - image.x, then.y - image.y)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"cpu_compiler_flags": CPU_FLAGS})
     def draw_bodies(

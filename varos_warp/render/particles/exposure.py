@@ -6,8 +6,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import warp as wp
 
-from varos_warp.kernels.particles.draw import Exposure
 from varos_warp.kernels.particles.image import Directions
+from varos_warp.kernels.particles.sighting import Exposure
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.lights.record import Light as LightData

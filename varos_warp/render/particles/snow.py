@@ -15,11 +15,11 @@ from varos_warp.kernels.field.along_camera import AlongCamera
 from varos_warp.kernels.field.open_water import Field
 from varos_warp.kernels.particles.bodies import FADE, NEAREST
 from varos_warp.kernels.particles.bodies import Particles as ParticleData
-from varos_warp.kernels.particles.draw import Exposure
 from varos_warp.kernels.particles.expected import compare_expected, tabulate_expected
 from varos_warp.kernels.particles.field_light import sum_along_rays
 from varos_warp.kernels.particles.gather import gather_splats, take_mean
 from varos_warp.kernels.particles.over import lay_over
+from varos_warp.kernels.particles.sighting import Exposure
 from varos_warp.kernels.transport.moments import Moments
 from varos_warp.kernels.world.camera import Camera as CameraData
 from varos_warp.kernels.world.intersect import SceneData
