@@ -102,55 +102,74 @@ def formed(
         ``colours`` float32 [V, 3], linear reflectances. ``held``: share of the vertices whose displacement the
         thickness of the part bounds, and ``thinnest``, the least thickness there [m].
     """
-    p, faces, edge = refine(base.vertices, base.faces, wanted, base.normals)
-    joined, fans = neighbours_of(len(p), faces), fans_of(len(p), faces)
-    normals = vertex_normals(p, faces, fans)
+    fine = _Fine(*refine(base.vertices, base.faces, wanted, base.normals))
+    x, normals, clear = fine.p, fine.normals(fine.p), np.full(len(fine.p), np.inf)
     up = normals[:, 2]  # of the ground: banks are of its sediment, however steep they are
-    clear = np.full(len(p), np.inf)
-    x = p
-    if around is not None:
-        clear, height = around(p + base.middle)
-        x = p + height[:, None] * UP
-        normals = vertex_normals(x, faces, fans)
-    middle, spread = _spread(base)
-    size = float(np.ptp(base.vertices, axis=0).max())
-    sites = Sites(
-        p=p,
-        n=normals,
-        edge=edge * MEAN_EDGE,
-        size=size if around is None else min(size, LARGEST_FORM_M),
-        height=_heights(x, foot) if around is None else np.zeros(len(x)),
-        clear=clear,
-        middle=middle,
-        spread=spread,
-        sharp=None if around is not None else shape_of(x, joined, normals, MEAN_EDGE * edge).convexity,
-    )
+    room = None
+    if around is None:
+        room = Room(base, x, fine.faces, normals)
+        sites = _sites_of_object(base, fine, normals, foot)
+    else:
+        clear, height = around(x + base.middle)
+        x = x + height[:, None] * UP
+        normals = fine.normals(x)
+        sites = _sites_of_ground(base, fine, normals, clear)
     coats = _blended(sites, look, up)
-    room = Room(base, x, faces, normals) if around is None else None
-    for step in ("coarse", "fine"):
-        h = sum(coat.displacement(step, normals) for coat in coats)
-        h = _bounded(h, x, normals, joined)
-        h = h if room is None else room.bounded(h)
-        x = x + h[:, None] * normals
-        normals = vertex_normals(x, faces, fans)
-    shape = shape_of(x, joined, normals, sites.edge)
-    colours, silts = zip(*(coat.colour(shape) for coat in coats), strict=True)
-    colour = sum(colours)
-    pattern = sites.patterns(look.seed)
+    x, normals = _displaced(coats, fine, x, normals, room)
+    colours, silts = zip(*(coat.colour(shape_of(x, fine.joined, normals, sites.edge)) for coat in coats), strict=True)
+    colour, pattern = sum(colours), sites.patterns(look.seed)
     if foot is not None:
         colour = settled(colour, foot.covers(x, pattern), pattern, tint)
-    elif around is not None and np.isfinite(clear).any():
+    elif np.isfinite(clear).any():
         colour = settled(colour, beside(clear, pattern), pattern, tint)
     colour = np.clip(colour * _uneven(len(x), look.seed)[:, None], DARKEST, PALEST)
     x = x + sum(silts)[:, None] * UP
     return {
         "vertices": x.astype(np.float32),
-        "faces": faces,
-        "normals": vertex_normals(x, faces, fans).astype(np.float32),
+        "faces": fine.faces,
+        "normals": fine.normals(x).astype(np.float32),
         "colours": colour.astype(np.float32),
         "held": np.array(room.held if room else 0.0),
         "thinnest": np.array(room.thinnest if room else np.inf),
     }
+
+
+class _Fine:
+    """A refined surface: its vertices before anything moves them, and what holds of its mesh wherever they are."""
+
+    def __init__(self, p, faces, edge):
+        self.p, self.faces, self.edge = p, faces, edge
+        self.joined, self.fans = neighbours_of(len(p), faces), fans_of(len(p), faces)
+
+    def normals(self, x):
+        """Unit normals [V, 3] with the vertices at ``x`` [V, 3]."""
+        return vertex_normals(x, self.faces, self.fans)
+
+
+def _sites_of_object(base, fine, normals, foot):
+    """The vertices of an object."""
+    middle, spread = _spread(base)
+    size, edge = float(np.ptp(base.vertices, axis=0).max()), MEAN_EDGE * fine.edge
+    clear = np.full(len(fine.p), np.inf)
+    sharp = shape_of(fine.p, fine.joined, normals, edge).convexity
+    return Sites(fine.p, normals, edge, size, _heights(fine.p, foot), clear, middle, spread, sharp)
+
+
+def _sites_of_ground(base, fine, normals, clear):
+    """The vertices of a sea floor."""
+    middle, spread = _spread(base)
+    size = min(float(np.ptp(base.vertices, axis=0).max()), LARGEST_FORM_M)
+    return Sites(fine.p, normals, MEAN_EDGE * fine.edge, size, np.zeros(len(fine.p)), clear, middle, spread)
+
+
+def _displaced(coats, fine, x, normals, room):
+    """Vertices and their normals, [V, 3] each, after the coarse and the fine form."""
+    for step in ("coarse", "fine"):
+        h = _bounded(sum(coat.displacement(step, normals) for coat in coats), x, normals, fine.joined)
+        h = h if room is None else room.bounded(h)
+        x = x + h[:, None] * normals
+        normals = fine.normals(x)
+    return x, normals
 
 
 class Room:
