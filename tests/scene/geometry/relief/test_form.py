@@ -10,6 +10,7 @@ from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.geometry.procedural import grid_mesh
 from varos_warp.scene.geometry.relief import form
 from varos_warp.scene.geometry.surface import Surface
+from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.topology import edge_uses
 
 A, K = 0.01, 20.0
@@ -162,3 +163,13 @@ def test_a_thick_slab_is_moved_as_far_as_its_recipe_says(monkeypatch):
     inside = np.abs(v[:, :2]).max(axis=1) < 0.3
     assert np.abs(v[inside, 2]) == pytest.approx(0.15, abs=1e-6)
     assert mesh["held"] == 0.0
+
+
+def test_no_part_is_thinner_than_nothing(monkeypatch):
+    """A face that float32 meets edge on has its plane behind the ray: such a thickness would push relief outwards."""
+    behind = np.array([[-0.005, 1.0, -1.0], [-0.005, -1.0, 1.0], [-0.005, 1.0, 1.0]])
+    surface = Surface(behind, np.array([[0, 1, 2]], np.int32))
+    monkeypatch.setattr(surface, "first_hits", lambda points, _: (np.zeros(len(points), np.int32), None))
+    along = np.array([[1.0, 0.0, 0.0]])
+    assert surface.distances(np.zeros((1, 3)), along) < 0.0, "the case is as it was found"
+    assert form._thickness(surface, np.zeros((1, 3)), along) > 0.0
