@@ -10,7 +10,6 @@ from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.geometry.procedural import grid_mesh
 from varos_warp.scene.geometry.relief import form
 from varos_warp.scene.geometry.surface import Surface
-from varos_warp.scene.geometry.surface import Surface
 from varos_warp.scene.geometry.topology import edge_uses
 
 A, K = 0.01, 20.0
