@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from scipy import sparse
 
-from varos_warp.device.devices import upload
+from varos_warp.device.devices import upload, usable_cores
 from varos_warp.device.launch import in_threads, launch_rows, tiles_of
 from varos_warp.kernels.mesh import diffusion as kernels
 
@@ -61,17 +61,23 @@ class _Search:
         values, first = (upload(x, wp.vec3, "cpu") for x in (values, q))
         q, (residual, direction, image) = wp.clone(first), (wp.empty_like(first) for _ in range(3))
         ways = {"residual": residual, "direction": direction}
+        if self._count == 1:
+            how = {"iterations": ITERATIONS, "tolerance": TOLERANCE**2}
+            self._run(kernels.solve, values=values, q=q, image=image, **how, **ways)
+        else:
+            self._search(values, q, image, ways)
+        return q.numpy().astype(np.float64)
+
+    def _search(self, values, q, image, ways):
+        """What `kernels.solve` does, by many threads."""
         goal = TOLERANCE**2 * self._sum(kernels.begin, "power", values=values, q=values, **ways)
         power = self._sum(kernels.begin, "power", values=values, q=q, **ways)
         for _ in range(ITERATIONS):
             if (power <= goal).all():
                 break
-            along = self._sum(kernels.project, "along", direction=direction, image=image)
-            by = wp.vec3(*(power / np.maximum(along, 1e-300)).astype(np.float32).tolist())
-            before, power = power, self._sum(kernels.step, "power", by=by, q=q, image=image, **ways)
-            by = wp.vec3(*(power / np.maximum(before, 1e-300)).astype(np.float32).tolist())
-            self._run(kernels.turn, by=by, **ways)
-        return q.numpy().astype(np.float64)
+            along = self._sum(kernels.project, "along", direction=ways["direction"], image=image)
+            before, power = power, self._sum(kernels.step, "power", by=_ratio(power, along), q=q, image=image, **ways)
+            self._run(kernels.turn_tiles, by=_ratio(power, before), **ways)
 
     def _sum(self, kernel: wp.Kernel, name: str, **arguments) -> np.ndarray:
         """The sum [3] of what a kernel finds for each tile, in their order."""
@@ -82,7 +88,12 @@ class _Search:
     def _run(self, kernel: wp.Kernel, **arguments) -> None:
         named = {parameter.label for parameter in kernel.adj.args}
         own = {name: array for name, array in self._own.items() if name in named}
-        launch_rows(kernel, (self._count,), own | arguments, "cpu", rows=1)
+        rows = -(-self._count // usable_cores())  # a launch takes as long as a tenth of a tile
+        launch_rows(kernel, (self._count,), own | arguments, "cpu", rows=rows)
+
+
+def _ratio(a, b):
+    return wp.vec3(*(a / np.maximum(b, 1e-300)).astype(np.float32).tolist())
 
 
 def _edge_squares(p, neighbours):
