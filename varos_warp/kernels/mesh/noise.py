@@ -324,7 +324,8 @@ def find_faces(
                 h = bits_at(seed, i + di, j + dj, k + dk)
                 apart = point_in(h, wp.vec3(float(di), float(dj), float(dk)) - inside)
                 w = wp.max(1.0 - (wp.length(apart) - found.first) / CHAMFER, 0.0)
-                w = w * w * (3.0 - 2.0 * w)
-                total += w * wp.dot(apart, random_direction(h))
-                weights += w
+                if w > 0.0:  # few are
+                    w = w * w * (3.0 - 2.0 * w)
+                    total += w * wp.dot(apart, random_direction(h))
+                    weights += w
     face[n] = wp.vec2(total / weights, high_half(found.bits * AGAIN))

@@ -15,17 +15,27 @@ MARGIN = wp.constant(1.0e-4)
 
 
 @wp.func
-def is_in_cone(along: float, half: float, cosine: float, ball: float):
+def cone_edge(cosine: float, sine: float, ball: float):
+    """Cosine of the half angle of a cone and of that which a ball is seen under together; -2 beyond half a turn."""
+    if ball >= 1.0 or (cosine < 0.0 and ball >= sine):
+        return -2.0
+    return cosine * wp.sqrt(1.0 - ball * ball) - sine * ball
+
+
+@wp.func
+def is_in_cone(along: float, half: float, cosine: float, sine: float, ball: float):
     """Return whether a ball that is seen under an angle meets a cone.
 
     Args:
         along: Cosine of the angle between the axis and the way to the ball's middle.
         half: Half angle of the cone [rad].
         cosine: Of that angle.
+        sine: Likewise.
         ball: Sine of half the angle that the ball is seen under.
     """
-    if ball == 0.0 and wp.abs(along - cosine) > MARGIN:  # as below, without the arc cosine
-        return along > cosine
+    edge = cone_edge(cosine, sine, ball)
+    if edge > -1.0 and wp.abs(along - edge) > MARGIN:  # as below, without the angles
+        return along > edge
     return wp.acos(along) <= half + wp.asin(ball)
 
 
@@ -36,6 +46,7 @@ def find_nearest_view(
     axes: wp.array(dtype=wp.vec3),
     halves: wp.array(dtype=wp.float32),
     cosines: wp.array(dtype=wp.float32),  # of the halves
+    sines: wp.array(dtype=wp.float32),
     points: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),  # zero: not known
     radius: wp.array(dtype=wp.float32),  # of balls about the points [m]
@@ -66,7 +77,7 @@ def find_nearest_view(
             along = wp.clamp(wp.dot(way, axes[k]) / wp.max(d, 1.0e-6), -1.0, 1.0)
             inside = bool(near == 0.0)
             if not inside:
-                inside = is_in_cone(along, halves[k], cosines[k], ball / d)
+                inside = is_in_cone(along, halves[k], cosines[k], sines[k], ball / d)
             if inside:
                 in_view = slanted
                 reach = FARTHER * (in_view + ball) * (in_view + ball)

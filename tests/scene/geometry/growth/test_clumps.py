@@ -26,7 +26,16 @@ from varos_warp.scene.geometry.growth.grow import CURRENT, _poses, _silted, _whi
 from varos_warp.scene.geometry.growth.hosts import Host
 from varos_warp.scene.geometry.growth.kinds import KINDS, prototypes
 from varos_warp.scene.geometry.growth.placing import Rooted, Wanted, joined, rooted
-from varos_warp.scene.geometry.growth.room import HIGH, LOW, filling, full_of, grown_to, left_of, sizes
+from varos_warp.scene.geometry.growth.room import (
+    HIGH,
+    LOW,
+    filling,
+    full_of,
+    grown_to,
+    left_of,
+    share_of_patches,
+    sizes,
+)
 from varos_warp.scene.geometry.growth.solids import solid
 from varos_warp.scene.geometry.growth.spacing import apart
 from varos_warp.scene.geometry.parts import Part, Skin
@@ -74,7 +83,7 @@ def error_of_room(wanted, crowd, monkeypatch):
         left_of.cache_clear()
         monkeypatch.setattr("varos_warp.scene.geometry.growth.room.key_of", lambda *words, k=k: key_of(*words, k))
         share = share_of(crowd.full, crowd.stray, crowd.left)
-        shares.append(left_of(wanted.block.kind, wanted.size_m, crowd.full * wanted.per_m2, share))
+        shares.append(left_of(wanted.block.kind, wanted.size_m, crowd.full * wanted.per_m2, share_of_patches(share)))
     return np.std(shares, ddof=1) / np.mean(shares)
 
 
@@ -259,7 +268,7 @@ def test_hosts_are_coated_at_the_feet_of_copies_only():
 def test_fewer_find_room_where_there_are_more_or_scars():
     size_m = KINDS["mussel"].size_m
     full = full_of("mussel", size_m)
-    packed, loose = (left_of("mussel", size_m, density, 0.1) for density in (full, 0.1 * full))
+    packed, loose = (left_of("mussel", size_m, density, share_of_patches(0.1)) for density in (full, 0.1 * full))
     assert 0.1 < packed < 0.5 < loose < left_by_scars()
     assert left_of("turf", KINDS["turf"].size_m, 1e5, 0.1) == left_by_scars(), "turf may overlap"
     assert left_of("kelp", KINDS["kelp"].size_m, 1e-3, 0.1) == 1.0, "nor does kelp leave scars"
@@ -286,6 +295,7 @@ def test_what_is_left_is_that_of_the_clumps_that_are_made(kind, per_m2, cluster)
     """Where loose kinds stand so close that clumps must be fuller, fewer find room in them."""
     size_m = KINDS[kind].size_m
     how = filling(kind, size_m, per_m2, cluster)
-    again = left_of(kind, size_m, how.times * per_m2, share_of(how.times, KINDS[kind].stray, how.left))
+    share = share_of_patches(share_of(how.times, KINDS[kind].stray, how.left))
+    again = left_of(kind, size_m, how.times * per_m2, share)
     assert how.left == pytest.approx(again, rel=0.04)  # twice of what chance there is in it
     assert how.most == pytest.approx(min(how.times * again / LEAST_CROWDED, 1.0) * per_m2, rel=0.04)

@@ -20,7 +20,7 @@ def test_smoothing_damps_a_wave_by_its_length():
     """On a plane exp(ikx) has the eigenvalue -k^2: away from the rim it becomes 1 / (1 + s^2 k^2) of itself."""
     p, faces, _ = sheet(160, 0.01)
     k, scale = 2.0 * np.pi / 0.2, 0.03
-    wave = np.cos(k * p[:, :1])
+    wave = np.cos(k * p[:, [0, 0, 0]])
     found = smoothed(wave, p, neighbours_of(len(p), faces), scale)
     inside = np.abs(p[:, :2]).max(axis=1) < 0.5
     share = (found * wave)[inside].sum() / (wave**2)[inside].sum()

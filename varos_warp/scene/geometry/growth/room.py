@@ -103,7 +103,7 @@ def filling(name: str, size_m: tuple[float, float], per_m2: float, cluster: floa
     times = float(min(times, most, MOST_CROWDED))
     share = share_of(times, kind.stray, ABOUT)
     for n in range(MOST_ROUNDS):
-        left = left_of(name, size_m, times * per_m2, share)
+        left = left_of(name, size_m, times * per_m2, share_of_patches(share))
         enough = packed or times >= most or times * left >= 0.99 * LEAST_CROWDED
         if n + 1 == MOST_ROUNDS or (enough and n + 1 >= ROUNDS):
             break
@@ -134,6 +134,11 @@ def _covering(kind, size_m, cover):
     return cover / (0.25 * np.pi * (kind.body or 1.0) ** 2 * square)
 
 
+def share_of_patches(share: float) -> float:
+    """Share of patches that clumps have, by that of the surface: what is found for one serves many."""
+    return max(share / patches_of(share), SPARSEST)
+
+
 @lru_cache
 def left_of(name: str, size_m: tuple[float, float], density: float, share: float) -> float:
     """Share of so many bodies a square metre of clumps that scars leave and that finds room, in the mean.
@@ -145,13 +150,13 @@ def left_of(name: str, size_m: tuple[float, float], density: float, share: float
         name: Kind.
         size_m: Smallest and largest size [m].
         density: Where there are no scars, before those that find no room [1/m^2].
-        share: Of the surface that clumps have.
+        share: Of patches that clumps have (`share_of_patches`).
     """
     kind = KINDS[name]
     if density * np.pi * (kind.body * size_m[1]) ** 2 < ALONE:
         return left_by_scars() if kind.scars else 1.0
     leaves, weights = scars() if kind.scars else (np.ones(1), np.ones(1))
-    plane = _plane(kind, name, size_m, density, max(share / patches_of(share), SPARSEST))
+    plane = _plane(kind, name, size_m, density, share)
     return float(np.dot(weights, [_found_room(kind, *plane, leaf) for leaf in leaves]))
 
 

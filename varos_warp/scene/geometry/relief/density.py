@@ -87,6 +87,7 @@ class Footprint:
             "axes": single(self.axes),
             "halves": single(self.halves, wp.float32),
             "cosines": single(np.cos(self.halves), wp.float32),
+            "sines": single(np.sin(self.halves), wp.float32),
             "radius": single(np.broadcast_to(np.float32(radius), len(points)), wp.float32),
             "points": single(points - middle),
             "normals": single(np.zeros(points.shape) if normals is None else normals),

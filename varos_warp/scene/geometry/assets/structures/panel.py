@@ -34,9 +34,13 @@ Coloured = tuple[tuple[float, float, float], Mesh]
 
 
 def wellhead_panel(block: WellheadPanel, key: str, detail: Detail) -> list[Piece]:
-    """Pieces of a panel, each a closed solid; drawn in x, z and towards the viewer, then stood up."""
+    """Pieces of a panel, each a closed solid; drawn in x, z and towards the viewer, then stood up.
+
+    What takes longest, the plate and the labels, is made only where it is asked for.
+    """
+    wanted = ("panel", "marks") if block.only is None else block.only
     pieces: dict[str, list[Coloured]] = {
-        "panel": _plate(block, detail),
+        "panel": _plate(block, detail) if "panel" in wanted else [],
         "receptacles": [],
         "stems": [],
         "handles": [],
@@ -46,7 +50,7 @@ def wellhead_panel(block: WellheadPanel, key: str, detail: Detail) -> list[Piece
     for label, fitting, at in places(block):
         for name, meshes in made[fitting].items():
             pieces[name] += [(colour, placed(mesh, None, (*at, 0.0))) for colour, mesh in meshes]
-        if block.marks:
+        if block.marks and "marks" in wanted:
             pieces["marks"] += [(colour, placed(mesh, None, (*at, 0.0))) for colour, mesh in _label(label, detail)]
     return [
         Piece(name, colour, *placed((vertices, faces), FACING))

@@ -3,21 +3,17 @@
 Threads share the tiles; sums go over tiles in their order, so that no byte depends on the number of threads.
 """
 
-from collections.abc import Callable
-
 import numpy as np
+import warp as wp
 from scipy import sparse
 
-from varos_warp.device.launch import in_threads, tiles_of
+from varos_warp.device.devices import upload, usable_cores
+from varos_warp.device.launch import in_threads, launch_rows, tiles_of
+from varos_warp.kernels.mesh import diffusion as kernels
 
 ITERATIONS = 80
 TOLERANCE = 1e-2
 """Of the conjugate gradients: by how much of what is smoothed away they may be off."""
-FOLD = 64
-"""Rows of an array that are multiplied as one."""
-
-Tile = tuple[slice, sparse.csr_array]
-"""Rows, and their part of the matrix of neighbours."""
 
 
 def smoothed(
@@ -27,95 +23,77 @@ def smoothed(
     scale: np.ndarray | float,
     near: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Values [N, K] after implicit diffusion on the mesh, q - scale^2 Laplace(q) = values.
+    """Values [N, 3] after implicit diffusion on the mesh, q - scale^2 Laplace(q) = values.
 
     The mean over a ring of radius e is q + e^2 / 4 Laplace(q), so the Laplacian is that of the graph, times 4 / e^2
     with e^2 the mean square of a vertex' edges. Conjugate gradients take as many steps as a scale has edges; averaging
-    again and again would take the square of that. ``near`` [N, K] is what the search begins from: the values where
+    again and again would take the square of that. ``near`` [N, 3] is what the search begins from: the values where
     nothing nearer is known.
     """
     mass = _edge_squares(p, neighbours) / (4.0 * np.square(scale))
     degree = np.diff(neighbours.indptr)
     mass = np.where(degree > 0, np.maximum(mass, 1e-9), 1.0).astype(np.float32)
-    # as wide as the values: numpy takes several times as long where it has to repeat a column
-    mass, diagonal = (np.repeat(x[:, None], values.shape[1], axis=1) for x in (mass, mass + degree.astype(np.float32)))
-    adjacency = neighbours.astype(np.float32)
     offset = values.mean(axis=0)  # single precision is for what differs
     start = (values - offset).astype(np.float32)
     first = start if near is None else (near - offset).astype(np.float32)
-    tiles = [(rows, adjacency[rows]) for rows in tiles_of(len(p))]
-    return offset + _Search(mass, diagonal, tiles).run(start, first)
+    return offset + _Search(mass, mass + degree.astype(np.float32), neighbours).run(start, first)
 
 
 class _Search:
     """Conjugate gradients in (diagonal - neighbours) q = mass values, with the diagonal as preconditioner."""
 
-    def __init__(self, mass: np.ndarray, diagonal: np.ndarray, tiles: list[Tile]):
-        self._mass, self._diagonal, self._tiles = mass, diagonal, tiles
+    def __init__(self, mass: np.ndarray, diagonal: np.ndarray, neighbours: sparse.csr_array):
+        tiles = tiles_of(len(mass))
+        self._count = len(tiles)
+        own = {
+            "rows": np.array([0, *(tile.stop for tile in tiles)]),
+            "starts": neighbours.indptr,
+            "joined": neighbours.indices,
+        }
+        self._own = {name: upload(x.astype(np.int32, copy=False), wp.int32, "cpu") for name, x in own.items()}
+        self._own |= {"mass": upload(mass, wp.float32, "cpu"), "diagonal": upload(diagonal, wp.float32, "cpu")}
 
     def run(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """The solution float64 [N, K], each column by itself; ``q`` [N, K] is what it is sought from.
+        """The solution float64 [N, 3], each column by itself; ``q`` [N, 3] is what it is sought from.
 
         It ends where no column's residual is longer than `TOLERANCE` of that of the values themselves.
         """
-        q, (residual, direction, image) = q.copy(), (np.empty_like(q) for _ in range(3))
-        goal = TOLERANCE**2 * self._sum(lambda tile: self._begin(values, values, residual, direction, tile))
-        power = self._sum(lambda tile: self._begin(values, q, residual, direction, tile))
+        values, first = (upload(x, wp.vec3, "cpu") for x in (values, q))
+        q, (residual, direction, image) = wp.clone(first), (wp.empty_like(first) for _ in range(3))
+        ways = {"residual": residual, "direction": direction}
+        if self._count == 1:
+            how = {"iterations": ITERATIONS, "tolerance": TOLERANCE**2}
+            self._run(kernels.solve, values=values, q=q, image=image, **how, **ways)
+        else:
+            self._search(values, q, image, ways)
+        return q.numpy().astype(np.float64)
+
+    def _search(self, values, q, image, ways):
+        """What `kernels.solve` does, by many threads."""
+        goal = TOLERANCE**2 * self._sum(kernels.begin, "power", values=values, q=values, **ways)
+        power = self._sum(kernels.begin, "power", values=values, q=q, **ways)
         for _ in range(ITERATIONS):
             if (power <= goal).all():
                 break
-            along = self._sum(lambda tile: self._project(direction, image, tile))
-            step = (power / np.maximum(along, 1e-300)).astype(np.float32)
-            before, power = power, self._sum(lambda tile, by=step: self._step(q, residual, direction, image, by, tile))
-            share = (power / np.maximum(before, 1e-300)).astype(np.float32)
-            self._sum(lambda tile, by=share: self._turn(direction, residual, by, tile))
-        return q.astype(np.float64)
+            along = self._sum(kernels.project, "along", direction=ways["direction"], image=image)
+            before, power = power, self._sum(kernels.step, "power", by=_ratio(power, along), q=q, image=image, **ways)
+            self._run(kernels.turn_tiles, by=_ratio(power, before), **ways)
 
-    def _sum(self, part: Callable[[Tile], np.ndarray | float]):
-        return sum(in_threads(part, self._tiles))
+    def _sum(self, kernel: wp.Kernel, name: str, **arguments) -> np.ndarray:
+        """The sum [3] of what a kernel finds for each tile, in their order."""
+        found = wp.empty(self._count, dtype=wp.vec3d, device="cpu")
+        self._run(kernel, **arguments, **{name: found})
+        return sum(found.numpy(), np.zeros(3))
 
-    def _product(self, q, tile):
-        rows, near = tile
-        return self._diagonal[rows] * q[rows] - near @ q
-
-    def _begin(self, values, q, residual, direction, tile):
-        rows, _ = tile
-        np.subtract(self._mass[rows] * values[rows], self._product(q, tile), out=residual[rows])
-        np.divide(residual[rows], self._diagonal[rows], out=direction[rows])
-        return _dots(residual[rows], direction[rows])
-
-    def _project(self, direction, image, tile):
-        rows, _ = tile
-        image[rows] = self._product(direction, tile)
-        return _dots(direction[rows], image[rows])
-
-    def _step(self, q, residual, direction, image, by, tile):
-        rows, _ = tile
-        q[rows] += _times(direction[rows], by)
-        residual[rows] += _times(image[rows], -by)
-        return _dots(residual[rows], residual[rows] / self._diagonal[rows])
-
-    def _turn(self, direction, residual, by, tile):
-        rows, _ = tile
-        direction[rows] = residual[rows] / self._diagonal[rows] + _times(direction[rows], by)
-        return 0.0
+    def _run(self, kernel: wp.Kernel, **arguments) -> None:
+        named = {parameter.label for parameter in kernel.adj.args}
+        own = {name: array for name, array in self._own.items() if name in named}
+        rows = -(-self._count // usable_cores())  # a launch takes as long as a tenth of a tile
+        launch_rows(kernel, (self._count,), own | arguments, "cpu", rows=rows)
 
 
-def _times(way, factors):
-    """A way [N, K] times a factor [K] for each column.
-
-    Many rows are taken as one long one: over rows of three numpy takes three times as long.
-    """
-    whole, width = len(way) - len(way) % FOLD, FOLD * len(factors)
-    out = np.empty_like(way)
-    np.multiply(way[:whole].reshape(-1, width), np.tile(factors, FOLD), out=out[:whole].reshape(-1, width))
-    np.multiply(way[whole:], factors, out=out[whole:])
-    return out
-
-
-def _dots(a, b):
-    """Dot products of columns, in float64."""
-    return np.einsum("ij,ij->j", a, b, dtype=np.float64)
+def _ratio(a, b):
+    return wp.vec3(*(a / np.maximum(b, 1e-300)).astype(np.float32).tolist())
 
 
 def _edge_squares(p, neighbours):
