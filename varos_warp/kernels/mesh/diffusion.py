@@ -1,9 +1,8 @@
 """Conjugate gradients for diffusion on a mesh, a thread for each tile of vertices.
 
-They solve (diagonal - neighbours) q = mass values, with the diagonal as preconditioner. ``starts`` [N + 1] tells where
-the neighbours of a vertex begin in ``joined``, ``rows`` [T + 1] where tiles begin and the last one ends. A thread goes
-through its vertices in their order and adds in double precision, so that sums do not depend on how many threads there
-are, and all that a step changes is read and written once.
+They solve (diagonal - neighbours) q = mass values, with the diagonal as preconditioner. A thread goes through its
+vertices in their order and adds in double precision, so that sums do not depend on how many threads there are, and all
+that a step changes is read and written once.
 """
 
 import warp as wp
@@ -14,19 +13,32 @@ SMALLEST = wp.constant(wp.float64(1e-300))
 """Least divisor."""
 
 
+@wp.struct
+class Search:
+    """A mesh of N vertices in T tiles, and a search on it."""
+
+    rows: wp.array(dtype=wp.int32)
+    """[T + 1]: where tiles begin, and the last one ends."""
+    starts: wp.array(dtype=wp.int32)
+    """[N + 1]: where the neighbours of a vertex begin in ``joined``, and those of the last one end."""
+    joined: wp.array(dtype=wp.int32)
+    mass: wp.array(dtype=wp.float32)
+    diagonal: wp.array(dtype=wp.float32)
+    values: wp.array(dtype=wp.vec3)
+    q: wp.array(dtype=wp.vec3)
+    residual: wp.array(dtype=wp.vec3)
+    direction: wp.array(dtype=wp.vec3)
+    image: wp.array(dtype=wp.vec3)
+    """The matrix times the direction."""
+
+
 @wp.func
-def image_at(
-    starts: wp.array(dtype=wp.int32),
-    joined: wp.array(dtype=wp.int32),
-    diagonal: wp.array(dtype=wp.float32),
-    q: wp.array(dtype=wp.vec3),
-    i: int,
-):
+def image_at(search: Search, q: wp.array(dtype=wp.vec3), i: int):
     """Row of a vertex of the matrix times q."""
     near = wp.vec3(0.0)
-    for k in range(starts[i], starts[i + 1]):
-        near += q[joined[k]]
-    return diagonal[i] * q[i] - near
+    for k in range(search.starts[i], search.starts[i + 1]):
+        near += q[search.joined[k]]
+    return search.diagonal[i] * q[i] - near
 
 
 @wp.func
@@ -46,80 +58,45 @@ def ratio(a: wp.vec3d, b: wp.vec3d):
 
 
 @wp.func
-def begun(
-    first: int,
-    last: int,
-    starts: wp.array(dtype=wp.int32),
-    joined: wp.array(dtype=wp.int32),
-    mass: wp.array(dtype=wp.float32),
-    diagonal: wp.array(dtype=wp.float32),
-    values: wp.array(dtype=wp.vec3),
-    q: wp.array(dtype=wp.vec3),
-    residual: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-):
+def begun(search: Search, q: wp.array(dtype=wp.vec3), first: int, last: int):
     """Write residuals of a guess and the first direction of some vertices; returns the power of the residuals."""
     total = wp.vec3d(wp.float64(0.0))
     for i in range(first, last):
-        left = mass[i] * values[i] - image_at(starts, joined, diagonal, q, i)
-        residual[i] = left
-        direction[i] = left / diagonal[i]
-        total += products(left, left / diagonal[i])
+        left = search.mass[i] * search.values[i] - image_at(search, q, i)
+        search.residual[i] = left
+        search.direction[i] = left / search.diagonal[i]
+        total += products(left, left / search.diagonal[i])
     return total
 
 
 @wp.func
-def projected(
-    first: int,
-    last: int,
-    starts: wp.array(dtype=wp.int32),
-    joined: wp.array(dtype=wp.int32),
-    diagonal: wp.array(dtype=wp.float32),
-    direction: wp.array(dtype=wp.vec3),
-    image: wp.array(dtype=wp.vec3),
-):
+def projected(search: Search, first: int, last: int):
     """Write the matrix times the direction for some vertices; returns what that has along the direction."""
     total = wp.vec3d(wp.float64(0.0))
     for i in range(first, last):
-        there = image_at(starts, joined, diagonal, direction, i)
-        image[i] = there
-        total += products(direction[i], there)
+        there = image_at(search, search.direction, i)
+        search.image[i] = there
+        total += products(search.direction[i], there)
     return total
 
 
 @wp.func
-def stepped(
-    first: int,
-    last: int,
-    diagonal: wp.array(dtype=wp.float32),
-    by: wp.vec3,
-    direction: wp.array(dtype=wp.vec3),
-    image: wp.array(dtype=wp.vec3),
-    q: wp.array(dtype=wp.vec3),
-    residual: wp.array(dtype=wp.vec3),
-):
+def stepped(search: Search, by: wp.vec3, first: int, last: int):
     """Go so far along the direction at some vertices, for each column; returns the power of what residuals are left."""
     total = wp.vec3d(wp.float64(0.0))
     for i in range(first, last):
-        q[i] = q[i] + wp.cw_mul(direction[i], by)
-        left = residual[i] - wp.cw_mul(image[i], by)
-        residual[i] = left
-        total += products(left, left / diagonal[i])
+        search.q[i] = search.q[i] + wp.cw_mul(search.direction[i], by)
+        left = search.residual[i] - wp.cw_mul(search.image[i], by)
+        search.residual[i] = left
+        total += products(left, left / search.diagonal[i])
     return total
 
 
 @wp.func
-def turn(
-    first: int,
-    last: int,
-    diagonal: wp.array(dtype=wp.float32),
-    by: wp.vec3,
-    residual: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-):
+def turned(search: Search, by: wp.vec3, first: int, last: int):
     """Take the next direction at some vertices, which has so much of the last one, for each column."""
     for i in range(first, last):
-        direction[i] = residual[i] / diagonal[i] + wp.cw_mul(direction[i], by)
+        search.direction[i] = search.residual[i] / search.diagonal[i] + wp.cw_mul(search.direction[i], by)
 
 
 @wp.func
@@ -129,100 +106,43 @@ def is_within(power: wp.vec3d, goal: wp.vec3d):
 
 
 @wp.kernel
-def begin(
-    first_row: int,
-    rows: wp.array(dtype=wp.int32),
-    starts: wp.array(dtype=wp.int32),
-    joined: wp.array(dtype=wp.int32),
-    mass: wp.array(dtype=wp.float32),
-    diagonal: wp.array(dtype=wp.float32),
-    values: wp.array(dtype=wp.vec3),
-    q: wp.array(dtype=wp.vec3),
-    # out
-    residual: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-    power: wp.array(dtype=wp.vec3d),  # of the residual, for each column; shape [T]
-):
-    """Residuals of a first guess, and the first direction."""
+def begin(first_row: int, search: Search, q: wp.array(dtype=wp.vec3), power: wp.array(dtype=wp.vec3d)):
+    """Residuals of a first guess, their power [T], and the first direction."""
     tile = first_row + wp.tid()
-    power[tile] = begun(rows[tile], rows[tile + 1], starts, joined, mass, diagonal, values, q, residual, direction)
+    power[tile] = begun(search, q, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel
-def project(
-    first_row: int,
-    rows: wp.array(dtype=wp.int32),
-    starts: wp.array(dtype=wp.int32),
-    joined: wp.array(dtype=wp.int32),
-    diagonal: wp.array(dtype=wp.float32),
-    direction: wp.array(dtype=wp.vec3),
-    # out
-    image: wp.array(dtype=wp.vec3),
-    along: wp.array(dtype=wp.vec3d),  # what the image has along the direction, for each column; shape [T]
-):
-    """The matrix times the direction."""
+def project(first_row: int, search: Search, along: wp.array(dtype=wp.vec3d)):
+    """The matrix times the direction, and what that has along it [T]."""
     tile = first_row + wp.tid()
-    along[tile] = projected(rows[tile], rows[tile + 1], starts, joined, diagonal, direction, image)
+    along[tile] = projected(search, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel
-def step(
-    first_row: int,
-    rows: wp.array(dtype=wp.int32),
-    diagonal: wp.array(dtype=wp.float32),
-    by: wp.vec3,
-    direction: wp.array(dtype=wp.vec3),
-    image: wp.array(dtype=wp.vec3),
-    # out
-    q: wp.array(dtype=wp.vec3),
-    residual: wp.array(dtype=wp.vec3),
-    power: wp.array(dtype=wp.vec3d),
-):
-    """Go so far along the direction, for each column."""
+def step(first_row: int, search: Search, by: wp.vec3, power: wp.array(dtype=wp.vec3d)):
+    """Go so far along the direction; the power of what residuals are left [T]."""
     tile = first_row + wp.tid()
-    power[tile] = stepped(rows[tile], rows[tile + 1], diagonal, by, direction, image, q, residual)
+    power[tile] = stepped(search, by, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel
-def turn_tiles(
-    first_row: int,
-    rows: wp.array(dtype=wp.int32),
-    diagonal: wp.array(dtype=wp.float32),
-    by: wp.vec3,
-    residual: wp.array(dtype=wp.vec3),
-    # out
-    direction: wp.array(dtype=wp.vec3),
-):
-    """The next direction, which has so much of the last one, for each column."""
+def turn(first_row: int, search: Search, by: wp.vec3):
+    """The next direction, which has so much of the last one."""
     tile = first_row + wp.tid()
-    turn(rows[tile], rows[tile + 1], diagonal, by, residual, direction)
+    turned(search, by, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel
-def solve(
-    first_row: int,
-    rows: wp.array(dtype=wp.int32),
-    starts: wp.array(dtype=wp.int32),
-    joined: wp.array(dtype=wp.int32),
-    mass: wp.array(dtype=wp.float32),
-    diagonal: wp.array(dtype=wp.float32),
-    iterations: int,
-    tolerance: wp.float64,  # of the power
-    values: wp.array(dtype=wp.vec3),
-    # out
-    q: wp.array(dtype=wp.vec3),
-    residual: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-    image: wp.array(dtype=wp.vec3),
-):
+def solve(first_row: int, search: Search, iterations: int, tolerance: wp.float64):  # of the power
     """All steps for the one tile of a small mesh, where launches would take longer than they."""
-    n = rows[first_row + wp.tid() + 1]
-    goal = tolerance * begun(0, n, starts, joined, mass, diagonal, values, values, residual, direction)
-    power = begun(0, n, starts, joined, mass, diagonal, values, q, residual, direction)
+    n = search.rows[first_row + wp.tid() + 1]
+    goal = tolerance * begun(search, search.values, 0, n)
+    power = begun(search, search.q, 0, n)
     for _iteration in range(iterations):
         if is_within(power, goal):
             return
-        along = projected(0, n, starts, joined, diagonal, direction, image)
-        left = stepped(0, n, diagonal, ratio(power, along), direction, image, q, residual)
-        turn(0, n, diagonal, ratio(left, power), residual, direction)
+        along = projected(search, 0, n)
+        left = stepped(search, ratio(power, along), 0, n)
+        turned(search, ratio(left, power), 0, n)
         power = left

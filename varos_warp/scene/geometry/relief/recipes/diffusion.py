@@ -45,39 +45,36 @@ class _Search:
     def __init__(self, mass: np.ndarray, diagonal: np.ndarray, neighbours: sparse.csr_array):
         tiles = tiles_of(len(mass))
         self._count = len(tiles)
-        own = {
-            "rows": np.array([0, *(tile.stop for tile in tiles)]),
-            "starts": neighbours.indptr,
-            "joined": neighbours.indices,
-        }
-        self._own = {name: upload(x.astype(np.int32, copy=False), wp.int32, "cpu") for name, x in own.items()}
-        self._own |= {"mass": upload(mass, wp.float32, "cpu"), "diagonal": upload(diagonal, wp.float32, "cpu")}
+        self._search = search = kernels.Search()
+        search.rows = _sent(np.array([0, *(tile.stop for tile in tiles)]))
+        search.starts, search.joined = _sent(neighbours.indptr), _sent(neighbours.indices)
+        search.mass, search.diagonal = (upload(x, wp.float32, "cpu") for x in (mass, diagonal))
 
     def run(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
         """The solution float64 [N, 3], each column by itself; ``q`` [N, 3] is what it is sought from.
 
         It ends where no column's residual is longer than `TOLERANCE` of that of the values themselves.
         """
-        values, first = (upload(x, wp.vec3, "cpu") for x in (values, q))
-        q, (residual, direction, image) = wp.clone(first), (wp.empty_like(first) for _ in range(3))
-        ways = {"residual": residual, "direction": direction}
+        search = self._search
+        search.values, first = (upload(x, wp.vec3, "cpu") for x in (values, q))
+        search.q = wp.clone(first)
+        search.residual, search.direction, search.image = (wp.empty_like(first) for _ in range(3))
         if self._count == 1:
-            how = {"iterations": ITERATIONS, "tolerance": TOLERANCE**2}
-            self._run(kernels.solve, values=values, q=q, image=image, **how, **ways)
+            self._run(kernels.solve, iterations=ITERATIONS, tolerance=TOLERANCE**2)
         else:
-            self._search(values, q, image, ways)
-        return q.numpy().astype(np.float64)
+            self._steps()
+        return search.q.numpy().astype(np.float64)
 
-    def _search(self, values, q, image, ways):
+    def _steps(self):
         """What `kernels.solve` does, by many threads."""
-        goal = TOLERANCE**2 * self._sum(kernels.begin, "power", values=values, q=values, **ways)
-        power = self._sum(kernels.begin, "power", values=values, q=q, **ways)
+        goal = TOLERANCE**2 * self._sum(kernels.begin, "power", q=self._search.values)
+        power = self._sum(kernels.begin, "power", q=self._search.q)
         for _ in range(ITERATIONS):
             if (power <= goal).all():
                 break
-            along = self._sum(kernels.project, "along", direction=ways["direction"], image=image)
-            before, power = power, self._sum(kernels.step, "power", by=_ratio(power, along), q=q, image=image, **ways)
-            self._run(kernels.turn_tiles, by=_ratio(power, before), **ways)
+            along = self._sum(kernels.project, "along")
+            before, power = power, self._sum(kernels.step, "power", by=_ratio(power, along))
+            self._run(kernels.turn, by=_ratio(power, before))
 
     def _sum(self, kernel: wp.Kernel, name: str, **arguments) -> np.ndarray:
         """The sum [3] of what a kernel finds for each tile, in their order."""
@@ -86,10 +83,12 @@ class _Search:
         return sum(found.numpy(), np.zeros(3))
 
     def _run(self, kernel: wp.Kernel, **arguments) -> None:
-        named = {parameter.label for parameter in kernel.adj.args}
-        own = {name: array for name, array in self._own.items() if name in named}
         rows = -(-self._count // usable_cores())  # a launch takes as long as a tenth of a tile
-        launch_rows(kernel, (self._count,), own | arguments, "cpu", rows=rows)
+        launch_rows(kernel, (self._count,), {"search": self._search, **arguments}, "cpu", rows=rows)
+
+
+def _sent(numbers):
+    return upload(numbers.astype(np.int32, copy=False), wp.int32, "cpu")
 
 
 def _ratio(a, b):
