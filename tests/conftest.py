@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 sys.dont_write_bytecode = False
+gc.disable()  # what is collected stays: to search it again and again takes a second of each worker
 
 pytest_plugins = ["truths", "readers", "pytester"]
 
@@ -23,6 +24,7 @@ def pytest_collection_finish():
     """Thousands of tests live to the end: the search for garbage leaves them out."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @cache
