@@ -49,7 +49,14 @@ def seeded():
 
 WHOLE_FIELD = {"physics", "field", "test_media_limits.py", "test_lamp_limits.py", "test_plan.py"}
 """Folders and files of tests that hold the field against what is known otherwise."""
-ANY_FIELD = {"dataset", "test_end_to_end.py", "test_unlike_scenes.py"}
+ANY_FIELD = {
+    "dataset",
+    "test_end_to_end.py",
+    "test_examples.py",
+    "test_notebooks.py",
+    "test_publish_example.py",
+    "test_unlike_scenes.py",
+}
 """Folders and files of tests to which its values do not matter."""
 TESTS = Path(__file__).parent
 
