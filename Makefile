@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo sample test lint docs validation clean
+.PHONY: demo sample test lint style docs validation clean
 
 demo: $(VENV)/.installed
 	$(BIN)/varos-warp demo -o demo
@@ -13,13 +13,16 @@ demo: $(VENV)/.installed
 sample: $(VENV)/.installed
 	$(BIN)/python examples/publish/publish.py sample -o build/sample
 
-test: $(VENV)/.installed-test lint
+# types, too: tests/test_types.py runs mypy beside the others
+test: $(VENV)/.installed-test style
 	$(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal --readers --validation=build/validation
 
-lint: $(VENV)/.installed-test
+lint: style
+	$(BIN)/mypy
+
+style: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check --quiet .
-	$(BIN)/mypy
 
 # the site, in build/site: every link is checked
 docs: export NO_MKDOCS_2_WARNING = 1

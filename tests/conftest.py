@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 sys.dont_write_bytecode = False
+gc.disable()  # what is collected stays: to search it again and again takes a second of each worker
 
 pytest_plugins = ["truths", "readers", "pytester"]
 
@@ -23,6 +24,7 @@ def pytest_collection_finish():
     """Thousands of tests live to the end: the search for garbage leaves them out."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 @cache
@@ -47,7 +49,14 @@ def seeded():
 
 WHOLE_FIELD = {"physics", "field", "test_media_limits.py", "test_lamp_limits.py", "test_plan.py"}
 """Folders and files of tests that hold the field against what is known otherwise."""
-ANY_FIELD = {"dataset", "test_end_to_end.py", "test_unlike_scenes.py"}
+ANY_FIELD = {
+    "dataset",
+    "test_end_to_end.py",
+    "test_examples.py",
+    "test_notebooks.py",
+    "test_publish_example.py",
+    "test_unlike_scenes.py",
+}
 """Folders and files of tests to which its values do not matter."""
 TESTS = Path(__file__).parent
 

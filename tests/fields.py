@@ -4,7 +4,7 @@ import warp as wp
 
 from varos_warp.kernels.field.open_water import LightField, scattered_irradiance, source_function
 from varos_warp.kernels.world.lights.record import Light
-from varos_warp.render.field import solver
+from varos_warp.render.field import along_camera, solver
 from varos_warp.render.field.directions import Directions
 
 SMALL_FIELD = {
@@ -23,10 +23,16 @@ TINY_FIELD = SMALL_FIELD | {"FINE": (20, 4, 6), "MIDDLE": (12, 3, 4), "COARSE": 
 """Next to no nodes, for tests to which any field will do; products of matrices stay as large as those of the small."""
 
 
+FEW_POINTS = 1 << 8
+"""Where any field will do, tables along rays are compared at so few points; at all, disks take seconds a renderer."""
+
+
 def with_fewer_nodes(monkeypatch, nodes=SMALL_FIELD):
     """Fields are solved with these nodes from now on."""
     for name, value in nodes.items():
         monkeypatch.setattr(solver, name, value)
+    if nodes is TINY_FIELD:
+        monkeypatch.setattr(along_camera, "POINTS", FEW_POINTS)
 
 
 @wp.kernel(enable_backward=False)

@@ -1,66 +1,76 @@
 """The notebooks of examples/notebooks run from an empty folder, tiny; they are short, and stored without outputs."""
 
+import io
 import json
 import re
 import shutil
+import subprocess
+import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
+from typer.testing import CliRunner
+
+from varos_warp.cli import app
 
 ROOT = Path(__file__).parents[1]
 BOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 MOST_LINES = 60
-BY_PROCESSES = "make_a_dataset"
-"""The notebook whose commands run as users have them."""
-IN_ITS_PROCESS = """
-import subprocess
-import sys
-from typer.testing import CliRunner
-from varos_warp.cli import app
-
-run = subprocess.run
-
-def run_here(line, **how):
-    if line[:3] != [sys.executable, "-m", "varos_warp"]:
-        return run(line, **how)
-    result = CliRunner().invoke(app, line[3:])
-    assert result.exit_code == 0, result.output
-    return subprocess.CompletedProcess(line, 0, result.stdout)
-
-subprocess.run = run_here
-"""
-"""A cell before all others, after which verbs of varos-warp run without the seconds in which a process starts."""
+IN_JUPYTER = "make_a_dataset"
+"""The notebook that runs as users have it, as do the commands in it. The others run in the process of the tests."""
 
 
 def cells(path: Path, kind: str) -> list[dict]:
     return [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == kind]
 
 
-@pytest.fixture(scope="module", params=BOOKS, ids=lambda path: path.stem)
-def executed(request, tmp_path_factory):
-    """A notebook after it was run in a folder that holds nothing else, and that folder."""
+def in_jupyter(path: Path, place: Path) -> tuple[int, str]:
+    """How many pictures a notebook shows and what it prints, by a kernel of its own."""
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
-    place = tmp_path_factory.mktemp(request.param.stem)
-    book = nbformat.read(shutil.copy(request.param, place), as_version=4)
-    if request.param.stem != BY_PROCESSES:
-        book.cells.insert(0, nbformat.v4.new_code_cell(IN_ITS_PROCESS))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("VAROS_NOTEBOOK", "tiny")
-        nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(place)}}).execute()
-    return request.param.stem, book, place
-
-
-def test_a_notebook_runs_and_shows_pictures(executed):
-    name, book, _ = executed
+    book = nbformat.read(shutil.copy(path, place), as_version=4)
+    nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(place)}}).execute()
     shown = [output for cell in book.cells if cell.cell_type == "code" for output in cell.outputs]
-    assert not [output for output in shown if output.output_type == "error"], name
-    assert sum("image/png" in output.get("data", {}) for output in shown) >= 2, name
+    assert not [output for output in shown if output.output_type == "error"]
     text = "".join(output.text for output in shown if output.output_type == "stream" and output.name == "stdout")
-    if name == "depth_from_colour":
+    return sum("image/png" in output.get("data", {}) for output in shown), text
+
+
+def run_here(line, check=False, stdout=None):
+    """As subprocess.run a verb of varos-warp, without the seconds in which a process starts."""
+    assert line[:3] == [sys.executable, "-m", "varos_warp"]
+    result = CliRunner().invoke(app, line[3:])
+    assert result.exit_code == 0, result.output
+    return subprocess.CompletedProcess(line, 0, result.stdout)
+
+
+def in_this_process(path: Path, place: Path) -> tuple[int, str]:
+    """The same of cells that are plain Python, with names of their own: each figure that is left open is shown."""
+    names, said = {"__name__": "__main__"}, io.StringIO()
+    plt.switch_backend("agg")
+    plt.close("all")
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+        patch.chdir(place)
+        patch.setattr(subprocess, "run", run_here)
+        for i, cell in enumerate(cells(path, "code")):
+            exec(compile("".join(cell["source"]), f"{path.name}, cell {i}", "exec"), names)
+    pictures = len(plt.get_fignums())
+    plt.close("all")
+    return pictures, said.getvalue()
+
+
+@pytest.mark.parametrize("path", BOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_shows_pictures(path, tmp_path, monkeypatch):
+    """In a folder that holds nothing else."""
+    monkeypatch.setenv("VAROS_NOTEBOOK", "tiny")
+    pictures, text = (in_jupyter if path.stem == IN_JUPYTER else in_this_process)(path, tmp_path)
+    assert pictures >= 2
+    if path.stem == "depth_from_colour":
         error, constant = map(int, re.search(r"mean error (\d+) % of the depth; (\d+) %", text).groups())
         assert 0 <= error < constant
-    if name == "colour_by_layers":
+    if path.stem == "colour_by_layers":
         kept = [float(value) for value in re.findall(r"(?:red|green|blue) (\d\.\d\d)", text)]
         assert len(kept) == 9
         assert all(0.0 < value < 1.0 for value in kept)

@@ -30,6 +30,8 @@ TINY = [
     "--set",
     "objects=[]",
     "--set",
+    "particles=[]",
+    "--set",
     "render.spp_b=1",
     "--integrator",
     "path",

@@ -328,9 +328,8 @@ BY_IMAGES = {
         normals_into_the_ground: ["of its normals point away from the camera"],
         edited_file_name: ["camM0_timestamps.csv:7: C = seq01_veh0_camM0_C-00000006.png: is not seq01_"],
     },
-    "ABCDS": {
+    "A": {
         missing_frame: ["A-00000004.png: there is no such file"],
-        missing_exr: ["B-00000004.exr: there is no such file"],
         swapped_a: [
             "A-00000003.png: is not its EXR with the gain of the exposure table; it is that of frame 4",
             "A-00000004.png: is not its EXR with the gain of the exposure table; it is that of frame 3",
@@ -339,11 +338,6 @@ BY_IMAGES = {
             "A-00000003.exr: is not the image that was exposed: neither its PNG nor its row of the "
             "exposure table; it is that of frame 4",
             "A-00000004.exr: is not the image that was exposed",
-        ],
-        swapped_b_altogether: [
-            "B-00000003.png and seq01_veh0_camM0_B-00000003.exr: are not those of the exposure "
-            "table; it is that of frame 5",
-            "B-00000005.png: does not fit the frames about it",
         ],
         truncated_exr: ["A-00000004.exr: cannot be read: it is not a whole EXR"],
         exr_of_another_frame: [
@@ -358,6 +352,14 @@ BY_IMAGES = {
         ],
         shortened_exposures: ["camM0_exposure_A.csv: 8 rows, not 10"],
         not_a_number_in_an_exr: ["A-00000004.exr: has values that are not finite"],
+    },
+    "BD": {
+        missing_exr: ["B-00000004.exr: there is no such file"],
+        swapped_b_altogether: [
+            "B-00000003.png and seq01_veh0_camM0_B-00000003.exr: are not those of the exposure "
+            "table; it is that of frame 5",
+            "B-00000005.png: does not fit the frames about it",
+        ],
     },
 }
 """Problems that a damage makes, by the images of the dataset: as few as tell."""

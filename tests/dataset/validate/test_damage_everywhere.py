@@ -261,12 +261,13 @@ LIGHT = {
     "b_shifted_1_px": (radiance("B", lambda x: np.roll(x, 1, 1)), "systematic shift"),
     "one_b_shifted_2_px": (radiance("B", lambda x: np.roll(x, 2, 1), [4]), "B-00000004.png: does not fit"),
     "b_mirrored": (radiance("B", lambda x: x[:, ::-1]), "B against neighbours, points that differ"),
-    "a_replaced": (radiance("A", lambda x: x[::-1]), None),
 }
-"""What only A or B tell of, changed in PNG, EXR and table alike: also calibration, poses and D, consistently wrong."""
+"""What only B tells of, changed in PNG, EXR and table alike: also calibration, poses and D, consistently wrong."""
+REPLACED = {"a_replaced": (radiance("A", lambda x: x[::-1]), None)}
+"""Of A, whatever else there is."""
 EVERYWHERE = {
     name: (images, *damage)
-    for images, damages in (("D", TABLES), ("CDS", GEOMETRY), ("ABCDS", LIGHT))
+    for images, damages in (("D", TABLES), ("CDS", GEOMETRY), ("BD", LIGHT), ("ABCDS", REPLACED))
     for name, damage in damages.items()
 }
 """By name: the images of the dataset that is damaged, as few as tell, the damage, and the problem that it makes."""

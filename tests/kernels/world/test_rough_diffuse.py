@@ -39,7 +39,7 @@ def hemisphere():
     """Directions above the surface, and their weights in an integral over the hemisphere."""
     cosine, azimuth = np.meshgrid(0.5 * (NODES + 1.0), AZIMUTHS, indexing="ij")
     weights = np.broadcast_to(0.5 * WEIGHTS[:, None], cosine.shape) * 2.0 * np.pi / len(AZIMUTHS)
-    return np.array([towards(c, a) for c, a in zip(cosine.ravel(), azimuth.ravel(), strict=True)]), weights.ravel()
+    return towards(cosine.ravel(), azimuth.ravel()), weights.ravel()
 
 
 LIGHT, SOLID_ANGLES = hemisphere()
