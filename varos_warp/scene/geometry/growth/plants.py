@@ -5,7 +5,7 @@ import numpy as np
 from varos_warp.scene.geometry.growth.solids import Form, Strip
 from varos_warp.scene.geometry.normals import UP
 
-STIPE, BLADE = (0.05, 0.037, 0.018), np.array([0.06, 0.042, 0.016])
+STIPE, BLADE = (0.05, 0.037, 0.018), np.array([0.05, 0.034, 0.013])
 OVERGROWN = np.array([0.05, 0.05, 0.042])
 """What bryozoans and silt add to the old ends of a blade."""
 
@@ -43,8 +43,8 @@ def _strap(rng, root, downstream, side, spread):
     turn = (u * (0.7 * np.sin(6.0 * u + one) + 0.3 * np.sin(14.0 * u + two)))[:, None]
     width = 0.036 * np.minimum(1.0, 0.4 + 2.5 * u) * (1.0 - u**4) ** 0.5 * (1.0 + 0.12 * np.sin(11.0 * u + three))
     patchy = rng.standard_normal(len(u))
-    overgrown = np.clip(1.6 * u - rng.uniform(0.7, 2.2) + 0.25 * patchy, 0.0, 1.0)[:, None]
-    colours = rng.uniform(0.7, 1.25) * (0.75 + 0.35 * u + 0.12 * patchy)[:, None] * BLADE + overgrown * OVERGROWN
+    overgrown = np.clip(1.6 * u - rng.uniform(0.9, 2.4) + 0.1 * patchy, 0.0, 1.0)[:, None]
+    colours = rng.uniform(0.7, 1.25) * (0.75 + 0.35 * u + 0.05 * patchy)[:, None] * BLADE + overgrown * OVERGROWN
     ruffled = np.cos(turn) * flat + np.sin(turn) * np.cross(along, flat)
     return Strip(path, np.maximum(width, 1e-4), colours, ruffled)
 
