@@ -38,7 +38,7 @@ SMALL = {
     },
     **{
         survey: ["terrain.resolution=65", "scatter.0.count=3", "scatter.1.count=3"]
-        for survey in ("pipeline_inspection", "stereo_survey")
+        for survey in ("pipeline_inspection", "stereo_survey", "kelp_reef")
     },
     "harbour_wall": [
         "terrain.resolution=65",

@@ -231,6 +231,7 @@ KINDS = {
         straight=2.5,
         tall=True,
         scars=False,
+        flows=True,
     ),
     "seagrass": Kind(
         seagrass,
