@@ -106,24 +106,24 @@ def is_within(power: wp.vec3d, goal: wp.vec3d):
 
 
 @wp.kernel
-def begin(first_row: int, search: Search, q: wp.array(dtype=wp.vec3), power: wp.array(dtype=wp.vec3d)):
+def begin(first_row: int, search: Search, q: wp.array(dtype=wp.vec3), sums: wp.array(dtype=wp.vec3d)):
     """Residuals of a first guess, their power [T], and the first direction."""
     tile = first_row + wp.tid()
-    power[tile] = begun(search, q, search.rows[tile], search.rows[tile + 1])
+    sums[tile] = begun(search, q, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel
-def project(first_row: int, search: Search, along: wp.array(dtype=wp.vec3d)):
+def project(first_row: int, search: Search, sums: wp.array(dtype=wp.vec3d)):
     """The matrix times the direction, and what that has along it [T]."""
     tile = first_row + wp.tid()
-    along[tile] = projected(search, search.rows[tile], search.rows[tile + 1])
+    sums[tile] = projected(search, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel
-def step(first_row: int, search: Search, by: wp.vec3, power: wp.array(dtype=wp.vec3d)):
+def step(first_row: int, search: Search, by: wp.vec3, sums: wp.array(dtype=wp.vec3d)):
     """Go so far along the direction; the power of what residuals are left [T]."""
     tile = first_row + wp.tid()
-    power[tile] = stepped(search, by, search.rows[tile], search.rows[tile + 1])
+    sums[tile] = stepped(search, by, search.rows[tile], search.rows[tile + 1])
 
 
 @wp.kernel

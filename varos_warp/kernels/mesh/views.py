@@ -23,20 +23,18 @@ def cone_edge(cosine: float, sine: float, ball: float):
 
 
 @wp.func
-def is_in_cone(along: float, half: float, cosine: float, sine: float, ball: float):
+def is_in_cone(along: float, cone: wp.vec3, ball: float):
     """Return whether a ball that is seen under an angle meets a cone.
 
     Args:
         along: Cosine of the angle between the axis and the way to the ball's middle.
-        half: Half angle of the cone [rad].
-        cosine: Of that angle.
-        sine: Likewise.
+        cone: Half angle of the cone [rad], its cosine and its sine.
         ball: Sine of half the angle that the ball is seen under.
     """
-    edge = cone_edge(cosine, sine, ball)
+    edge = cone_edge(cone[1], cone[2], ball)
     if edge > -1.0 and wp.abs(along - edge) > MARGIN:  # as below, without the angles
         return along > edge
-    return wp.acos(along) <= half + wp.asin(ball)
+    return wp.acos(along) <= cone[0] + wp.asin(ball)
 
 
 @wp.kernel(module="unique")
@@ -44,9 +42,7 @@ def find_nearest_view(
     first_row: int,
     eyes: wp.array(dtype=wp.vec3),
     axes: wp.array(dtype=wp.vec3),
-    halves: wp.array(dtype=wp.float32),
-    cosines: wp.array(dtype=wp.float32),  # of the halves
-    sines: wp.array(dtype=wp.float32),
+    cones: wp.array(dtype=wp.vec3),  # half angle [rad], its cosine and its sine
     points: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),  # zero: not known
     radius: wp.array(dtype=wp.float32),  # of balls about the points [m]
@@ -77,7 +73,7 @@ def find_nearest_view(
             along = wp.clamp(wp.dot(way, axes[k]) / wp.max(d, 1.0e-6), -1.0, 1.0)
             inside = bool(near == 0.0)
             if not inside:
-                inside = is_in_cone(along, halves[k], cosines[k], sines[k], ball / d)
+                inside = is_in_cone(along, cones[k], ball / d)
             if inside:
                 in_view = slanted
                 reach = FARTHER * (in_view + ball) * (in_view + ball)

@@ -241,8 +241,9 @@ def make_lit(spec: SceneSpec) -> wp.Function:
 @specialised("instances", "masks", "optics", "rolling", "field")
 def make_draw_kernel(spec: SceneSpec) -> wp.Kernel:
     """Splats of the bodies of cells, counted or written, specialised to ``spec``."""
-    sighting_of, parts_of, part_of, half_streak = make_sightings(spec)
-    splat_of, lit = make_splat_of(spec, half_streak), make_lit(spec)
+    sightings = make_sightings(spec)
+    sighting_of, parts_of, part_of = sightings.sighting_of, sightings.parts_of, sightings.part_of
+    splat_of, lit = make_splat_of(spec, sightings.half_streak), make_lit(spec)
     channels = 3 if spec.optics.dispersion else 1
 
     @wp.func

@@ -20,7 +20,7 @@ from varos_warp.scene.geometry.assets.lofts import (
 )
 from varos_warp.scene.geometry.assets.slabs import circle, mitred, slab
 from varos_warp.scene.geometry.assets.structures.hardware import studs
-from varos_warp.scene.geometry.assets.structures.pieces import placed
+from varos_warp.scene.geometry.assets.structures.pieces import ALONG_X, FACING, placed
 from varos_warp.scene.geometry.joining import join
 
 DEFAULT = Detail(1e-4)
@@ -156,8 +156,6 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
     Where it is ``bolted``, each flange is bolted to one of the pipe.
     """
     r = block.radius
-    along = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # z to -y
-    across = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z to x
 
     def disc(radius, low, high, bevel=0.12):
         profile = [(0.0, low), (radius, low), (radius, high), (0.0, high)]
@@ -181,9 +179,9 @@ def valve(block: Valve, key: str = "valve", detail: Detail = DEFAULT):
     )
     spoke = disc(0.07 * r, -1.3 * r, 1.3 * r)
     lift = np.array([0.0, 0.0, 3.45 * r])
-    pieces = [(v @ along.T, f) for v, f in lying] + upright
+    pieces = [placed(mesh, FACING) for mesh in lying] + upright
     pieces += [(np.asarray(wheel.vertices) + lift, np.asarray(wheel.faces))]
-    return join(pieces + [(spoke[0] @ axis.T + lift, spoke[1]) for axis in (along, across)])
+    return join(pieces + [placed(spoke, axis, lift) for axis in (FACING, ALONG_X)])
 
 
 def _joint(r, plate, detail):

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from varos_warp.scene.geometry.growth.solids import Form, Solid, Strip, together
+from varos_warp.scene.geometry.topology import area_normals
 
 LEVELS = ((15.0, 100), (5.0, 32))
 """Copies of fewer pixels than the first number have about as many triangles as the second, if their kind has more."""
@@ -78,8 +79,8 @@ def thinned(strips: tuple[Strip, ...], triangles: int) -> list[Strip]:
 def _mean_colour(strips):
     """The mean of a surface's colours, [3]."""
     whole = together([strip.solid() for strip in strips])
-    a, b, c = np.moveaxis(whole.vertices[whole.faces], 1, 0)
-    return np.average(whole.corners.mean(axis=1), axis=0, weights=np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    area = np.linalg.norm(area_normals(whole.vertices, whole.faces), axis=1)
+    return np.average(whole.corners.mean(axis=1), axis=0, weights=area)
 
 
 def _shorter(strip, rows, round_):

@@ -85,9 +85,7 @@ class Footprint:
         given = {
             "eyes": single(self.eyes - middle),
             "axes": single(self.axes),
-            "halves": single(self.halves, wp.float32),
-            "cosines": single(np.cos(self.halves), wp.float32),
-            "sines": single(np.sin(self.halves), wp.float32),
+            "cones": single(np.stack([self.halves, np.cos(self.halves), np.sin(self.halves)], axis=1)),
             "radius": single(np.broadcast_to(np.float32(radius), len(points)), wp.float32),
             "points": single(points - middle),
             "normals": single(np.zeros(points.shape) if normals is None else normals),

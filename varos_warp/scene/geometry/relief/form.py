@@ -103,7 +103,7 @@ def formed(
         thickness of the part bounds, and ``thinnest``, the least thickness there [m].
     """
     fine = _Fine(*refine(base.vertices, base.faces, wanted, base.normals))
-    x, normals, clear = fine.p, fine.normals(fine.p), np.full(len(fine.p), np.inf)
+    x, normals = fine.p, fine.normals(fine.p)
     up = normals[:, 2]  # of the ground: banks are of its sediment, however steep they are
     room = None
     if around is None:
@@ -116,12 +116,13 @@ def formed(
         sites = _sites_of_ground(base, fine, normals, clear)
     coats = _blended(sites, look, up)
     x, normals = _displaced(coats, fine, x, normals, room)
-    colours, silts = zip(*(coat.colour(shape_of(x, fine.joined, normals, sites.edge)) for coat in coats), strict=True)
+    shape = shape_of(x, fine.joined, normals, sites.edge)
+    colours, silts = zip(*(coat.colour(shape) for coat in coats), strict=True)
     colour, pattern = sum(colours), sites.patterns(look.seed)
     if foot is not None:
         colour = settled(colour, foot.covers(x, pattern), pattern, tint)
-    elif np.isfinite(clear).any():
-        colour = settled(colour, beside(clear, pattern), pattern, tint)
+    elif np.isfinite(sites.clear).any():
+        colour = settled(colour, beside(sites.clear, pattern), pattern, tint)
     colour = np.clip(colour * _uneven(len(x), look.seed)[:, None], DARKEST, PALEST)
     x = x + sum(silts)[:, None] * UP
     return {

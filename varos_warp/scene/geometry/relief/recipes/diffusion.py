@@ -67,20 +67,20 @@ class _Search:
 
     def _steps(self):
         """What `kernels.solve` does, by many threads."""
-        goal = TOLERANCE**2 * self._sum(kernels.begin, "power", q=self._search.values)
-        power = self._sum(kernels.begin, "power", q=self._search.q)
+        goal = TOLERANCE**2 * self._sum(kernels.begin, q=self._search.values)
+        power = self._sum(kernels.begin, q=self._search.q)
         for _ in range(ITERATIONS):
             if (power <= goal).all():
                 break
-            along = self._sum(kernels.project, "along")
-            before, power = power, self._sum(kernels.step, "power", by=_ratio(power, along))
+            along = self._sum(kernels.project)
+            before, power = power, self._sum(kernels.step, by=_ratio(power, along))
             self._run(kernels.turn, by=_ratio(power, before))
 
-    def _sum(self, kernel: wp.Kernel, name: str, **arguments) -> np.ndarray:
+    def _sum(self, kernel: wp.Kernel, **arguments) -> np.ndarray:
         """The sum [3] of what a kernel finds for each tile, in their order."""
-        found = wp.empty(self._count, dtype=wp.vec3d, device="cpu")
-        self._run(kernel, **arguments, **{name: found})
-        return sum(found.numpy(), np.zeros(3))
+        sums = wp.empty(self._count, dtype=wp.vec3d, device="cpu")
+        self._run(kernel, sums=sums, **arguments)
+        return sum(sums.numpy(), np.zeros(3))
 
     def _run(self, kernel: wp.Kernel, **arguments) -> None:
         rows = -(-self._count // usable_cores())  # a launch takes as long as a tenth of a tile
