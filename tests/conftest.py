@@ -15,16 +15,24 @@ import numpy as np
 import pytest
 
 sys.dont_write_bytecode = False
-gc.disable()  # what is collected stays: to search it again and again takes a second of each worker
 
 pytest_plugins = ["truths", "readers", "pytester"]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """What is collected stays: to search it for garbage again and again takes a second of each worker."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_finish():
     """Thousands of tests live to the end: the search for garbage leaves them out."""
     gc.collect()
     gc.freeze()
-    gc.enable()
 
 
 @cache
