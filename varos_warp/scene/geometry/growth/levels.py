@@ -51,8 +51,7 @@ def decimated(body: Solid, triangles: int) -> Solid:
     vertices, faces = fast_simplification.simplify(body.vertices, body.faces, target_count=triangles)
     vertices[:, 2] += body.vertices[:, 2].min() - vertices[:, 2].min()  # as deep in its host
     _, stands_for = cKDTree(vertices).query(body.vertices)
-    corners = body.vertices[body.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    area = np.linalg.norm(area_normals(body.vertices, body.faces), axis=1)
     weight = np.bincount(body.faces.ravel(), np.repeat(area, 3), len(body.vertices))
     total = np.bincount(stands_for, weight, len(vertices))
     colours = np.column_stack([np.bincount(stands_for, weight * channel, len(vertices)) for channel in body.colours.T])

@@ -5,6 +5,8 @@ from typing import Self
 
 import numpy as np
 
+from varos_warp.scene.geometry.topology import area_normals
+
 Rgb = tuple[float, float, float]
 
 
@@ -76,8 +78,8 @@ class Strip:
     def surface(self) -> float:
         """Area of all that is seen of it from some side [m^2]: of ribbons both faces."""
         made = self.solid()
-        a, b, c = np.moveaxis(made.vertices[made.faces], 1, 0)
-        return (1.0 if self.across is None else 2.0) * 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        area = 0.5 * np.linalg.norm(area_normals(made.vertices, made.faces), axis=1).sum()
+        return (1.0 if self.across is None else 2.0) * float(area)
 
 
 @dataclass(frozen=True)
