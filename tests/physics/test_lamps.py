@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from rig import assert_agrees, floor, hg, one_ray_scene, radiance, spot
 
+from tests.truths import SIGMAS
+from varos_warp.render.kinds import FEW_LIGHTS
 from varos_warp.render.renderer import FrameRenderer
+from varos_warp.scene.geometry.parts import Part
 from varos_warp.scene.lights import distribution as distribution_module
 from varos_warp.scene.lights.distribution import distribution
 from varos_warp.scene.lights.profiles import read_profile
@@ -96,3 +99,31 @@ def test_the_file_of_a_profile_is_not_read_for_every_frame(tmp_path, monkeypatch
     for frame in range(3):
         renderer.render(np.eye(4), outputs="A", integrator="auto", layers=("single",), spp=1, frame=frame)
     assert len(reads) == 2
+
+
+@pytest.mark.parametrize("count", [FEW_LIGHTS, FEW_LIGHTS + 1])
+def test_direct_light_is_the_sum_of_the_lamps(count):
+    """Few are each asked, so images add up to rounding; of more one is chosen, and they add up to their errors.
+
+    A plate hides half of the floor from every second lamp.
+    """
+    lights = [spot((0.8 * (-1) ** i, 0.0, -0.1 * i), cone_deg=120.0) for i in range(count)]
+    plate = floor(1.5, 0.3, size=0.25, offset=(0.4, 0.0, 0.0))
+    parts = [floor(3.0, 0.3), Part("plate", plate.vertices, plate.faces, plate.material)]
+    view = {"sensor_mm": [4.0, 4.0], "focal_mm": 4.0}
+
+    def direct(some):
+        scene = one_ray_scene(some, WATER, pixels=24, **view)
+        image = FrameRenderer(scene, "cpu", parts=parts).render(
+            np.eye(4), outputs="A", spp=8, seed=3, integrator="path", layers=("direct",), denoise="none"
+        )
+        return image.A
+
+    together, apart = direct(lights), [direct([light]) for light in lights]
+    total = np.sum([image.radiance for image in apart], axis=0, dtype=float)
+    if count <= FEW_LIGHTS:
+        np.testing.assert_allclose(together.radiance, total, rtol=count * 2.0**-22)
+    else:
+        assert not np.allclose(together.radiance, total, rtol=1e-3)
+        stderr = np.sqrt((together.stderr.astype(float) ** 2).sum((0, 1))) / total[..., 0].size
+        assert np.all(np.abs(together.radiance.mean((0, 1)) - total.mean((0, 1))) < SIGMAS * stderr)

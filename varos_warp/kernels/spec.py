@@ -41,6 +41,8 @@ class SceneSpec:
     """Camera or lights differ from sample to sample."""
     disks: int = 0
     """Number of lights, if some are disks, whose points differ from sample to sample; else 0."""
+    few_lights: bool = False
+    """Lights are so few that the camera's segments ask for the direct light of each."""
     rolling: bool = False
     """The camera differs from row to row."""
     direct: bool = True
@@ -73,7 +75,7 @@ class SceneSpec:
     def subpaths(self) -> "SceneSpec | None":
         """What subpaths need; None if there are none: of open water the field knows all."""
         if self.multiple and (self.surfaces or not self.field):
-            return replace(self, direct=False, single=False)
+            return replace(self, direct=False, single=False, few_lights=False)
         return None
 
 

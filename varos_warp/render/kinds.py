@@ -49,8 +49,9 @@ SPLITTING = 4
 SEGMENT_COST = 0.13
 """Time of a camera's segment over that of a subpath, constant, so that machines choose alike: 0.14 was measured on an
 H200, 0.11 on a CPU (Munkholmen)."""
-
-
+FEW_LIGHTS = 4
+"""Lights of which each is asked for its direct light by every segment of the camera. One that is chosen of two leaves
+1.1 to 1.2 times the error of a denoised image of Munkholmen in 0.92 of the time (1280 x 720, H200)."""
 COLOUR_CYCLE = 6
 """Samples are a multiple of this where each channel has its own rays, and all channels have equally many."""
 
@@ -113,6 +114,7 @@ def water_kernels(
         optics=optics_spec(view),
         varies=moves or lights_vary(scene.lights),
         disks=disks(scene.lights),
+        few_lights=len(scene.lights) <= FEW_LIGHTS,
         **layers,
     )
     if integrator == "reference":

@@ -96,7 +96,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
     """The camera's segments of a film's batches from ``first_row`` on, specialised to ``spec``."""
     segment = make_segment(spec)
     first_hit, end_vertex, film_point = segment.first_hit, segment.end_vertex, segment.film_point
-    scattered_once, reflected_once = segment.scattered_once, segment.reflected_once
+    scattered_once, reflected_directly = segment.scattered_once, segment.reflected_directly
     mirrored = make_mirrored(spec)
     field_layer = spec.multiple and spec.field
     sample_ray = make_sample_ray(spec.optics)
@@ -174,7 +174,7 @@ def make_camera_kernel(spec: SceneSpec) -> wp.Kernel:
             in_step()
             if wp.static(spec.direct):
                 if reflects:
-                    L_direct = wp.cw_mul(T, reflected_once(scene, hit, end, u[2]).L)
+                    L_direct = wp.cw_mul(T, reflected_directly(scene, hit, end, u[2]))
             in_step()
             if wp.static(field_layer):
                 if reflects:

@@ -1,7 +1,7 @@
 """Next-event estimation: light that reaches a segment of a path straight from a light.
 
 It is scattered into the segment, or reflected into it by the surface at its end. One of the lights is chosen, in
-proportion to what it would add if nothing blocked it.
+proportion to what it would add if nothing blocked it; or where they are few, each is asked.
 """
 
 import warp as wp
@@ -145,18 +145,28 @@ def sample_in_scattered(scene: SceneData, o: wp.vec3, d: wp.vec3, t_max: float, 
 
 
 @wp.func
+def reflected_from(scene: SceneData, hit: Hit, vertex: Vertex, i: int):
+    """Light of one of the lights that a surface reflects."""
+    sample = light_sample(get_light(scene.lights, i), hit.p)
+    reflected = LightConnection()
+    reflected.p = hit.start
+    reflected.q = sample.p
+    reflected.L = wp.cw_mul(vertex_eval(scene, vertex, sample.d), irradiance(scene.medium, sample))
+    reflected.light = i
+    return reflected
+
+
+@wp.func
 def sample_reflected(scene: SceneData, hit: Hit, vertex: Vertex, u: float):
     """Reflected light of one light, chosen in proportion to what it would add if nothing blocked it."""
     chosen = make_reservoir(u)
     reflected = LightConnection()
     reflected.p = hit.start
     for i in range(light_count(scene.lights)):
-        sample = light_sample(get_light(scene.lights, i), hit.p)
-        L = wp.cw_mul(vertex_eval(scene, vertex, sample.d), irradiance(scene.medium, sample))
-        chosen = offer(chosen, i, brightest(L))
+        candidate = reflected_from(scene, hit, vertex, i)
+        chosen = offer(chosen, i, brightest(candidate.L))
         if chosen.index == i:
-            reflected.L = L
-            reflected.q = sample.p
+            reflected = candidate
     reflected.light = chosen.index
     if chosen.total > 0.0:
         reflected.L *= chosen.total / chosen.weight

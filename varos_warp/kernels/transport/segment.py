@@ -9,11 +9,12 @@ import warp as wp
 
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.spec import FIELDS, SceneSpec, specialised
-from varos_warp.kernels.transport.next_event import sample_in_scattered, sample_reflected
+from varos_warp.kernels.transport.next_event import reflected_from, sample_in_scattered, sample_reflected
 from varos_warp.kernels.transport.pixel import FilmPoint, sample_pixel
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
 from varos_warp.kernels.world.intersect import Hit, SceneData, make_rays
+from varos_warp.kernels.world.lights.light import light_count
 from varos_warp.kernels.world.surface import make_surface_at
 
 wp.set_module_options({"enable_backward": False})
@@ -39,6 +40,7 @@ class Segment(NamedTuple):
     end_vertex: wp.Function
     scattered_once: wp.Function
     reflected_once: wp.Function
+    reflected_directly: wp.Function
     film_point: wp.Function
 
 
@@ -76,6 +78,19 @@ def make_segment(spec: SceneSpec) -> Segment:
         return reflected
 
     @wp.func
+    def reflected_directly(scene: SceneData, hit: Hit, end: Vertex, u: float):
+        """Direct light that the end of the camera's segment reflects into it: of every light, where they are few."""
+        if wp.static(not spec.few_lights):
+            return reflected_once(scene, hit, end, u).L
+        L = wp.vec3(0.0)
+        for i in range(light_count(scene.lights)):
+            reflected = reflected_from(scene, hit, end, i)
+            if brightest(reflected.L) > 0.0:
+                if visible(scene, reflected.p, reflected.q):
+                    L += reflected.L
+        return L
+
+    @wp.func
     def film_point(scene: SceneData, camera: Camera, row: int, col: int, u: wp.vec4):
         """Image point of a sample."""
         if wp.static(peaks_at_lights):
@@ -86,4 +101,4 @@ def make_segment(spec: SceneSpec) -> Segment:
         point.weight = 1.0
         return point
 
-    return Segment(first_hit, visible, end_vertex, scattered_once, reflected_once, film_point)
+    return Segment(first_hit, visible, end_vertex, scattered_once, reflected_once, reflected_directly, film_point)

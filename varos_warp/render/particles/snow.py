@@ -45,7 +45,7 @@ from varos_warp.scene.optics.camera import camera_model
 from varos_warp.scene.water.particles import ParticleLaw, particle_laws
 from varos_warp.sim.vehicle.current import Current
 
-RAYS, RAYS_BY_CHANNEL = 4, 6
+RAYS, RAYS_BY_CHANNEL = 2, 6
 """Rays of a pixel along which E is taken, and which tell what hides a body; where each channel has its own, more."""
 FIELD_NODES = 48, 25, 41
 """Nodes of a table of the field's light by distance, row and column."""
