@@ -142,7 +142,8 @@ def water_kernels(
 def ambient_kernels(spec: SceneSpec, view: Camera, denoiser: str, moves: bool) -> LightKernels | None:
     """Kernels of B, which ``denoiser`` takes; None without surfaces: it is known. The rest as in `water_kernels`."""
     spec = replace(spec, optics=optics_spec(view), varies=moves)
-    guides = make_guides_kernel(spec) if denoiser == "oidn" else None
+    # at rest the mean albedo of the samples is nearly free of noise, and serves
+    guides = make_guides_kernel(spec) if denoiser == "oidn" and moves else None
     return LightKernels(samples=make_ambient_kernel(spec), guides=guides) if spec.surfaces else None
 
 

@@ -308,8 +308,8 @@ class RadianceRenderer:
 
     def take_ambient(self, shot: Shot) -> Taken | None:
         """Take the samples of B; None if all is white."""
-        method, world = shot.options.denoise_b, shot.world
-        kernels = ambient_kernels(world.spec, shot.view, method or self.scene.render.denoise_b, shot.moves)
+        world, denoiser = shot.world, shot.options.denoise_b or self.scene.render.denoise_b
+        kernels = ambient_kernels(world.spec, shot.view, denoiser, shot.moves)
         if kernels is None:
             return None
         film = self.films.black(shot.view.resolution)
@@ -321,10 +321,9 @@ class RadianceRenderer:
             IN_BLOCK * shot.options.spp_b,
         )
         taken = self._developed([film])
-        guides = shot.guides(kernels.guides) if kernels.guides else {}
-        if guides and not seen.varies:  # the mean over an exposure is noisy, and guides are taken to be free of noise
-            guides = guides | {"albedo": taken.images["direct"]}
-        return taken._replace(guides=guides)
+        if kernels.guides:
+            return taken._replace(guides=shot.guides(kernels.guides))
+        return taken._replace(guides={"albedo": taken.images["direct"]} if denoiser == "oidn" else {})
 
     def trace_guides(
         self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool, kernel: wp.Kernel

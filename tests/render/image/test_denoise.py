@@ -452,6 +452,22 @@ def test_an_image_without_a_correction_is_denoised_as_a_whole():
         assert denoise_image(image, method).tobytes() == denoise(noisy, stderr, method).tobytes()
 
 
+def test_of_b_the_light_on_surfaces_is_denoised_and_no_texture_blurs():
+    """Dividing by the albedo and multiplying again is all that an albedo without normals does."""
+    needs("oidn")
+    _, light, stderr = scene()
+    rng = np.random.default_rng(5)
+    albedo = rng.uniform(0.02, 1.0, light.shape).astype(np.float32)
+    black = rng.random(light.shape[:2]) < 0.1
+    albedo[black] = 0.0
+    known = {"snow": None, "stderr": stderr, "correction": None, "base_variance": None, "normal": None}
+    image = SimpleNamespace(radiance=albedo * light, albedo=albedo, **known)
+    light[black] = 0.0
+    plain = SimpleNamespace(radiance=light, albedo=None, **known)
+    expected = np.maximum(albedo, 0.01) * denoise_image(plain, "oidn")
+    np.testing.assert_allclose(denoise_image(image, "oidn"), expected, rtol=2e-3, atol=1e-5)
+
+
 def test_the_result_is_never_negative_and_none_changes_nothing():
     _, image = layered()
     image.radiance = image.radiance - 0.5

@@ -37,6 +37,33 @@ def scale_to_unit(
     image[row, col] = unit_scale(total[0], image.shape[0] * image.shape[1]) * image[row, col]
 
 
+LEAST_ALBEDO = wp.constant(0.01)
+"""Surfaces of less count as having this, or noise in the light on them would grow."""
+
+
+@wp.kernel(enable_backward=False)
+def demodulate(
+    image: wp.array2d(dtype=wp.vec3),
+    albedo: wp.array2d(dtype=wp.vec3),
+    # out
+    light: wp.array2d(dtype=wp.vec3),
+):
+    """Divide an image by the albedo of what it shows: what is left is the light that falls on it."""
+    row, col = wp.tid()
+    light[row, col] = wp.cw_div(image[row, col], wp.max(albedo[row, col], wp.vec3(LEAST_ALBEDO)))
+
+
+@wp.kernel(enable_backward=False)
+def modulate(
+    albedo: wp.array2d(dtype=wp.vec3),
+    # in and out
+    image: wp.array2d(dtype=wp.vec3),
+):
+    """Multiply by what `demodulate` divided by."""
+    row, col = wp.tid()
+    image[row, col] = wp.cw_mul(image[row, col], wp.max(albedo[row, col], wp.vec3(LEAST_ALBEDO)))
+
+
 @wp.kernel(enable_backward=False)
 def subtract(
     image: wp.array2d(dtype=wp.vec3),

@@ -48,10 +48,11 @@ class RadianceImage:
     for one sample."""
     albedo: np.ndarray | None = None
     normal: np.ndarray | None = None
-    """Guides for denoising B, or the correction of A with the field: what the surface reflects, at the pixel's centre
-    or, for B where nothing blurs it, as the mean over its samples; and the surface's normal at the centre, in the world
-    as in C. Both are zero where nothing is hit, but in that mean the albedo is 1 there. Of A they count in proportion
-    to the surface's direct light in all but the correction; the water's albedo 1 and no normal count for the rest."""
+    """Guides for denoising the correction of A with the field, or B where an exposure blurs it: what the surface
+    reflects at the pixel's centre, and its normal there, in the world as in C; zero where nothing is hit. Of A they
+    count in proportion to the surface's direct light in all but the correction; the water's albedo 1 and no normal
+    count for the rest. Of B that nothing blurs, the albedo is the mean over its samples, 1 where nothing is hit, and
+    there is no normal: the image is divided by it for denoising."""
     denoised: np.ndarray | None = None
     """The radiance with less noise, where that was asked for."""
     snow: Snow | None = None

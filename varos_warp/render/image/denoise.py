@@ -7,8 +7,9 @@ some pixels around stays as it is. Values of the correction may be negative, and
 image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
 With the field the base is nearly free of noise, so it guides the correction, with albedo and normals of surfaces as far
-as light comes from them. B has no water: albedo and normals keep its textures and edges; its albedo is the mean over
-its samples, which has edges as smooth as the image, unless an exposure blurs it.
+as light comes from them. B has no water: it is divided by the albedo, the mean over its samples, which is nearly free of
+noise and has edges as smooth as the image; what is left, the light on surfaces, is denoised without guides, and
+multiplied again. Where an exposure blurs B, that mean is noisy, and albedo and normals guide instead.
 """
 
 import functools
@@ -25,8 +26,10 @@ from varos_warp.kernels.film.denoise import (
     add_mixed,
     add_scaled,
     clip_negative,
+    demodulate,
     halve,
     mix_guide,
+    modulate,
     positive_part,
     scale_to_unit,
     subtract,
@@ -66,8 +69,8 @@ def denoise_image(image, method: str) -> np.ndarray:
     """Linear radiance float32 [H, W, 3] of an image on the host, with less noise.
 
     Of an image with a ``correction`` that and the rest, the base, are denoised apart, and what is negative of the sum
-    is cut. ``albedo`` and ``normal`` guide the correction, or the whole, if the image has them. There is nothing to
-    denoise where ``stderr`` is zero throughout.
+    is cut. ``albedo`` and ``normal`` guide the correction, or the whole, if the image has them; a whole with ``albedo``
+    alone is divided by it. There is nothing to denoise where ``stderr`` is zero throughout.
 
     Args:
         image: `frame.RadianceImage`.
@@ -89,7 +92,7 @@ def denoise_image(image, method: str) -> np.ndarray:
     if method == "nlm":
         names.append("stderr")
     elif image.albedo is not None:
-        names += ["albedo", "normal"]
+        names += ["albedo"] if image.normal is None else ["albedo", "normal"]
     arrays = {name: upload(np.asarray(getattr(image, name), np.float32), wp.vec3, "cpu") for name in names}
     return _on_cpu(method).denoise(**arrays, subpaths=np.inf if whole else image.subpaths).numpy()
 
@@ -153,14 +156,15 @@ class Denoiser:
             base_variance: Of all but the correction: what is mixed by. Absent: it is certain.
             stderr: Of the image, for ``nlm``.
             subpaths: How many per pixel the correction is the mean of.
-            guides: Of the correction, or the whole: ``albedo`` in [0, 1] and ``normal``, or neither.
+            guides: Of the correction, or the whole: ``albedo`` in [0, 1] and ``normal``, or neither. A whole is divided
+                by an ``albedo`` that comes alone.
 
         Raises:
             RuntimeError: If Open Image Denoise reports a failure.
         """
         result = wp.zeros_like(radiance)
         if correction is None:
-            self.add_denoised(result, radiance, 1.0, QUALITY, guides, stderr)
+            self._add_whole(result, radiance, stderr, **guides)
         else:
             self._add_base(result, radiance, correction, base_variance, stderr is not None)
             guides = self._correction_guides(result, **guides) if guides else guides
@@ -170,6 +174,17 @@ class Denoiser:
                 self._add_correction(result, correction, guides, stderr)
         self.launcher.run(clip_negative, result.shape, {"image": result})
         return result
+
+    def _add_whole(self, result, radiance, stderr, albedo=None, normal=None):
+        """Add an image, denoised."""
+        if albedo is None or normal is not None:
+            guides = {} if albedo is None else {"albedo": albedo, "normal": normal}
+            self.add_denoised(result, radiance, 1.0, QUALITY, guides, stderr)
+            return
+        light = wp.empty_like(radiance)
+        self.launcher.run(demodulate, result.shape, {"image": radiance, "albedo": albedo, "light": light})
+        self.add_denoised(result, light, 1.0, QUALITY, {}, stderr)
+        self.launcher.run(modulate, result.shape, {"albedo": albedo, "image": result})
 
     def _add_base(self, result, radiance, correction, variance, by_error: bool):
         """Add all but the correction, denoised where it has a variance, and mixed with itself by that."""
