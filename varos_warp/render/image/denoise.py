@@ -7,8 +7,8 @@ some pixels around stays as it is. Values of the correction may be negative, and
 image: what is positive and what is negative are denoised as two images, each of which a denoiser takes.
 
 With the field the base is nearly free of noise, so it guides the correction, with albedo and normals of surfaces as far
-as light comes from them. B has no water: it is divided by the albedo, the mean over its samples, which is nearly free of
-noise and has edges as smooth as the image; what is left, the light on surfaces, is denoised without guides, and
+as light comes from them. B has no water: it is divided by the albedo, the mean over its samples, which is nearly free
+of noise and has edges as smooth as the image; what is left, the light on surfaces, is denoised without guides, and
 multiplied again. Where an exposure blurs B, that mean is noisy, and albedo and normals guide instead.
 """
 
