@@ -26,7 +26,10 @@ SHIPPED = [
 SMALL = {
     "demo": ["terrain.resolution=65"],
     "starter": ["terrain.resolution=65"],
-    "munkholmen": ["terrain.preprocess.shrinkwrap_resolution=65", "scatter.0.count=10"],
+    "munkholmen": [
+        "terrain.preprocess.shrinkwrap_resolution=65",
+        *(f"scatter.{i}.count=3" for i in range(4)),
+    ],
     "every_block": [
         "terrain.preprocess.shrinkwrap_resolution=33",
         "terrain.preprocess.target_vertices=800",
