@@ -14,6 +14,9 @@ from varos_warp.scene.geometry.growth.chance import key_of, uniform
 from varos_warp.scene.geometry.growth.clumps import (
     EMPTY_FROM,
     LEAST_CROWDED,
+    OUTLINE,
+    OUTLINE_MOST,
+    SPREAD,
     _left_by_scars,
     crowding,
     left_by_scars,
@@ -172,7 +175,7 @@ def test_clumps_have_their_radius():
     wide = [np.ptp(grid[there.clump == key], axis=0).max() for key in np.unique(there.clump[there.clump > 0])]
     assert len(wide) > 5
     assert 0.06 < np.median(wide) < 0.3
-    assert max(wide) < 2.0 * EMPTY_FROM * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
+    assert max(wide) < 2.0 * EMPTY_FROM * 0.06 * np.exp(SPREAD * 2.06 + OUTLINE * OUTLINE_MOST)
 
 
 def test_places_are_the_same_whatever_else_is_asked_for():
