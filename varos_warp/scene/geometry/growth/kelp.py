@@ -8,10 +8,10 @@ from varos_warp.scene.geometry.growth.solids import Form, Sheet, Strip, around, 
 from varos_warp.scene.geometry.normals import UP
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
 
-STIPE, BLADE = np.array([0.042, 0.031, 0.018]), np.array([0.052, 0.033, 0.011])
+STIPE, BLADE = np.array([0.034, 0.024, 0.013]), np.array([0.043, 0.0275, 0.009])
 WORN, LACE, FUZZ = np.array([0.085, 0.062, 0.031]), np.array([0.13, 0.124, 0.104]), np.array([0.07, 0.06, 0.044])
 """Old ends that have been grazed and bleached, crusts of bryozoans, and hydroids with what they catch."""
-WEED = np.array([0.036, 0.013, 0.012])
+WEED = np.array([0.028, 0.012, 0.009])
 """Red algae on stipes."""
 ROWS = 84
 """Places along the longest strap."""
@@ -56,7 +56,7 @@ def kelp(rng: np.random.Generator) -> Form:
     stipe = np.column_stack([np.outer(s**2, lean) + np.outer(np.sin(np.pi * s), bow), 0.95 * s - 0.02])
     thick = rng.uniform(0.75, 1.2) * np.linspace(0.019, 0.008, 30) * rng.normal(1.0, 0.06, 30)
     crust = np.clip(0.5 - 1.6 * s + 0.3 * rng.standard_normal(30), 0.0, 0.7)[:, None]
-    colours = STIPE * rng.normal(1.0, 0.16, (30, 1)) + crust * [0.03, 0.016, 0.015]
+    colours = STIPE * rng.normal(1.0, 0.16, (30, 1)) + crust * [0.024, 0.013, 0.012]
     strips: list[Strip] = [Strip(stipe, thick, colours, sides=7)]
     strips += [_root(rng, angle) for angle in around(11) + rng.normal(0.0, 0.25, 11)]
     for _ in range(int(rng.choice([0, 3, 8]))):
@@ -69,7 +69,7 @@ def _blade(rng, top):
     length, base, far, rise, hang, limp, cupped = rng.uniform(
         (0.8, 1.1, 0.25, 0.3, 0.8, 0.25, 0.0), (1.35, 1.45, 0.6, 1.2, 1.45, 0.55, 0.8)
     )
-    tone = BLADE * rng.uniform(0.55, 1.1) * [1.0, rng.uniform(0.9, 1.08), rng.uniform(0.8, 1.3)]
+    tone = BLADE * np.exp(rng.uniform(-0.7, 0.25)) * [1.0, rng.uniform(0.9, 1.08), rng.uniform(0.8, 1.3)]
     return Blade(top, length, (base, far), (rise, hang, limp), cupped, tone, tuple(rng.uniform(0.0, 1.0, 3)))
 
 

@@ -55,7 +55,7 @@ def tones_of(pattern: Patterns) -> Tones:
 def _hung(pattern):
     """Streaks that wander, strong in some zones and missing in others."""
     zone = smoothstep(-0.12, 0.2, pattern.fbm((1.7, 1.7, 1.1), 3, SALT + 6))
-    wander = pattern.moved(0.09, (2.5, 2.5, 4.0), SALT + 7, 3)
+    wander = pattern.moved(0.3, (2.5, 2.5, 1.2), SALT + 7, 3)
     return HUNG * zone * wander.fbm((5.0, 5.0, 1.1), 5, SALT + 5, 0.75)
 
 

@@ -175,7 +175,7 @@ def _seams(sites: Sites, seed: int) -> np.ndarray:
 
 def _worn_through(pattern: Patterns, wear: float) -> np.ndarray:
     """Where the last coat has worn thin and an older one shows, [N]: patches of decimetres with ragged rims."""
-    where = 0.7 * pattern.fbm(1.3, 2, 19) + pattern.moved(0.08, 4.0, 20).fbm((5.0, 5.0, 7.0), 5, 21, 0.6)
+    where = 0.7 * pattern.fbm(1.3, 2, 19) + pattern.moved(0.3, 3.0, 20, 3).fbm((5.0, 5.0, 7.0), 5, 21, 0.6)
     return patches(where, min(0.8 * wear, 0.5), 0.03)
 
 
