@@ -107,7 +107,7 @@ def few_bodies(monkeypatch, tmp_path):
     """
     from varos_warp.scene.geometry.growth import room
 
-    monkeypatch.setattr(room, "BODIES", 500)
+    monkeypatch.setattr(room, "BODIES", 1000)
     monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "cache"))
     for found in (room.filling, room.left_of):
         found.cache_clear()

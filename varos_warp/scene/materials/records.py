@@ -79,7 +79,7 @@ def foretold_features(scene: Scene) -> dict[str, bool]:
         "textures": bool(scene.growth or bring) or any(not isinstance(material, Diffuse) for material in named),
         "patterns": any(map(may_have_images, bring)) or any(map(_has_pattern, named)),
         "metals": any(map(has_lobe, named)),
-        "grain": any(grain(material) > 0.0 for material in named),
+        "grain": bool(scene.growth) or any(grain(material) > 0.0 for material in named),
         "rough": bool(scene.growth) or any(diffuse_roughness(material) > 0.0 for material in named),
     }
 

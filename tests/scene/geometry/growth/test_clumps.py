@@ -14,6 +14,10 @@ from varos_warp.scene.geometry.growth.chance import key_of, uniform
 from varos_warp.scene.geometry.growth.clumps import (
     EMPTY_FROM,
     LEAST_CROWDED,
+    OUTLINE,
+    OUTLINE_MOST,
+    OUTLINES,
+    SPREAD,
     _left_by_scars,
     crowding,
     left_by_scars,
@@ -172,7 +176,26 @@ def test_clumps_have_their_radius():
     wide = [np.ptp(grid[there.clump == key], axis=0).max() for key in np.unique(there.clump[there.clump > 0])]
     assert len(wide) > 5
     assert 0.06 < np.median(wide) < 0.3
-    assert max(wide) < 2.0 * EMPTY_FROM * 0.06 * np.exp(0.45 * 2.06 + 0.2 * 1.5)
+    assert max(wide) < 2.0 * EMPTY_FROM * 0.06 * np.exp(SPREAD * 2.06 + OUTLINE * OUTLINE_MOST)
+
+
+def test_outlines_of_clumps_have_lobes_and_fringes():
+    """Of variance 1, and alike at places 0.6 radii apart, which waves of 2.6 radii are for 0.64 of it: sin x / x."""
+    radius, step = 0.06, 0.6
+    points = np.random.default_rng(1).random((4000, 3)) * 20.0 * radius
+    products = []
+    for number in range(24):
+        outline = crowding(60.0, radius, key_of(number), None).outline
+        here, there = (
+            sum(share * field(at) for field, share in outline) for at in (points, points + [step * radius, 0.0, 0.0])
+        )
+        products.append([np.mean(here * here), np.mean(here * there)])
+    variance, alike = np.mean(products, axis=0)
+    error = np.std(products, axis=0)[1] / np.sqrt(len(products))
+    np.testing.assert_allclose(variance, 1.0, atol=0.05)
+    expected = sum(share**2 * np.sinc(2.0 * step / times) for times, share in OUTLINES)
+    assert abs(alike - expected) < 3.0 * error + 0.03  # waves are 0.7 to 1.7 times as long
+    assert alike > 0.2
 
 
 def test_places_are_the_same_whatever_else_is_asked_for():

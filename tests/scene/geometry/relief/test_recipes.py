@@ -5,7 +5,7 @@ import pytest
 from surfaces import Look, ball, sheet, sites_of, vertex_normals
 
 from varos_warp.scene.geometry.relief.recipes import concrete, rock, sand, steel, zinc
-from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M
+from varos_warp.scene.geometry.relief.recipes.layers import THICKEST_SILT_M, tones_of
 from varos_warp.scene.geometry.relief.recipes.masks import neighbours_of, shape_of
 from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 
@@ -165,6 +165,26 @@ def test_ripples_are_no_steeper_than_0_15():
     p, faces, n = sheet(150, 0.01)
     amplitude, _ = sand._ripples(sites_of(p, faces, n), sites_of(p, faces, n).patterns(1))
     assert 2.0 * amplitude.max() / sand.WAVELENGTH_M <= 0.15
+
+
+def test_streaks_of_a_wall_are_in_zones():
+    """Of squares of 40 cm some have streaks several times as strong as others."""
+    p, faces, n = sheet(200, 0.02)
+    hung = tones_of(sites_of(p[:, [0, 2, 1]], faces, n[:, [0, 2, 1]]).patterns(1)).hung.reshape(10, 20, 10, 20)
+    strength = np.percentile(hung.std(axis=(1, 3)), [10, 90])
+    assert strength[1] > 4.0 * strength[0]
+
+
+def test_loose_stones_keep_less_of_the_forms_of_bedrock():
+    """The same places as an object with edges of its own, as a large one, and as ground: of 1 m, 10 m and any size."""
+    p, faces, n = ball(0.5, 5)
+    rock = RECIPES["rock"]
+
+    def spread(size, sharp):
+        return rock.coarse(sites_of(p, faces, n, size=size, sharp=sharp), Look()).std()
+
+    assert spread(1.0, np.zeros(len(p))) < 0.5 * spread(1.0, None)
+    assert spread(10.0, np.zeros(len(p))) == spread(10.0, None)
 
 
 def test_edges_lose_their_paint_first():

@@ -31,8 +31,12 @@ SPREAD, TAIL = 0.6, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
 FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.6, 1.2, 0.06, 1.5
 """In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
-OUTLINE, OUTLINE_MOST = 0.27, 1.5
+OUTLINE, OUTLINE_MOST = 0.42, 1.5
 """By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
+OUTLINES = ((2.6, 0.8), (0.8, 0.6))
+"""Wavelengths of that noise, in the radius of clumps, and shares of its deviation: lobes of large ones, and fringes."""
+SMOOTH_OUTLINES = ((0.9, 1.0),)
+"""Of clumps that are no patches: on the small planes where room is measured, lobes would be few."""
 WIDER, WIDEST = 0.25, 0.5
 """By how much clumps reach farther where the place is liked (logarithm), for each deviation of noise, and at most."""
 PATCHY, PATCH_EDGE = 2.2, 0.6
@@ -68,7 +72,8 @@ class Crowding:
     key: np.uint64
     patches: tuple[tuple[Field, float], ...]
     """With their shares; the sum of squares of these is 1."""
-    outline: Field | None
+    outline: tuple[tuple[Field, float], ...]
+    """With their shares, likewise."""
     scars: Field | None
 
     @property
@@ -105,7 +110,7 @@ class Crowding:
         if self.full == 1.0:
             return Crowd(np.ones(n), np.ones(n), np.zeros(n, np.uint64))
         law = self._law
-        gate = law.gate(sum((share * field(points) for field, share in self.patches), np.zeros(n)) + liking)
+        gate = law.gate(_noise(self.patches, points) + liking)
         scars = np.ones(n) if self.scars is None else _left_by_scars(self.scars(points))
         some = np.flatnonzero((gate > 0.0) & (self.full * scars >= above))
         share, depth, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
@@ -120,7 +125,7 @@ class Crowding:
         empty, deepest, clump = np.zeros(n), np.zeros(n), np.zeros(n, np.uint64)
         if n == 0:
             return empty, deepest, clump
-        reach = np.exp(OUTLINE * np.clip(self.outline(points), -OUTLINE_MOST, OUTLINE_MOST) + wider)
+        reach = np.exp(OUTLINE * np.clip(_noise(self.outline, points), -OUTLINE_MOST, OUTLINE_MOST) + wider)
         most = HALO_TO * float(np.exp(OUTLINE * OUTLINE_MOST + max(wider.max(), 0.0)))
         middle, radius, keys = self._clumps(points)
         open_from = uniform(keys, 5)
@@ -174,7 +179,7 @@ def crowding(
     """
     full = float(full)
     if full == 1.0:
-        return Crowding(1.0, radius, 0.0, 1.0, own, (), None, None)
+        return Crowding(1.0, radius, 0.0, 1.0, own, (), (), None)
     some = [(field_of(mixed(own, np.uint64(k)), times * radius), share) for k, (times, share) in enumerate(GROUPS)]
     if host is not None:
         some = [
@@ -190,7 +195,10 @@ def crowding(
         left,
         own,
         tuple(some) if patchy else (),
-        field_of(mixed(own, np.uint64(9)), 0.9 * radius),
+        tuple(
+            (field_of(mixed(own, np.uint64(9 + k)), times * radius), share)
+            for k, (times, share) in enumerate(OUTLINES if patchy else SMOOTH_OUTLINES)
+        ),
         None if host is None else field_of(host, 0.7),
     )
 
@@ -249,6 +257,11 @@ def cells_around(cells: np.ndarray) -> np.ndarray:
     around = np.stack(np.unravel_index(found, shape), -1) + steps
     found = np.unique(np.ravel_multi_index(tuple(np.moveaxis(around.reshape(-1, 3), 1, 0)), shape))
     return np.stack(np.unravel_index(found, shape), -1) + low
+
+
+def _noise(fields, points):
+    """The sum of fields by their shares, at points [N, 3]."""
+    return sum((share * field(points) for field, share in fields), np.zeros(len(points)))
 
 
 def _near(middle, radius, points):

@@ -9,8 +9,7 @@ from varos_warp.cache import cached, code_hash
 from varos_warp.device.launch import in_threads
 from varos_warp.errors import warn
 from varos_warp.scene.description import Scene
-from varos_warp.scene.description.surfaces import ROUGH
-from varos_warp.scene.description.world import Diffuse
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.geometry.growth.chance import uniform
 from varos_warp.scene.geometry.growth.coat import Placed, coated
 from varos_warp.scene.geometry.growth.hosts import REACH_M, Carrier
@@ -25,6 +24,8 @@ from varos_warp.scene.geometry.relief.density import Footprint, footprint
 MANY_TRIANGLES = 4_000_000
 """A block with more is told of; on a GPU all copies of a scene join one mesh up to twice as many."""
 
+SURFACE = Layered(kind="layered", grain=0.2)
+"""How all that grows scatters light: rough and grained, in the colours that it has."""
 
 ALONE = 1.2
 """By how many tints copies of one clump differ."""
@@ -132,7 +133,7 @@ def _groups(wanted: Wanted, placed: Placed) -> list[Grown]:
                     wanted.key,
                     solid.vertices,
                     solid.faces,
-                    Diffuse(diffuse_roughness=ROUGH),
+                    SURFACE,
                     poses[chosen],
                     first + np.arange(len(chosen)),
                     smooth_angle=SMOOTH,

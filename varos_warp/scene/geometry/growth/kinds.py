@@ -10,8 +10,9 @@ from varos_warp.cache import cached, code_hash
 from varos_warp.scene.geometry.growth.clumps import STRAY
 from varos_warp.scene.geometry.growth.dust import dusted
 from varos_warp.scene.geometry.growth.ground import coralline, pebble
+from varos_warp.scene.geometry.growth.kelp import kelp
 from varos_warp.scene.geometry.growth.levels import LEVELS, levels
-from varos_warp.scene.geometry.growth.plants import kelp, seagrass
+from varos_warp.scene.geometry.growth.plants import seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
 from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish, turf
 from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid
@@ -220,8 +221,8 @@ KINDS = {
     ),
     "kelp": Kind(
         kelp,
-        6,
-        ((0.85, 0.9, 0.9), (1.15, 1.05, 1.0)),
+        12,
+        ((1.0, 1.0, 1.0),),
         3.0,
         7.0,
         (0.4, 1.0),

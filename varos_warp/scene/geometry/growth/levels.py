@@ -89,11 +89,4 @@ def _shorter(strip, rows, round_):
     if across is None and not round_:
         one = np.cross(strip.path[-1] - strip.path[0], [0.31, 0.52, 0.79])
         across = np.tile(one / np.linalg.norm(one), (len(chosen), 1))
-    return replace(
-        strip,
-        path=strip.path[chosen],
-        radius=strip.radius[chosen],
-        colours=strip.colours[chosen],
-        across=across,
-        sides=min(strip.sides, 3),
-    )
+    return Strip(strip.path[chosen], strip.radius[chosen], strip.colours[chosen], across, min(strip.sides, 3))

@@ -82,6 +82,21 @@ class Strip:
         return (1.0 if self.across is None else 2.0) * float(area)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sheet(Strip):
+    """A ribbon of several columns, ruffled and blotched; its line, width and colours are what coarser ones have."""
+
+    points: np.ndarray
+    """float64 [K, C, 3]: its rows."""
+    tones: np.ndarray
+    """float64 [K, C, 3]: their linear reflectances."""
+
+    def solid(self) -> Solid:
+        """Its mesh."""
+        rows, columns = self.points.shape[:2]
+        return solid(self.points.reshape(-1, 3), grid_faces(rows, columns, closed=False), self.tones.reshape(-1, 3))
+
+
 @dataclass(frozen=True)
 class Form:
     """What a prototype is made of, for coarser ones to be made of it as well."""

@@ -21,6 +21,8 @@ LONGEST_RUN_M = 0.7
 """How long runs down a surface are at most."""
 RUN_TAIL_M = 0.10
 """Over what length a run fades at its end."""
+HUNG = 1.5
+"""How strong streaks are where there are some, over noise that is alike everywhere."""
 FINE = 55.0, 3
 """Cells of the first octave of the finest tones [1/m], and octaves."""
 SALT = 900
@@ -37,7 +39,7 @@ class Tones(NamedTuple):
     fine: np.ndarray
     """Centimetres and millimetres."""
     hung: np.ndarray
-    """Centimetres wide, decimetres long along the vertical: how what clings to steep places is drawn out."""
+    """Centimetres wide, decimetres long along the vertical, in zones: how what clings to steep places is drawn out."""
 
 
 def tones_of(pattern: Patterns) -> Tones:
@@ -46,8 +48,15 @@ def tones_of(pattern: Patterns) -> Tones:
         pattern.fbm(0.8, 3, SALT + 1),
         pattern.fbm(7.0, 3, SALT + 2),
         pattern.fbm(*FINE, SALT + 3),
-        pattern.fbm((8.0, 8.0, 0.9), 4, SALT + 5, 0.6),
+        _hung(pattern),
     )
+
+
+def _hung(pattern):
+    """Streaks that wander, strong in some zones and missing in others."""
+    zone = smoothstep(-0.12, 0.2, pattern.fbm((1.7, 1.7, 1.1), 3, SALT + 6))
+    wander = pattern.moved(0.3, (2.5, 2.5, 1.2), SALT + 7, 3)
+    return HUNG * zone * wander.fbm((5.0, 5.0, 1.1), 5, SALT + 5, 0.75)
 
 
 def drawn(tones: Tones, shape: Shape) -> np.ndarray:
@@ -111,7 +120,7 @@ def _filmed(colour, tones, shape, film):
     edge = np.clip(3.0 * shape.convexity, 0.0, 1.0)
     hung = drawn(tones, shape)
     dense = (
-        1.0 + 0.9 * tones.broad + 0.5 * hung + 0.3 * tones.fine + 0.10 * shape.up + 0.25 * shape.hollow - 0.35 * edge
+        1.0 + 1.1 * tones.broad + 0.5 * hung + 0.3 * tones.fine + 0.10 * shape.up + 0.25 * shape.hollow - 0.35 * edge
     )
     own = FILM * (1.0 + 0.35 * hung + 0.6 * tones.fine - 0.25 * tones.broad)[:, None]
     return mix(colour, own, np.clip(0.85 * film * dense, 0.0, 0.93))

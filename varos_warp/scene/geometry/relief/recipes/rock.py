@@ -21,6 +21,8 @@ FACETS = 2.3, 5.9, 14.0, 33.0
 """Faces along the size of a rock, of each generation."""
 FACET_SLOPE = 0.30
 """How far faces lean at most, as a tangent; the edges between them are steeper."""
+LOOSE_M = 2.5, 8.0
+"""Objects of rock below the first size have been loose for long, those above the second are bedrock."""
 THICKEST_BED_M, THINNEST_BED_M = 0.25, 0.012
 
 
@@ -58,9 +60,11 @@ class Rock:
         size, bent = sites.size, _bent(sites, look)
         beds = _wide_beds(sites, look)
         gap, id, joint = _joints(sites, bent)
-        ridges = 0.030 * (bent.ridged(3.2 / size, 6, 40) - 0.5)
-        blocks = 0.032 * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
-        h = 0.012 * beds.level - 0.008 * beds.parting + ridges + blocks + _facets(sites, look).height - 0.008 * joint
+        rough, sharp = _kept(sites)
+        ridges = 0.030 * sharp * (bent.ridged(3.2 / size, 6, 40) - 0.5)
+        blocks = 0.032 * rough * (id - 0.5) * smoothstep(0.0, np.maximum(0.05, 8.0 * sites.edge / size), gap)
+        facets = rough * _facets(sites, look).height
+        h = rough * (0.012 * beds.level - 0.008 * beds.parting) + ridges + blocks + facets - 0.008 * rough * joint
         return size * np.clip(h, -LIMIT, LIMIT)
 
     def fine(self, sites: Sites, look: Look) -> np.ndarray:
@@ -99,6 +103,16 @@ class Rock:
         if look.paint is not None:
             stone = stone * (np.asarray(look.paint) / np.mean([PALE, DARK], axis=0))
         return covered(stone, sites, shape, look, hold=0.74)
+
+
+def _kept(sites: Sites) -> tuple[float, float]:
+    """Shares of the large forms, and of ridges among them, that a rock has kept.
+
+    Loose stones have forms of their own: what stuck out of them has long since been knocked off.
+    """
+    # a sea floor, which has no edges of its own, is bedrock
+    whole = 1.0 if sites.sharp is None else float(smoothstep(*LOOSE_M, np.asarray(sites.size)))
+    return 0.35 + 0.65 * whole, 0.12 + 0.88 * whole
 
 
 def _family(seed: int) -> np.ndarray:

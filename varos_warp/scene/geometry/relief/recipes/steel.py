@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from varos_warp.scene.geometry.noise import Patterns
-from varos_warp.scene.geometry.relief.recipes.blending import NOISE_STD, domes, mix, smoothstep
+from varos_warp.scene.geometry.relief.recipes.blending import NOISE_STD, domes, mix, patches, smoothstep
 from varos_warp.scene.geometry.relief.recipes.layers import Tones, covered, drawn, running, tones_of
 from varos_warp.scene.geometry.relief.recipes.masks import Shape
 from varos_warp.scene.geometry.relief.recipes.sites import Look, Sites
@@ -33,8 +33,8 @@ RUSTS = np.array(
 STAIN, STAINS = np.array([0.80, 0.52, 0.32]), np.array([0.024, 0.010, 0.002])
 """What rust that has run over paint leaves of its reflectance, and adds to it."""
 SEAM_SPACING_M, SEAM_WIDTH_M, SEAM_HEIGHT_M = 2.9, 0.014, 0.0032
-SCRATCHED = 0.15
-"""Mean of scratches over a surface of metres (measured on balls of 1 to 4 m: 0.12 to 0.18)."""
+SCRATCHED = 0.10
+"""Mean of scratches over a surface of metres (measured on balls of 1 to 4 m: 0.09 to 0.11)."""
 LONGEST_STAIN_M = 0.55
 """How long stains of rust are at most [m]."""
 SLENDER = 4.0
@@ -91,7 +91,8 @@ class Steel:
         hung = drawn(tones, shape)
         paint = np.asarray(PAINT if look.paint is None else look.paint)
         paint = _faded(tones, hung, shape, paint, min(1.0, 3.0 * look.wear))
-        paint = mix(paint, PAINT, 0.35 * min(1.0, 4.0 * look.wear) * _scratches(sites, pattern, look.seed))
+        thin = np.maximum(_scratches(sites, pattern, look.seed), _worn_through(pattern, look.wear))
+        paint = mix(paint, PAINT, 0.35 * min(1.0, 4.0 * look.wear) * thin)
         # the more rust there is, the less the paint that is left stands out from it
         stain = np.max(
             [
@@ -128,7 +129,7 @@ def _damaged(sites, pattern, look):
     )
     # what is left out of the noise on coarse meshes would have made the edge ragged: there it is a blur
     bare = smoothstep(0.0, 0.015 + 0.08 * (1.0 - pattern.resolved(0.02)), worn)
-    cells = pattern.moved(0.006, 40.0, 5).worley(24.0, 6)
+    cells = pattern.moved(0.045, 26.0, 5, 4).worley((24.0, 24.0, 17.0), 6)
     rusting = (cells.id > 0.55) * smoothstep(-0.02, 0.14, worn + 0.15 * zone)
     domed = rusting * domes(cells.near, 0.24 + 0.25 * cells.id) * (0.30 + cells.id) * pattern.resolved(0.02)
     return Damage(
@@ -154,8 +155,9 @@ def _scratches(sites: Sites, pattern: Patterns, seed: int) -> np.ndarray:
     longest = axes[:, 2] if spread[2] > 2.0 * spread[1] else np.array([1.0, 0.0, 0.0])
     along = longest + np.random.default_rng([seed, 3]).normal(0.0, 0.06, 3)
     turned = np.linalg.qr(np.column_stack([along, np.roll(np.eye(3), -np.argmax(np.abs(along)), axis=0)[1:].T]))[0]
-    lines = pattern.at(pattern.p @ turned).fbm((0.7, 32.0, 32.0), 2, 16)
-    return smoothstep(0.22, 0.34, lines + 0.6 * pattern.fbm(0.9, 2, 17))
+    lines = pattern.moved(0.3, 0.6, 15, 3)
+    lines = lines.at(lines.p @ turned).fbm((1.1, 14.0, 14.0), 4, 16, 0.8)
+    return smoothstep(0.30, 0.42, lines + 1.3 * pattern.fbm((1.2, 1.2, 1.8), 3, 17))
 
 
 def _seams(sites: Sites, seed: int) -> np.ndarray:
@@ -169,6 +171,12 @@ def _seams(sites: Sites, seed: int) -> np.ndarray:
     around = smoothstep(0.5, 0.2, np.abs(sites.n @ axes[:, 2]))  # not on end faces
     width = np.maximum(0.5 * SEAM_WIDTH_M, sites.edge)
     return around * np.exp(-((off / width) ** 2)) * (1.0 + 0.5 * sites.patterns(seed).fbm(60.0, 2, 42))
+
+
+def _worn_through(pattern: Patterns, wear: float) -> np.ndarray:
+    """Where the last coat has worn thin and an older one shows, [N]: patches of decimetres with ragged rims."""
+    where = 0.7 * pattern.fbm(1.3, 2, 19) + pattern.moved(0.3, 3.0, 20, 3).fbm((5.0, 5.0, 7.0), 5, 21, 0.6)
+    return patches(where, min(0.8 * wear, 0.5), 0.03)
 
 
 def _stains(pattern: Patterns, shape: Shape, damage: Damage, look: Look) -> np.ndarray:
