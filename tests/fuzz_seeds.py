@@ -32,7 +32,7 @@ from varos_warp.scene.file.templates import template_text
 
 
 def quick(scene: str) -> str:
-    """The starter with a coarse floor, coarse objects and stones of two shapes: their surfaces take most of the time."""
+    """The starter with a coarse floor, coarse objects and stones of two shapes: surfaces take most of the time."""
     for fine, coarse in (("resolution: 193", "resolution: 49"), ("shapes: 6", "shapes: 2"), ("shapes: 4", "shapes: 2")):
         assert scene.count(fine) == 1
         scene = scene.replace(fine, coarse)
