@@ -100,15 +100,15 @@ def any_field(monkeypatch):
 
 
 @pytest.fixture
-def few_bodies(monkeypatch, tmp_path):
+def few_bodies(monkeypatch, cache_of_its_own):
     """How many bodies find room in clumps is found by next to none, for a test to which how many grow does not matter.
 
-    What grows is kept in a cache of its own: others are not to find it.
+    What grows is kept in a cache that all such tests share, apart: others are not to find it.
     """
     from varos_warp.scene.geometry.growth import room
 
     monkeypatch.setattr(room, "BODIES", 1000)
-    monkeypatch.setenv("VAROS_WARP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("VAROS_WARP_CACHE", str(cache_of_its_own.with_name("cache_of_few_bodies")))
     for found in (room.filling, room.left_of):
         found.cache_clear()
     yield
@@ -123,4 +123,4 @@ def cache_of_its_own(tmp_path_factory):
     run = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("VAROS_WARP_CACHE", str(run / "cache"))
-        yield
+        yield run / "cache"

@@ -90,11 +90,11 @@ def distances(vertices, faces, origin, direction):
     return found
 
 
-def meshes(scene, at_ns):
-    """World vertices and faces of everything at a time, by number in S; what grows has that of its host."""
+def meshes(scene, at_ns, parts):
+    """World vertices and faces of all parts at a time, by number in S; what grows has that of its host."""
     found: dict[int, list] = {}
     known, numbers = motions(scene), {name: i for i, name in enumerate(scene.numbered, 1)}
-    for part in build_parts(scene):
+    for part in parts:
         if isinstance(part, Moving):
             T = known[part.name](np.array([at_ns]))[0]
             own = (part.vertices - part.origin) @ part.R_w_o
@@ -127,17 +127,15 @@ def truth(data, frame, camera):
     rows = offsets_of_rows_s(about["height"], (about.get("exposure") or {"readout_s": 0.0})["readout_s"])
     time_ns = frame_time_ns(frame, data.meta["frames"]["rate_hz"]) + in_ns(rows)
     rolls = len(np.unique(time_ns)) > 1
-    every = [meshes(scene, t) for t in (time_ns if rolls else time_ns[:1])]
+    parts = build_parts(scene)
+    every = [meshes(scene, t, parts) for t in (time_ns if rolls else time_ns[:1])]
     seen, whole = {}, {}
     for aside in NEAR * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]):
-        o, d = rays_of(data, frame, camera, aside)
+        o, d = (rays.reshape(len(every), -1, 3) for rays in rays_of(data, frame, camera, aside))
         t = {
             number: np.stack(
-                [
-                    np.min([distances(*mesh, o[r], d[r]) for mesh in every[r if rolls else 0][number]], 0)
-                    for r in range(len(o))
-                ]
-            )
+                [np.min([distances(*mesh, o[k], d[k]) for mesh in there[number]], 0) for k, there in enumerate(every)]
+            ).reshape(about["height"], -1)
             for number in every[0]
         }
         nearest = np.min(list(t.values()), 0)

@@ -15,6 +15,7 @@ import pytest
 import standins
 import typer
 import yaml
+from test_examples import SMALL, with_little_on_it
 from typer.testing import CliRunner
 
 from varos_warp import cli
@@ -24,6 +25,7 @@ from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.errors import InputError, RunFailed
 from varos_warp.render.decisions import Decision, Plan
+from varos_warp.scene.file.load import load_scene
 
 
 @pytest.fixture(autouse=True)
@@ -441,12 +443,7 @@ def test_schema_explains_one_key_in_words_or_as_json():
 def test_init_writes_a_scene_that_info_accepts_and_overwrites_nothing(tmp_path):
     path = tmp_path / "mine.yaml"
     assert call("init", path).exit_code == 0
-    few = (
-        "render.max_triangles=20000",
-        "vehicle.cameras.0.resolution=[64,36]",
-        "scatter.0.shapes=1",
-        "scatter.1.shapes=1",
-    )
+    few = ("vehicle.cameras.0.resolution=[64,36]", *SMALL["starter"], *with_little_on_it(load_scene(path)))
     assert call("info", path, *(word for change in few for word in ("--set", change))).exit_code == 0
     before = path.read_text()
     assert "is there already" in refused("init", path)

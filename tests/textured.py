@@ -12,13 +12,14 @@ from varos_warp.scene.frames import camera_pose, intrinsics
 _RNG = np.random.default_rng(5)
 _ANGLE, _PHASE = _RNG.uniform(0, 2 * np.pi, (2, 60))
 _LENGTH = np.geomspace(0.06, 1.5, 60)
-"""Of the waves that make the texture [m]; over 3 m and 300 pixels of focal length, 6 pixels and more."""
+"""Of the waves that make the texture [m]; over 3 m and 225 pixels of focal length, 4.5 pixels and more."""
+_WAVES = (2 * np.pi / _LENGTH * [np.cos(_ANGLE), np.sin(_ANGLE)]).T.astype(np.float32)
 
 
 def texture(x, y):
-    """Albedo in 0 to 1."""
-    wave = 2 * np.pi / _LENGTH
-    total = sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p) for k, a, p in zip(wave, _ANGLE, _PHASE, strict=True))
+    """Albedo in 0 to 1, right to a hundredth of a level: sines of float32 take a tenth of the time."""
+    x, y = x.astype(np.float32), y.astype(np.float32)
+    total = sum(np.sin(x * u + y * v + p) for (u, v), p in zip(_WAVES, _PHASE.astype(np.float32), strict=True))
     return (0.5 + 0.08 * total).clip(0.02, 0.98)
 
 
@@ -69,7 +70,7 @@ class TexturedRenderer(standins.FlatFloorRenderer):
         return made
 
 
-def textured_scene(outputs="ADF", resolution=(320, 240), **render):
+def textured_scene(outputs="ADF", resolution=(240, 180), **render):
     """A stereo pair that looks at the floor, obliquely, and moves along a bent line for two seconds."""
     vehicle = standins.scene_dict()["vehicle"]
     vehicle["cameras"] = [

@@ -43,7 +43,7 @@ def ours(water, paint, layer):
     )
     A = (
         FrameRenderer(scene, "cpu", [floor])
-        .render(np.eye(4), None, "A", layers=(layer,), spp=256, integrator="path", denoise="none")
+        .render(np.eye(4), None, "A", layers=(layer,), spp=16, integrator="path", denoise="none")
         .A
     )
     stderr = np.sqrt((A.stderr.astype(float) ** 2).sum((0, 1))) / A.radiance[..., 0].size

@@ -156,8 +156,8 @@ def write_csv(path: Path, header: list[str], *columns) -> bool:
     series = [c for column in columns for c in np.atleast_2d(np.asarray(column).T).tolist()]
     if len(series) != len(header):
         raise ValueError(f"{path}: {len(header)} names for {len(series)} columns")
-    lines = [",".join(header)]
-    lines += [",".join(x if isinstance(x, str) else repr(x) for x in row) for row in zip(*series, strict=True)]
+    texts = [column if column and isinstance(column[0], str) else map(repr, column) for column in series]
+    lines = [",".join(header), *map(",".join, zip(*texts, strict=True))]
     return write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 

@@ -16,6 +16,7 @@ from varos_warp.errors import InputError
 from varos_warp.scene.description.world import CalibrationBoard
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.assets import boards
+from varos_warp.scene.geometry.build import build_parts
 
 AWAY = [
     {"time_s": 0, "position": [0.9, 2.4, 0.3], "rotation_euler_deg": [0, 20, 30]},
@@ -120,7 +121,8 @@ def test_rays_of_image_points_meet_the_corners_and_nothing_before_them(simulated
     """Against float64 rays through every triangle, at the time of each corner's row, boards themselves too."""
     rows, states, checked = table(exported / f"cam{camera}.csv"), set(), []
     assert set(rows) == {(frame, key) for frame in range(5) for key in BOARDS}
-    about = simulated.camera(camera)
+    about, scene = simulated.camera(camera), scene_from_dict(SCENE)
+    parts = build_parts(scene)
     for (frame, _), (uv, state, _, world, numbers) in rows.items():
         assert numbers == list(range(len(uv)))
         seen = np.isfinite(uv).all(axis=1)
@@ -134,7 +136,7 @@ def test_rays_of_image_points_meet_the_corners_and_nothing_before_them(simulated
         for k in range(0, len(when), 5) if frame in (0, 3) else ():
             solid = [
                 distances(*mesh, start[k : k + 1], d[k : k + 1])[0]
-                for meshes_of in meshes(scene_from_dict(SCENE), when[k]).values()
+                for meshes_of in meshes(scene, when[k], parts).values()
                 for mesh in meshes_of
             ]
             checked.append(state[inside][k])

@@ -55,15 +55,15 @@ def preview(
     if OUTPUTS[output].averages:
         pixels = OUTPUTS[output].colors(pixels, data.meta, near_far)
         return Image.fromarray(pixels).resize((width, height), Image.Resampling.BOX)
-    pixels = pixels[
-        np.ix_(
-            *(
-                ((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
-                for many, few in zip(pixels.shape[:2], (height, width), strict=True)
-            )
+    middles = np.ix_(
+        *(
+            ((np.arange(few) + 0.5) * many / few).astype(int)  # the middles of even parts
+            for many, few in zip(pixels.shape[:2], (height, width), strict=True)
         )
-    ]
-    return Image.fromarray(OUTPUTS[output].colors(pixels, data.meta, near_far))
+    )
+    if pixels.shape[1] < width:  # every pixel is shown, and coloured once
+        return Image.fromarray(OUTPUTS[output].colors(pixels, data.meta, near_far)[middles])
+    return Image.fromarray(OUTPUTS[output].colors(pixels[middles], data.meta, near_far))
 
 
 def depth_ends(data: Dataset, frames: list[int], cameras: tuple[str, ...]) -> tuple[float, float]:

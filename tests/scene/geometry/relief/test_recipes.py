@@ -12,6 +12,8 @@ from varos_warp.scene.geometry.relief.recipes.registry import RECIPES
 NAMES = sorted(RECIPES)
 SIZE_M = 1.0
 DEFAULT = Look()
+WORN = [Look(wear=0.0), Look(wear=0.3, seed=2), Look(wear=1.0, seed=3)]
+HALF_WORN = Look(wear=0.6)
 BOUNDS = {
     "rock": (rock.LIMIT * SIZE_M, rock.FINE_LIMIT_M),
     "sand": (sand.LIMIT_M, sand.FINE_LIMIT_M),
@@ -51,9 +53,9 @@ def test_names_are_those_of_the_registry(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("wear", [0.0, 0.3, 1.0])
-def test_reflectances_are_those_of_the_sea(name, wear):
-    _, _, _, colour, _ = dressed(name, Look(wear=wear))
+@pytest.mark.parametrize("look", WORN, ids=lambda look: str(look.wear))
+def test_reflectances_are_those_of_the_sea(name, look):
+    _, _, _, colour, _ = dressed(name, look)
     assert colour.shape == (len(colour), 3)
     assert 0.01 <= colour.min() < colour.max() <= 0.85
     assert 0.03 < colour.mean() < 0.25
@@ -61,8 +63,8 @@ def test_reflectances_are_those_of_the_sea(name, wear):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_moved_is_moved_no_farther_than_is_said(name):
-    for seed in (1, 2, 3):
-        _, coarse, fine, _, silt = dressed(name, Look(seed=seed, wear=0.6))
+    for look in (*WORN, HALF_WORN):
+        _, coarse, fine, _, silt = dressed(name, look)
         assert np.abs(coarse).max() <= BOUNDS[name][0]
         assert np.abs(fine).max() <= BOUNDS[name][1]
         assert 0.0 <= silt.min() <= silt.max() <= THICKEST_SILT_M
@@ -70,7 +72,7 @@ def test_what_is_moved_is_moved_no_farther_than_is_said(name):
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"none"}))
 def test_surfaces_have_form_and_tones(name):
-    _, coarse, fine, colour, _ = dressed(name, Look(wear=0.6))
+    _, coarse, fine, colour, _ = dressed(name, HALF_WORN)
     assert coarse.std() > 5e-4
     assert fine.std() > 2e-4
     assert colour.mean(axis=1).std() > 0.1 * colour.mean()
