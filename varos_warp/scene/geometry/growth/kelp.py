@@ -8,12 +8,12 @@ from varos_warp.scene.geometry.growth.solids import Form, Sheet, Strip, around, 
 from varos_warp.scene.geometry.normals import UP
 from varos_warp.scene.geometry.relief.recipes.blending import smoothstep
 
-STIPE, BLADE = np.array([0.034, 0.024, 0.013]), np.array([0.043, 0.0275, 0.009])
-WORN, LACE, FUZZ = np.array([0.085, 0.062, 0.031]), np.array([0.13, 0.124, 0.104]), np.array([0.07, 0.06, 0.044])
+STIPE, BLADE = np.array([0.034, 0.024, 0.013]), np.array([0.034, 0.021, 0.0075])
+WORN, LACE, FUZZ = np.array([0.066, 0.046, 0.022]), np.array([0.095, 0.09, 0.072]), np.array([0.056, 0.046, 0.032])
 """Old ends that have been grazed and bleached, crusts of bryozoans, and hydroids with what they catch."""
 WEED = np.array([0.028, 0.012, 0.009])
 """Red algae on stipes."""
-ROWS = 84
+ROWS = 112
 """Places along the longest strap."""
 COLUMN = 0.009
 """Widths of the columns of a strap, about."""
@@ -165,7 +165,7 @@ def _rims(rng, u, last, torn, tau):
     tip = 1.0 if torn else (1.0 - np.clip(u / last, 0.0, 1.0) ** 7) ** 0.6
     for side in (-1.0, 1.0):
         half = side * tau >= 0.0
-        bites = np.clip(_smooth(rng, u, 0.04) - 1.5, 0.0, 0.6) + np.clip(_smooth(rng, u, 0.15) - 1.2, 0.0, 0.4)
+        bites = np.clip(_smooth(rng, u, 0.13) - 1.5, 0.0, 0.5) + np.clip(_smooth(rng, u, 0.25) - 1.2, 0.0, 0.4)
         rim = (1.0 - bites * np.clip(3.0 * u, 0.0, 1.0)) * (1.0 + 0.08 * _smooth(rng, u, 0.1)) * tip
         off[:, half] = rim[:, None] * tau[half]
         steps = rng.uniform(0.5, 1.5, len(u)) * rng.uniform(28.0, 55.0) * (u[1] - u[0])
@@ -183,7 +183,7 @@ def _rims(rng, u, last, torn, tau):
 def _ragged(rng, points, torn):
     """A strap whose last rows end at other places in each column."""
     rows = min(len(points) - 2, 10 if torn else 6)
-    back = np.cumsum(rng.normal(0.0, 0.3, points.shape[1])) + rng.uniform(0.0, 0.4, points.shape[1])
+    back = np.cumsum(np.cumsum(rng.normal(0.0, 0.09, points.shape[1]))) + rng.uniform(0.0, 0.1, points.shape[1])
     back = np.clip(back - back.min(), 0.0, 0.93)
     at = np.clip(np.arange(-rows, 1.0) / rows + 1.0, 0.0, 1.0)[:, None] * (1.0 - back)
     tail = points[-rows - 1 :]
