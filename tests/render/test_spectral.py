@@ -292,3 +292,12 @@ def test_the_field_may_serve_some_passes_only(even, monkeypatch, by_field):
     assert made.albedo is None
     assert made.spp == pytest.approx(4.0, rel=0.02)
     assert np.isfinite(made.denoised).all()
+
+
+def test_b_is_divided_by_the_albedo_in_the_channels_of_the_camera(tmp_path):
+    """A wall under the open sky is its albedo."""
+    pytest.importorskip("pyoidn")
+    lamp = {"spectrum": "led_b4", "power_W": 50.0}
+    scene = scene_of({"spectral": {"jerlov": "3C"}}, lamp, tmp_path, reflectance=(0.1, 0.2, 0.5))
+    image = FrameRenderer(scene, "cpu").render(T_W_V, "M0", "B", spp_b=4, denoise_b="oidn").B
+    np.testing.assert_allclose(image.albedo, image.radiance, rtol=1e-5)

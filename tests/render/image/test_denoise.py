@@ -16,7 +16,7 @@ from scipy.ndimage import map_coordinates, uniform_filter
 
 from varos_warp.device.launcher import Launcher
 from varos_warp.errors import InputError
-from varos_warp.kernels.film.denoise import add_enlarged, add_mixed, halve
+from varos_warp.kernels.film.denoise import LEAST_ALBEDO, add_enlarged, add_mixed, halve
 from varos_warp.kernels.film.develop import weigh_guides
 from varos_warp.kernels.film.film import IN_BLOCK
 from varos_warp.render.image import denoise as module
@@ -457,14 +457,14 @@ def test_of_b_the_light_on_surfaces_is_denoised_and_no_texture_blurs():
     needs("oidn")
     _, light, stderr = scene()
     rng = np.random.default_rng(5)
-    albedo = rng.uniform(0.02, 1.0, light.shape).astype(np.float32)
+    albedo = rng.uniform(0.002, 1.0, light.shape).astype(np.float32)
     black = rng.random(light.shape[:2]) < 0.1
     albedo[black] = 0.0
     known = {"snow": None, "stderr": stderr, "correction": None, "base_variance": None, "normal": None}
     image = SimpleNamespace(radiance=albedo * light, albedo=albedo, **known)
     light[black] = 0.0
     plain = SimpleNamespace(radiance=light, albedo=None, **known)
-    expected = np.maximum(albedo, 0.01) * denoise_image(plain, "oidn")
+    expected = np.maximum(albedo, LEAST_ALBEDO) * denoise_image(plain, "oidn")
     np.testing.assert_allclose(denoise_image(image, "oidn"), expected, rtol=2e-3, atol=1e-5)
 
 

@@ -37,8 +37,8 @@ def scale_to_unit(
     image[row, col] = unit_scale(total[0], image.shape[0] * image.shape[1]) * image[row, col]
 
 
-LEAST_ALBEDO = wp.constant(0.01)
-"""Surfaces of less count as having this, or noise in the light on them would grow."""
+LEAST_ALBEDO = wp.constant(1.0e-4)
+"""Surfaces of less count as having this: nothing is divided by zero."""
 
 
 @wp.kernel(enable_backward=False)

@@ -10,9 +10,8 @@ from varos_warp.cache import cached, code_hash
 from varos_warp.scene.geometry.growth.clumps import STRAY
 from varos_warp.scene.geometry.growth.dust import dusted
 from varos_warp.scene.geometry.growth.ground import coralline, pebble
-from varos_warp.scene.geometry.growth.kelp import kelp
 from varos_warp.scene.geometry.growth.levels import LEVELS, levels
-from varos_warp.scene.geometry.growth.plants import seagrass
+from varos_warp.scene.geometry.growth.plants import kelp, seagrass
 from varos_warp.scene.geometry.growth.shelled import barnacle, mussel, shell, tube_worm
 from varos_warp.scene.geometry.growth.soft import anemone, hydroid, starfish, turf
 from varos_warp.scene.geometry.growth.solids import Form, Rgb, Solid

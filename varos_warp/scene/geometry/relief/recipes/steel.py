@@ -155,7 +155,7 @@ def _scratches(sites: Sites, pattern: Patterns, seed: int) -> np.ndarray:
     longest = axes[:, 2] if spread[2] > 2.0 * spread[1] else np.array([1.0, 0.0, 0.0])
     along = longest + np.random.default_rng([seed, 3]).normal(0.0, 0.06, 3)
     turned = np.linalg.qr(np.column_stack([along, np.roll(np.eye(3), -np.argmax(np.abs(along)), axis=0)[1:].T]))[0]
-    lines = pattern.moved(0.3, 0.6, 15, 3)
+    lines = pattern.moved(0.3, 0.6, 30, 3)
     lines = lines.at(lines.p @ turned).fbm((1.1, 14.0, 14.0), 4, 16, 0.8)
     return smoothstep(0.30, 0.42, lines + 1.3 * pattern.fbm((1.2, 1.2, 1.8), 3, 17))
 
@@ -175,7 +175,7 @@ def _seams(sites: Sites, seed: int) -> np.ndarray:
 
 def _worn_through(pattern: Patterns, wear: float) -> np.ndarray:
     """Where the last coat has worn thin and an older one shows, [N]: patches of decimetres with ragged rims."""
-    where = 0.7 * pattern.fbm(1.3, 2, 19) + pattern.moved(0.3, 3.0, 20, 3).fbm((5.0, 5.0, 7.0), 5, 21, 0.6)
+    where = 0.7 * pattern.fbm(1.3, 2, 19) + pattern.moved(0.3, 3.0, 34, 3).fbm((5.0, 5.0, 7.0), 5, 21, 0.6)
     return patches(where, min(0.8 * wear, 0.5), 0.03)
 
 
