@@ -8,7 +8,7 @@ from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.sampler import Sampler, draw, make_sampler, next_vertex
 from varos_warp.kernels.spec import SceneSpec, specialised
 from varos_warp.kernels.transport.moments import Moments, instant_of
-from varos_warp.kernels.world.bsdf import bsdf_albedo, bsdf_sample, bsdf_weight
+from varos_warp.kernels.world.bsdf import bsdf_sample, bsdf_weight, directional_albedo
 from varos_warp.kernels.world.camera import GREEN, Camera, make_ray
 from varos_warp.kernels.world.intersect import SceneData, make_rays
 from varos_warp.kernels.world.surface import MATERIALS, make_surface_at
@@ -48,7 +48,7 @@ def make_ambient_radiance(spec: SceneSpec) -> wp.Function:
                 return found
             point = surface_at(scene, hit, direction, wp.where(bounces == 0, pixel_angle, SUBPATH_ANGLE))
             if bounces == 0:
-                found.open = bsdf_albedo(point.bsdf, point.n, -direction)
+                found.open = directional_albedo(scene.lobe_albedo, point.bsdf, point.n, -direction)
             bounces += 1
             sampler = next_vertex(sampler, 1)
             u = draw(sampler, 0)

@@ -16,6 +16,10 @@ wp.set_module_options({"enable_backward": False})
 
 GRAZING = wp.constant(1.0e-3)
 """Smallest cosine of the viewer."""
+LEAST_LOBE = wp.constant(0.04)
+"""Reflectance of a metal by which its lobe is drawn, at least."""
+LEAST_GRAZING = wp.constant(0.02)
+"""What Fresnel's term adds to the albedo of a metal's lobe, at least: beyond the fit, black metals are not black."""
 
 
 @wp.func
@@ -125,11 +129,29 @@ def bsdf_albedo(bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3):
 
 
 @wp.func
+def directional_albedo(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3):
+    """Albedo of a surface seen from a direction, per channel; of a metal's lobe within 0.06.
+
+    What Fresnel's term adds at grazing angles is a fit of Karis (2014), "Physically based shading on mobile".
+    """
+    albedo = diffuse_albedo(bsdf, n, viewer)
+    if bsdf.metal > 0.0:
+        n_v = wp.dot(n, facing(n, viewer))
+        E = lobe_albedo(table, n_v, lobe_alpha(bsdf.roughness))
+        smooth = 1.0 - bsdf.roughness
+        peak = wp.min(smooth * smooth, wp.pow(2.0, -9.28 * n_v)) * smooth + 0.0425 - 0.0275 * bsdf.roughness
+        grazing = wp.clamp(1.04 * peak - 0.04 + 0.022 * bsdf.roughness, LEAST_GRAZING, E)
+        once = (E - grazing) * bsdf.specular + wp.vec3(grazing * bsdf.metal)
+        albedo += wp.cw_mul(once, wp.vec3(1.0) + ((1.0 - E) / (E * bsdf.metal)) * bsdf.specular)
+    return albedo
+
+
+@wp.func
 def lobe_share(bsdf: Bsdf):
-    """Fraction of directions drawn from the lobe."""
+    """Fraction of directions drawn from the lobe; black metals have one too, at grazing angles."""
     if bsdf.metal <= 0.0:
         return 0.0
-    lobe = brightest(bsdf.specular)
+    lobe = wp.max(brightest(bsdf.specular), LEAST_LOBE * bsdf.metal)
     return lobe / wp.max(lobe + brightest(bsdf.reflectance), 1.0e-20)
 
 
