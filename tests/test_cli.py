@@ -1,12 +1,14 @@
 """The command line: exit statuses, messages without tracebacks, and the verbs of the contract."""
 
 import ast
+import contextlib
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -670,6 +672,22 @@ def test_only_what_goes_on_says_so_when_it_is_interrupted(scene_file, tmp_path, 
     result = call(verb, scene_file, *(("-o", tmp_path / "out") if verb == "run" else ()))
     assert result.exit_code == 130
     assert ("goes on from there" in result.stderr) == goes_on
+    assert "varos-warp: interrupted" in result.stderr
+
+
+def test_an_interruption_that_a_library_turns_into_an_error_of_its_own_is_one(scene_file, tmp_path, monkeypatch):
+    came = threading.Event()
+
+    def swallowed(*_, **__):
+        with contextlib.suppress(KeyboardInterrupt):
+            cli._interrupt(None, None)
+        raise RuntimeError("expected other data")
+
+    monkeypatch.setattr("varos_warp.dataset.validate.validate", swallowed)
+    for module in (cli, sys.modules["varos_warp.cli.app"]):
+        monkeypatch.setattr(module, "interrupted", came)
+    result = call("validate", scene_file)
+    assert result.exit_code == 130
     assert "varos-warp: interrupted" in result.stderr
 
 

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 import varos_warp
-from varos_warp.cli.app import app
+from varos_warp.cli.app import app, interrupted
 
 from varos_warp.cli import scenes, jobs, datasets  # isort: skip  # in the order of the help
 
@@ -45,12 +45,15 @@ def _global(
 
 
 def _interrupt(_signal, _frame):
+    interrupted.set()
     raise KeyboardInterrupt
 
 
 def main() -> None:
     """Entry point of ``varos-warp``; SIGTERM (a cluster's end of time) counts as an interruption."""
     signal.signal(signal.SIGTERM, _interrupt)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else who calls has it ignored
+        signal.signal(signal.SIGINT, _interrupt)
     try:
         app(prog_name="varos-warp")
     except SystemExit as end:

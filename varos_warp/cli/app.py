@@ -5,6 +5,7 @@ import functools
 import inspect
 import logging
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterable
 
@@ -53,6 +54,9 @@ SECOND_WING = (
     "varos_warp.dataset.screens",
 )
 """Rooms and files that an installation may leave out: they choose what a scene leaves open, or look at what is made."""
+interrupted = threading.Event()
+"""Set once a signal has interrupted: a library may have made another error of it, as NumPy does where it compares
+types."""
 PANELS = {"scenes": "Scene files", "jobs": "Make a dataset", "datasets": "Use a dataset"}
 """Headings of the verbs in the help, by the module that has them."""
 
@@ -92,7 +96,9 @@ def verb(function: Callable, goes_on: bool = False) -> Callable:
         except RunFailed as error:
             print(f"varos-warp: {error}", file=sys.stderr)
             raise typer.Exit(1) from None
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Exception) as error:
+            if not (isinstance(error, KeyboardInterrupt) or interrupted.is_set()):
+                raise
             rest = "; what is complete stays, the same command goes on from there" if goes_on else ""
             print(f"varos-warp: interrupted{rest}", file=sys.stderr)
             raise typer.Exit(130) from None
