@@ -302,14 +302,16 @@ class RadianceRenderer:
         method = shot.options.denoise_b
         if (taken := self.take_ambient(shot)) is None:
             return self._denoised(without_noise(np.ones((*shot.view.resolution[::-1], 3), np.float32)), {}, method)
+        if not taken.guides and (method or self.scene.render.denoise_b) == "oidn":  # what it is divided by
+            taken = taken._replace(guides={"albedo": taken.images["direct"]})
         if self._is_brief(shot.options.copied, method):
             return self._fetched_brief(taken, shot.options.copied, method)
         return self._fetched(taken, shot, (), method)
 
     def take_ambient(self, shot: Shot) -> Taken | None:
         """Take the samples of B; None if all is white."""
-        world, denoiser = shot.world, shot.options.denoise_b or self.scene.render.denoise_b
-        kernels = ambient_kernels(world.spec, shot.view, denoiser, shot.moves)
+        method, world = shot.options.denoise_b, shot.world
+        kernels = ambient_kernels(world.spec, shot.view, method or self.scene.render.denoise_b, shot.moves)
         if kernels is None:
             return None
         film = self.films.black(shot.view.resolution)
@@ -321,9 +323,7 @@ class RadianceRenderer:
             IN_BLOCK * shot.options.spp_b,
         )
         taken = self._developed([film])
-        if kernels.guides:
-            return taken._replace(guides=shot.guides(kernels.guides))
-        return taken._replace(guides={"albedo": taken.images["direct"]} if denoiser == "oidn" else {})
+        return taken._replace(guides=shot.guides(kernels.guides)) if kernels.guides else taken
 
     def trace_guides(
         self, world: DeviceScene, view: Camera, T_w_v: np.ndarray, motion: Motion | None, lit: bool, kernel: wp.Kernel

@@ -56,11 +56,7 @@ class SpectralRenderer(RadianceRenderer):
 
     def take_ambient(self, shot: Shot) -> Taken | None:
         """Take the samples of B, in light of the colour of the first lamp; None if all is white."""
-        taken = self._summed(shot, RadianceRenderer.take_ambient, lambda one: one.of_ambient)
-        if taken is None or taken.guides.keys() != {"albedo"}:
-            return taken
-        # what B is divided by, in the channels of the camera as B is
-        return taken._replace(guides={"albedo": taken.images["direct"]})
+        return self._summed(shot, RadianceRenderer.take_ambient, lambda one: one.of_ambient)
 
     def _summed(
         self,
@@ -93,7 +89,7 @@ class SpectralRenderer(RadianceRenderer):
         """The sum, but for its radiance, with one more pass, whose bands have ``weights`` [3 channels, 3 bands].
 
         Errors are added as if all bands erred alike, which is the most that they may: passes share their random
-        numbers. Guides of A's denoiser are means, as they only tell where edges are: a ``share`` of each pass counts.
+        numbers. Guides of the denoiser are means, as they only tell where edges are: a ``share`` of each pass counts.
         """
         light, errors, mean = (wp.mat33d(*np.ravel(w)) for w in (weights, np.abs(weights), share * np.eye(3)))
         of = dict.fromkeys(DEVELOPED, light) | {"stderr": errors, "base_variance": errors}

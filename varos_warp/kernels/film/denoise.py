@@ -41,6 +41,12 @@ LEAST_ALBEDO = wp.constant(1.0e-4)
 """Surfaces of less count as having this: nothing is divided by zero."""
 
 
+@wp.func
+def divisor(albedo: wp.vec3):
+    """What an image is divided by, and multiplied again."""
+    return wp.max(albedo, wp.vec3(LEAST_ALBEDO))
+
+
 @wp.kernel(enable_backward=False)
 def demodulate(
     image: wp.array2d(dtype=wp.vec3),
@@ -50,7 +56,7 @@ def demodulate(
 ):
     """Divide an image by the albedo of what it shows: what is left is the light that falls on it."""
     row, col = wp.tid()
-    light[row, col] = wp.cw_div(image[row, col], wp.max(albedo[row, col], wp.vec3(LEAST_ALBEDO)))
+    light[row, col] = wp.cw_div(image[row, col], divisor(albedo[row, col]))
 
 
 @wp.kernel(enable_backward=False)
@@ -61,7 +67,7 @@ def modulate(
 ):
     """Multiply by what `demodulate` divided by."""
     row, col = wp.tid()
-    image[row, col] = wp.cw_mul(image[row, col], wp.max(albedo[row, col], wp.vec3(LEAST_ALBEDO)))
+    image[row, col] = wp.cw_mul(image[row, col], divisor(albedo[row, col]))
 
 
 @wp.kernel(enable_backward=False)

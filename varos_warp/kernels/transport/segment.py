@@ -9,7 +9,12 @@ import warp as wp
 
 from varos_warp.kernels.numerics import brightest
 from varos_warp.kernels.spec import FIELDS, SceneSpec, specialised
-from varos_warp.kernels.transport.next_event import reflected_from, sample_in_scattered, sample_reflected
+from varos_warp.kernels.transport.next_event import (
+    LightConnection,
+    reflected_from,
+    sample_in_scattered,
+    sample_reflected,
+)
 from varos_warp.kernels.transport.pixel import FilmPoint, sample_pixel
 from varos_warp.kernels.transport.subpath import Vertex, surface_vertex
 from varos_warp.kernels.world.camera import Camera
@@ -68,14 +73,18 @@ def make_segment(spec: SceneSpec) -> Segment:
         return scattered
 
     @wp.func
-    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float):
-        """Direct light that the surface at the end of a segment reflects into it, at that end."""
-        reflected = sample_reflected(scene, hit, end, u)
+    def tested(scene: SceneData, reflected: LightConnection):
+        """The connection, without its light if something blocks it."""
         if brightest(reflected.L) > 0.0:
             if not visible(scene, reflected.p, reflected.q):
                 reflected.L = wp.vec3(0.0)
                 reflected.blocked = 1
         return reflected
+
+    @wp.func
+    def reflected_once(scene: SceneData, hit: Hit, end: Vertex, u: float):
+        """Direct light of one light that the surface at the end of a segment reflects into it, at that end."""
+        return tested(scene, sample_reflected(scene, hit, end, u))
 
     @wp.func
     def reflected_directly(scene: SceneData, hit: Hit, end: Vertex, u: float):
@@ -84,10 +93,7 @@ def make_segment(spec: SceneSpec) -> Segment:
             return reflected_once(scene, hit, end, u).L
         L = wp.vec3(0.0)
         for i in range(light_count(scene.lights)):
-            reflected = reflected_from(scene, hit, end, i)
-            if brightest(reflected.L) > 0.0:
-                if visible(scene, reflected.p, reflected.q):
-                    L += reflected.L
+            L += tested(scene, reflected_from(scene, hit, end, i)).L
         return L
 
     @wp.func

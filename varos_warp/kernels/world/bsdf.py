@@ -93,6 +93,12 @@ def lobe_albedo(table: wp.array2d(dtype=float), cosine: float, alpha: float):
 
 
 @wp.func
+def multiply_reflected(bsdf: Bsdf, E: float):
+    """Factor of the lobe for reflections between microfacets, per channel (Turquin 2019); ``E``: its `lobe_albedo`."""
+    return wp.vec3(1.0) + ((1.0 - E) / (E * bsdf.metal)) * bsdf.specular
+
+
+@wp.func
 def lobe_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, viewer: wp.vec3, l: wp.vec3):
     """Lobe times the cosine of the light, per channel [1/sr]; Fresnel's term is Schlick's (1994)."""
     n_l = wp.dot(n, l)
@@ -106,9 +112,7 @@ def lobe_eval(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, viewer: wp
     F = bsdf.specular + grazing * (wp.vec3(bsdf.metal) - bsdf.specular)
     shadowing = 1.0 / (1.0 + smith_lambda(n_v, alpha) + smith_lambda(n_l, alpha))
     once = ggx(wp.dot(n, h), alpha) * shadowing / (4.0 * n_v)
-    E = lobe_albedo(table, n_v, alpha)
-    again = wp.vec3(1.0) + ((1.0 - E) / (E * bsdf.metal)) * bsdf.specular
-    return once * wp.cw_mul(F, again)
+    return once * wp.cw_mul(F, multiply_reflected(bsdf, lobe_albedo(table, n_v, alpha)))
 
 
 # -------------------------------------------------------------------------------------------------------- both parts
@@ -142,7 +146,7 @@ def directional_albedo(table: wp.array2d(dtype=float), bsdf: Bsdf, n: wp.vec3, v
         peak = wp.min(smooth * smooth, wp.pow(2.0, -9.28 * n_v)) * smooth + 0.0425 - 0.0275 * bsdf.roughness
         grazing = wp.clamp(1.04 * peak - 0.04 + 0.022 * bsdf.roughness, LEAST_GRAZING, E)
         once = (E - grazing) * bsdf.specular + wp.vec3(grazing * bsdf.metal)
-        albedo += wp.cw_mul(once, wp.vec3(1.0) + ((1.0 - E) / (E * bsdf.metal)) * bsdf.specular)
+        albedo += wp.cw_mul(once, multiply_reflected(bsdf, E))
     return albedo
 
 

@@ -164,7 +164,7 @@ class Denoiser:
         """
         result = wp.zeros_like(radiance)
         if correction is None:
-            self._add_whole(result, radiance, stderr, **guides)
+            self._add_whole(result, radiance, guides, stderr)
         else:
             self._add_base(result, radiance, correction, base_variance, stderr is not None)
             guides = self._correction_guides(result, **guides) if guides else guides
@@ -175,16 +175,15 @@ class Denoiser:
         self.launcher.run(clip_negative, result.shape, {"image": result})
         return result
 
-    def _add_whole(self, result, radiance, stderr, albedo=None, normal=None):
-        """Add an image, denoised."""
-        if albedo is None or normal is not None:
-            guides = {} if albedo is None else {"albedo": albedo, "normal": normal}
+    def _add_whole(self, result, radiance, guides: dict[str, wp.array], stderr):
+        """Add an image, denoised; what guides alone is divided by meanwhile."""
+        if guides.keys() != {"albedo"}:
             self.add_denoised(result, radiance, 1.0, QUALITY, guides, stderr)
             return
         light = wp.empty_like(radiance)
-        self.launcher.run(demodulate, result.shape, {"image": radiance, "albedo": albedo, "light": light})
+        self.launcher.run(demodulate, result.shape, {"image": radiance, "light": light} | guides)
         self.add_denoised(result, light, 1.0, QUALITY, {}, stderr)
-        self.launcher.run(modulate, result.shape, {"albedo": albedo, "image": result})
+        self.launcher.run(modulate, result.shape, {"image": result} | guides)
 
     def _add_base(self, result, radiance, correction, variance, by_error: bool):
         """Add all but the correction, denoised where it has a variance, and mixed with itself by that."""

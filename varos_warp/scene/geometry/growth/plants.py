@@ -120,8 +120,8 @@ def _strap(rng, blade, rims, splits, end, field):
     path, along, aside = _middle(rng, blade, u, rims.mean(), splits)
     shared = np.stack([_fibre(blade, u, one) for one in t], axis=1)
     wide = np.linalg.norm(shared[:, -1] - shared[:, 0], axis=1) / 2.0
-    k = np.searchsorted(u, splits.mean() + 0.5 * FREE)
-    wide[k:] = wide[min(k, len(u) - 1)] * np.interp(u[k:] - u[min(k, len(u) - 1)], [0.0, 0.2, 0.7], [1.0, 1.2, 0.85])
+    k = min(np.searchsorted(u, splits.mean() + 0.5 * FREE), len(u) - 1)
+    wide[k:] = wide[k] * np.interp(u[k:] - u[k], [0.0, 0.2, 0.7], [1.0, 1.2, 0.85])
     off, lift = _rims(rng, u, last, torn, tau)
     own = path[:, None] + (wide[:, None] * off)[..., None] * aside[:, None]
     own += (wide[:, None] * lift)[..., None] * np.cross(aside, along)[:, None]
