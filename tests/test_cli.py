@@ -1,4 +1,4 @@
-"""The command line: exit statuses, messages without tracebacks, and the verbs of the contract."""
+"""The command line: exit statuses, messages without tracebacks, and the verbs that users rely on."""
 
 import ast
 import contextlib
@@ -56,7 +56,7 @@ def refused(*arguments) -> str:
     return result.stderr
 
 
-def test_every_verb_of_the_contract_is_there():
+def test_every_documented_verb_is_there_with_its_help():
     text = call("--help").output
     for name in "demo run sweep simulate render plan preprocess validate report info schema init".split():
         assert name in text

@@ -52,8 +52,15 @@ def made(tmp_path_factory):
 
 
 def test_the_starter_scene_becomes_a_valid_dataset(made):
+    """The lamps are beside the camera, so A falls faster than the inverse square of the range, fastest in red."""
     call("validate", made / "out", "-q")
-    assert Dataset(made / "out").linear("A", 0).max() > 0
+    frame = Dataset(made / "out").frame(0)
+    hit = np.isfinite(frame.range) & (frame.range > 0.0)
+    assert hit.mean() > 0.9
+    distance, light = np.log(frame.range[hit]), np.log(frame.A_radiance[hit])
+    red, green, blue = np.polyfit(distance, light, 1)[0]
+    assert -5.0 < red < green < blue < -2.0
+    assert all(np.corrcoef(distance, channel)[0, 1] < -0.8 for channel in light.T)
 
 
 def test_one_sample_a_pixel_is_a_sound_dataset(made):

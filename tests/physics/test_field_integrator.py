@@ -92,7 +92,7 @@ def test_soft_edges_are_integrated_in_parts(truth, blend):
 
 
 def test_the_whole_pixel_in_blue_with_a_floor_with_the_field(truth):
-    """A13, floor of reflectance 0.25 at 5 m: 7.2505e-3, its own error 0.1 %."""
+    """Both lamps of the paper's rig above a floor; the expected sum has an error of 0.1 %."""
     estimate = radiance(one_ray_scene(VAROS_LAMPS, PAPER_WATER), [floor(5.0, 0.25)], integrator="field", spp=256)
     blue = tuple(np.repeat(part[2], 3) for part in estimate)
     truth(

@@ -157,7 +157,7 @@ def test_all_that_a_lamp_sends_passes_through_every_sphere_around_it(truth, ligh
     ],
 )
 def test_multiple_in_scattering_of_an_isotropic_medium(T, first, total):
-    """A6: a ray 1 m from a point source of 1 W, albedo 0.5 and 0.9; within 0.2 % of the light in the water."""
+    """Along a ray 1 m from a point source of 1 W, albedo 0.5 and 0.9; within 0.2 % of the light in the water."""
     made = open_water([point((1, 0, 1), 1 / FOUR_PI)], ISOTROPIC)
     got, total = in_scattered(made, T), np.array(total)
     assert np.all(np.abs(got[:2] - (total - first)) <= 2e-3 * total)
@@ -165,7 +165,7 @@ def test_multiple_in_scattering_of_an_isotropic_medium(T, first, total):
 
 
 def test_multiple_in_scattering_of_the_papers_rig():
-    """A12, A13: both lamps in green and blue; within 0.1 % of the light in the water."""
+    """Both lamps, against an independent Monte Carlo; within 0.1 % of the light in the water."""
     made = open_water(VAROS_LAMPS, PAPER_WATER)
     single = {"R": 5.42226576952195e-5, "G": 6.17358347687215e-4, "B": 1.51897711245271e-3}
     assert in_scattered(made, 5.0)[0] == pytest.approx(2 * 5.8974e-8, abs=1e-3 * single["R"])
@@ -176,7 +176,7 @@ def test_multiple_in_scattering_of_the_papers_rig():
 
 
 def test_multiple_in_scattering_of_turbid_water():
-    """A13, sigma_t = 1, albedo 0.8: half of the light is scattered twice or more; 0.2 % of it all."""
+    """At sigma_t = 1 and albedo 0.8 half of the light is scattered twice or more; within 0.2 % of all of it."""
     made = open_water(VAROS_LAMPS, TURBID)
     assert in_scattered(made, 2.0)[2] == pytest.approx(2.179e-2 - 0.0109644027294663, abs=2e-3 * 2.179e-2)
 

@@ -183,7 +183,7 @@ def test_a_pixel_is_smaller_in_water_behind_a_pane_and_as_large_behind_a_centred
 
 
 def test_the_field_of_view_is_that_in_the_water():
-    """66 degrees of the paper's camera become 48.23 (transport truth A15), by 28.53 of 40.13 in height."""
+    """By Snell's law 66 degrees of the paper's camera become 48.23, and 40.13 in height become 28.53."""
     view = Camera(port={"kind": "flat", "distance_m": 0.05}, n_water=1.333)
     across, down = camera_model(view).field_of_view(*view.resolution)
     expected = [2.0 * np.arcsin(np.sin(np.arctan(half / 3.4)) / 1.333) for half in (2.208, 1.242)]

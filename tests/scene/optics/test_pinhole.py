@@ -15,8 +15,12 @@ KNOWN = {
     (0.020, 0.008): {0.5: (6.54, 13.6), 1: (2.61, 5.42), 2: (0.65, 1.35), 5: (0.52, 1.08), 10: (0.91, 1.90)},
     (0.050, 0.010): {0.5: (17.3, 35.8), 1: (6.87, 14.2), 2: (1.71, 3.54), 5: (1.37, 2.83), 10: (2.39, 4.94)},
 }
-"""Pixels rms and at most, by distance and thickness of the glass and by z [m], of the paper's camera at n = 1.34 when
-the best radial polynomial of four terms at 3 m is used: radii as frequent as each other, to the corner."""
+"""Errors of a pinhole, root mean square and largest [px], by distance and thickness of the glass [m] and by z [m].
+
+They are of the paper's camera (a focal length of 985.5 px) behind glass of index 1.49 in water of index 1.34. Rays were
+bent by Snell's law, and the pinhole got the radial polynomial of four terms that fits best at 3 m, for radii that are
+equally frequent up to the corner. That took a few lines of NumPy which share no code with this package."""
+BY_SNELL = "Snell's law and a radial polynomial by least squares, without this package"
 
 
 @pytest.mark.subject("camera")
@@ -35,7 +39,7 @@ def test_a_pinhole_that_is_right_at_one_distance_is_off_at_others(truth, glass):
     rms, most = np.array(list(KNOWN[glass].values())).T
     truth(
         f"rms [px] behind glass {glass[0] * 1e3:g} mm away",
-        source="table of another code",
+        source=BY_SNELL,
         expected=rms,
         got=np.sqrt(np.square(off).mean(1)),
         tolerance=0.005 + 0.02 * rms,
@@ -43,7 +47,7 @@ def test_a_pinhole_that_is_right_at_one_distance_is_off_at_others(truth, glass):
     )
     truth(
         f"largest [px] behind glass {glass[0] * 1e3:g} mm away",
-        source="table of another code",
+        source=BY_SNELL,
         expected=most,
         got=off.max(1),
         tolerance=0.005 + 0.005 * most,
