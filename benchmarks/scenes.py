@@ -121,7 +121,7 @@ def render_reference(bench: BenchScene, device: str, spp: int) -> dict[str, np.n
     """Mean and standard error, float32 [H, W, 3], of `BATCHES` renderings with ``spp`` samples each.
 
     By the field where it serves: in the sea's water ``path`` would take a hundred times as long, and the means of both
-    are within 0.1 % of each other (docs/transport.md).
+    are within 0.1 % of each other (docs/results.md).
     """
     renderer = FrameRenderer(bench.scene, device, bench.parts)
     how = {"outputs": "A", "integrator": "auto", "denoise": "none", "spp": spp, "seed": REFERENCE_SEED}

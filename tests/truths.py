@@ -188,7 +188,7 @@ program (or in a compiler's rounding).
 
 `make test` writes every number to `build/validation/validation.md`, and this summary beside it.
 
-Whole scenes are compared with other programs in [transport](transport.md).
+Whole scenes are compared with [other programs](../benchmarks/peers/README.md).
 
 | subject | numbers | pass | most used |
 |---|---|---|---|

@@ -24,7 +24,8 @@ BOOST = {
     "start.md": 1.5,
     "dataset.md": 1.5,
     **dict.fromkeys(
-        ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md"), 0.4
+        ("api.md", "examples.md", "changelog.md", "architecture.md", "stability.md", "known_values.md", "results.md"),
+        0.4,
     ),
     **dict.fromkeys(("howto/sweeps.md", "spectra.md", "dataset_readme.md"), 0.6),
 }

@@ -35,7 +35,7 @@ def test_scenes_build_and_are_lit(name):
 
 @pytest.mark.parametrize("name", ["coastal", "closed_room"])
 def test_no_block_is_off_by_half(name, tmp_path):
-    """Of 12 denoised images; benchmarks/light/many_seeds.py looks at 1000 (docs/transport.md)."""
+    """In 12 denoised images; benchmarks/light/many_seeds.py looked at 1000 (docs/results.md)."""
     kept = tmp_path / "holes.json"
     many_seeds.main(["holes", "--scenes", name, "--seeds", "12", "--resolution", "48x28", "--json", str(kept)])
     row = json.loads(kept.read_text())["rows"][name]

@@ -29,7 +29,7 @@ INTEGRATORS = {
 PLANNED = ("spp", "max_scatterings", "max_bounces", "integrator")
 """Options of `FrameRenderer.render` that a plan says, and its first fields."""
 FIELD_ERROR = 0.002
-"""Relative RMSE of the field without noise: measured, docs/transport.md."""
+"""Relative RMSE of the field without noise: measured, docs/results.md."""
 
 
 def open_questions(scene: Scene) -> tuple[str, ...]:

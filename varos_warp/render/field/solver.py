@@ -35,7 +35,7 @@ COARSE = (32, 8, 10)
 """Nodes and steps, as in `FINE`, for light scattered more often. With 20 distances, what lies over five free paths away
 was a tenth off."""
 ONCE = Directions.quadrature(80, 32, power=2)
-"""Directions of light scattered once, which is sharp around the light; see docs/transport.md for the errors."""
+"""Directions of light scattered once, which is sharp around the light; see docs/results.md for the errors."""
 TWICE = Directions.quadrature(28, 16, power=2)
 """Directions of light scattered twice."""
 AGAIN = Directions.quadrature(20, 8, power=2)
