@@ -65,7 +65,7 @@ def size_limit() -> int:
 
 
 class Contents(NamedTuple):
-    """What is kept."""
+    """State of the user's cache: its folder, entries and limit."""
 
     folder: Path
     entries: list[tuple[str, int]]

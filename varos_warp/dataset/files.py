@@ -364,7 +364,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_image(path: Path) -> np.ndarray:
-    """What `write_image` wrote."""
+    """Pixels of a file of `write_image`."""
     if path.suffix != ".exr":
         return read_png(path)
     channels = read_exr(path)

@@ -209,7 +209,7 @@ class DeviceScene:
         return placed
 
     def _copied(self) -> "DeviceScene":
-        """The same scene with a record of its own."""
+        """A copy of this scene that shares its arrays, with a record of its own."""
         other = copy.copy(self)
         other.data = SceneData()
         other.data.assign(self.data)

@@ -113,7 +113,7 @@ class Said(NamedTuple):
     """A unit that a text names."""
 
     word: str
-    """Its name, of `UNITS`."""
+    """Name of the unit, one of `UNITS`."""
     is_doubtful: bool
     """True if it may mean something else, as behind a number: ``accurate to 5 mm``."""
 

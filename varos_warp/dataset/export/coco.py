@@ -66,7 +66,7 @@ def _annotations(labels: Labels, camera: str, frame: int, image: int) -> list[tu
 
 
 def _write_all(job: Job, labels: Labels, images: list[dict], found: list, segments: list[dict]) -> None:
-    """The files of annotations."""
+    """Write the files of annotations."""
     things, surfaces = categories(labels)
     about = {"description": f"{job.data.meta['scene']['name']}, sequence {job.data.meta['sequence']}, by varos_warp"}
     bare = [{"id": entry["id"], "name": entry["name"], "supercategory": "object"} for entry in things]

@@ -19,7 +19,7 @@ T_CAMERA_VELODYNE = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0
 
 
 def cameras(job: Job) -> tuple[str, ...]:
-    """The first and, if another is its rectified partner to the right, that."""
+    """The first camera and, if there is one, its rectified partner to the right."""
     left, *others = job.cameras
     return (left, *[camera for camera in others if baseline(job, left, camera) is not None][:1])
 

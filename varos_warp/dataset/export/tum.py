@@ -14,7 +14,7 @@ PER_METRE = 5000.0
 
 
 def cameras(job: Job) -> tuple[str, ...]:
-    """The first."""
+    """The first camera."""
     return job.cameras[:1]
 
 

@@ -35,7 +35,7 @@ LEAST_COSINE = 0.9
 
 
 def cameras(job: Job) -> tuple[str, ...]:
-    """The first, and its partner if there is one."""
+    """The first camera and, if there is one, its partner to the right."""
     first, *others = job.cameras
     return (first, *[camera for camera in others if _is_right_of(job, first, camera)][:1])
 

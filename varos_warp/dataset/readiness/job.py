@@ -40,7 +40,7 @@ def of_one_sea(roots: Sequence[Path]) -> dict[Path, str]:
 
 
 def _named(root: Path, rest: dict) -> str:
-    """Such as ``waters water.jerlov.type=IB``."""
+    """Name of a group of datasets, such as ``waters water.jerlov.type=IB``."""
     return " ".join([str(root), *(f"{key}={value}" for key, value in rest.items())])
 
 

@@ -28,7 +28,7 @@ class SceneParts:
     warnings: list[str] = field(default_factory=list)
     """What looks wrong in the scene."""
     missing: str | None = None
-    """Why there are no parts."""
+    """The reason why there are no parts, in words."""
 
 
 def scene_parts(data: Dataset) -> SceneParts:

@@ -138,7 +138,7 @@ def _words(name: re.Match) -> str:
 
 
 def _refuse_conflict(root: Path, other: Path, found: re.Match, shard: tuple[int, int]) -> None:
-    """Only shards of one division may work beside each other, each once."""
+    """Refuse a run beside another, unless both are different shards of one division."""
     index, of = int(found[3]), int(found[4])
     if of == shard[1] > 1 and index != shard[0]:
         return

@@ -15,7 +15,7 @@ BY_BLOCKS = {"enable_backward": False, "launch_bounds": (512, 1), "module": "uni
 DARK = 0.1
 """A channel darker than this share of the brightest counts as if it had it: its error hardly shows."""
 DARK_SHARE = wp.constant(wp.float64(DARK))
-"""The same for kernels."""
+"""`DARK` as a constant of kernels."""
 FEWEST_FIRST, PAIR = wp.constant(2), wp.constant(8)
 """Samples of a pixel whose difference shows its noise, and those of its block; where there are more they come in pairs,
 for of low-discrepancy samples halves of unlike number would claim too large an error."""
@@ -143,9 +143,9 @@ class Sharing:
     taken: wp.float64
     """Samples that every pixel has."""
     most: wp.float64
-    """Most that one may have."""
+    """Most samples that a pixel may have."""
     cost: wp.float64
-    """Of a sample."""
+    """Relative time of one sample."""
 
 
 @wp.func

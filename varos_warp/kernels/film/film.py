@@ -29,7 +29,7 @@ class Sums:
     direct: wp.vec3d
     single: wp.vec3d
     multiple: wp.vec3d
-    """The layers."""
+    """Sums of the three layers, which make up all light."""
     correction: wp.vec3d
     """The part of their sum that subpaths carry, and blocked single scattering: all noise except that of edges."""
     odd: wp.vec3d

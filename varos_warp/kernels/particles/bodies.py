@@ -68,9 +68,9 @@ class Particles:
     wander: float
     """Amplitude [m] of a body's own motion."""
     wander_rate: float
-    """Its frequency [rad/s]."""
+    """Frequency of this motion [rad/s]."""
     wander_phase: float
-    """Its phase at the frame's time [rad]."""
+    """Phase of this motion at the frame's time [rad]."""
     turn: float
     """Angle by which bodies have turned at the frame's time [rad]."""
 

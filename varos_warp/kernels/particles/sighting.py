@@ -82,7 +82,7 @@ class Sightings(NamedTuple):
     parts_of: wp.Function
     """Number of parts in which its way through the image is straight and even."""
     part_of: wp.Function
-    """One of them."""
+    """One of these parts, by its number."""
     half_streak: wp.Function
     """Half of the way of its image in a part."""
 

@@ -55,10 +55,10 @@ class VirtualLight:
     density: float
     """Density of such points [1/m^2]."""
     shading: wp.vec3
-    """Of a rough surface: its shading normal, and the direction to the light; on what moves, in its axes."""
+    """Shading normal of a rough surface, and the direction to the light; on what moves, in its axes."""
     to_light: wp.vec3
     reflectance: wp.vec3
-    """Of a rough surface: that of its diffuse part, and the roughness of that; 0 for a Lambertian one."""
+    """Reflectance of a rough surface's diffuse part, and the roughness of that; 0 for a Lambertian one."""
     diffuse_roughness: float
 
 

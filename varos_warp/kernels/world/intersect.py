@@ -65,7 +65,7 @@ class SceneData:
     face_part: wp.array(dtype=wp.int32)
     """Part that a face of the mesh belongs to, shape [F]."""
     materials: wp.array(dtype=Material)
-    """Per part."""
+    """Material of each part."""
     shading_normals: wp.array(dtype=wp.vec3)
     """Normals for the lighting of A and B, per face corner in the mesh's axes; unused if ``has_shading_normals`` is 0.
     """

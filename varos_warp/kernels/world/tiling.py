@@ -43,9 +43,9 @@ class Image:
     height: int
     levels: int
     colours: wp.array2d(dtype=wp.vec3)
-    """Only for tiles: the colours that Gaussian values map to, shape [levels, VALUES]."""
+    """Colours that the Gaussian values of tiles map to, shape [levels, VALUES]; empty for other images."""
     basis: wp.mat33
-    """Only for tiles: matrix from the values of ``colours`` to reflectances."""
+    """Matrix from the values of ``colours`` to reflectances, used for tiles only."""
 
 
 @wp.func

@@ -66,7 +66,7 @@ class Depth(ImageProduct):
     )
 
     def of_hits(self, hits: FirstHits) -> DepthImage:
-        """Both distances."""
+        """Planar depth and range of the first hits."""
         return DepthImage(hits.planes["depth"], hits.planes["distance"])
 
     def pixels(self, image: DepthImage, render: Any) -> np.ndarray:

@@ -48,7 +48,7 @@ class Normals(ImageProduct):
     )
 
     def of_hits(self, hits: FirstHits) -> NormalImage:
-        """The normals."""
+        """Normals of the first hits."""
         return NormalImage(hits.planes["normal"])
 
     def pixels(self, image: NormalImage, render: Any) -> np.ndarray:

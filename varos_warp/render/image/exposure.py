@@ -73,7 +73,7 @@ class Statistics:
     mean: float | None = None
     """Mean of the luminance by the weights of a meter."""
     channels: Channels | None = None
-    """Of each channel; None where there is no white balance."""
+    """Statistics of each channel; None where there is no white balance."""
 
     def balanced(self, balance: np.ndarray) -> "Statistics":
         """Statistics of the frame with each channel times its gain [3], as far as those of its channels tell.

@@ -31,7 +31,7 @@ class View(Protocol):
 
     @property
     def view(self) -> Camera:
-        """The camera."""
+        """Camera that sees the bodies."""
 
     @property
     def T_w_v(self) -> np.ndarray:

@@ -74,7 +74,7 @@ class Drawn:
 
     @once  # its lock is this object's: frames side by side give the device away while they wait for what they fetch
     def on_host(self) -> Snow:
-        """Their images."""
+        """Images of the bodies, fetched from the device."""
         return Snow(**dict(zip(self.images, self.launcher.fetch(*self.images.values()), strict=True)))
 
 

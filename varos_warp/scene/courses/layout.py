@@ -64,7 +64,7 @@ class Layout:
     """What a table is, and where its numbers are."""
 
     format: str
-    """Its name in words."""
+    """Name of the format, in words."""
     cells: Cells
     """Its columns are those of the position, then those of the attitude."""
     attitude: str

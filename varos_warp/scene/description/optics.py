@@ -26,7 +26,7 @@ class FlatPort(Block):
 
     kind: Literal["flat"]
     distance_m: Annotated[float, Field(ge=1e-6, le=100.0)] = Field(examples=[0.02])
-    """From the lens (its entrance pupil) to the glass, along the normal [m]."""
+    """Distance from the lens (its entrance pupil) to the glass, along the normal [m]."""
     thickness_m: Thickness = 0.0
     """Thickness of the glass [m]."""
     n_glass: Index = 1.49

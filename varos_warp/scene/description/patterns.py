@@ -63,7 +63,7 @@ class LawnMower(Block):
         return ceil(round(self.width_m / self.spacing_m, 9)) + 1
 
     def waypoints(self) -> list[dict]:
-        """Both ends of each lane, and the half circle to the next."""
+        """Waypoints at both ends of each lane, and along the half circle to the next."""
         ahead, right = compass(self.heading_deg), compass(self.heading_deg + 90.0)
         gap = self.width_m / (self.lanes - 1)
         turned = np.arange(STEP_DEG, 180.0, STEP_DEG)

@@ -60,7 +60,7 @@ def _invertible(matrix):
 
 
 LEAST_DETERMINANT = 1e-6
-"""Of a colour matrix; those of cameras are about 1 to 5."""
+"""Least determinant of a colour matrix; those of cameras are about 1 to 5."""
 MOST_OF_MATRIX = 1000.0
 """Largest number of a colour matrix, for its products are in single precision."""
 ColorMatrix = Annotated[tuple[Vec3, Vec3, Vec3], AfterValidator(_invertible)]

@@ -37,7 +37,7 @@ class PortWorth(NamedTuple):
 
     @property
     def in_words(self) -> str:
-        """One sentence."""
+        """One sentence that says what the port is worth."""
         where = f"({self.near_m:.2g} to {self.far_m:.2g} m)"
         if self.pinhole:
             keys = str(self.pinhole).replace("'", "")

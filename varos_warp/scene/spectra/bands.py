@@ -191,7 +191,7 @@ def rms_over(scene: Scene, camera: Camera, distances: tuple[float, float]) -> np
 
 
 class Given(NamedTuple):
-    """What bands stand for."""
+    """Spectra of a scene that bands stand for."""
 
     water: WaterSpectra
     lamps: list[Spectrum]

@@ -19,8 +19,8 @@ MOST_MATCHED = 2000
 ORB_EDGE, ORB_PATCH = 19, 31
 """Pixels, of its pyramid's levels: ORB finds nothing nearer to the border (19 as in ORB-SLAM); size of a keypoint."""
 BORDER = {"orb": ORB_EDGE / ORB_PATCH, "sift": 1.25}
-"""Over the size of a keypoint: where none is found at the image's border. SIFT leaves out 5 pixels of an octave, where
-the least size is 4.03."""
+"""Width of the image's border without keypoints, over their size. SIFT leaves out 5 pixels of an octave, where the
+least size is 4.03."""
 
 
 @dataclass(frozen=True)

@@ -24,21 +24,23 @@ LEAST_CROWDED = 1.06
 STRAY = 0.015
 """Share of the copies that stand alone, by default."""
 BARE_BELOW, FULL_ABOVE = -0.7, -0.1
-"""Of a field of variance 1: scars, where next to nothing grows, and where it does as elsewhere."""
+"""Values of a field of variance 1: below the first are scars, where next to nothing grows; above the second growth is
+as elsewhere."""
 IN_SCARS = 0.04
 """Share of growth that scars have."""
 SPREAD, TAIL = 0.6, 0.02
 """Deviation of the logarithm of clumps' radii, and the share of them at either end that there is none of."""
 FULL_TO, EMPTY_FROM, HALO, HALO_TO = 0.6, 1.2, 0.06, 1.5
-"""In radii: a clump is full to the first and ends at the second; settlers, few in number, are about it."""
+"""Distances over a clump's radius to which it is full and at which it ends, then the share of settlers around it, which
+are few, and how far these reach."""
 OUTLINE, OUTLINE_MOST = 0.42, 1.5
-"""By how much clumps reach more or less far from place to place (logarithm, deviation), in deviations at most."""
+"""Deviation of the logarithm of a clump's reach from place to place, and its bound, in deviations."""
 OUTLINES = ((2.6, 0.8), (0.8, 0.6))
 """Wavelengths of that noise, in the radius of clumps, and shares of its deviation: lobes of large ones, and fringes."""
 SMOOTH_OUTLINES = ((0.9, 1.0),)
-"""Of clumps that are no patches: on the small planes where room is measured, lobes would be few."""
+"""`OUTLINES` of clumps that are no patches: on the small planes where room is measured, lobes would be few."""
 WIDER, WIDEST = 0.25, 0.5
-"""By how much clumps reach farther where the place is liked (logarithm), for each deviation of noise, and at most."""
+"""Logarithm by which clumps reach farther where a place is liked, for each deviation of the noise, and its bound."""
 PATCHY, PATCH_EDGE = 2.2, 0.6
 """Patches have so many times the area of the clumps in them; over how much of the noise they begin."""
 LEAST_PATCHES = 0.25
@@ -50,7 +52,7 @@ class Crowd:
     """How crowded some places are."""
 
     weight: np.ndarray
-    """float64 [N]: how many times ``per_m2`` there are."""
+    """float64 [N]: density of copies, over ``per_m2``."""
     depth: np.ndarray
     """float64 [N]: 0 at the rim of a clump and outside, 1 in the middle of one."""
     clump: np.ndarray
@@ -62,7 +64,7 @@ class Crowding:
     """How much more or less than ``per_m2`` there is at places of one host: 1 in the mean over all seeds."""
 
     full: float
-    """How many times ``per_m2`` clumps have where there are no scars; 1: there are none, copies are as rain."""
+    """Density of copies in clumps without scars, over ``per_m2``; 1: there are no clumps, copies fall like rain."""
     radius: float
     """Median of the radii of clumps [m]."""
     stray: float
@@ -71,14 +73,14 @@ class Crowding:
     """Share of what clumps would have that scars leave and that finds room there, in the mean."""
     key: np.uint64
     patches: tuple[tuple[Field, float], ...]
-    """With their shares; the sum of squares of these is 1."""
+    """Noise fields of the patches, each with its share; the squares of the shares sum to 1."""
     outline: tuple[tuple[Field, float], ...]
-    """With their shares, likewise."""
+    """Noise fields of the clumps' outlines, each with its share, as for ``patches``."""
     scars: Field | None
 
     @property
     def peak(self) -> float:
-        """The most that there can be."""
+        """Largest density of copies that there can be, over ``per_m2``."""
         return self.full
 
     @property
@@ -101,7 +103,7 @@ class Crowding:
         return self.full * _left_by_scars(self.scars(points)) >= above
 
     def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0, above: np.ndarray | float = 0.0) -> Crowd:
-        """At points [N, 3] about the host's own origin [m].
+        """How crowded points [N, 3] about the host's own origin are [m].
 
         ``liking`` is added to the noise of patches, of variance 1: more than 0 where there is to be more than
         elsewhere. Clumps reach farther there. Weights that cannot be ``above`` numbers [N] may be told too low.
@@ -164,7 +166,7 @@ def crowding(
     left: float | None = None,
     patchy: bool = True,
 ) -> Crowding:
-    """Of a kind on a host.
+    """Crowding of a kind on a host.
 
     Args:
         full: How many times the mean its clumps have where there are no scars.

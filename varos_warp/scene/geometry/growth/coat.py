@@ -18,7 +18,7 @@ LEAST_M, MOST_M = 0.008, 0.05
 RAGGED, RAGGED_M = 1.5, 0.022
 """How ragged the borders of coats are, and how far their lobes are apart [m]."""
 TONES = (0.75, 1.25)
-"""Of the coats of clumps."""
+"""Tones of the darkest and the lightest coats of clumps."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Placed:
     """The copies of a block."""
 
     names: list[str]
-    """Of its hosts."""
+    """Names of the hosts that the copies stand on."""
     silt: np.ndarray
     """float64 [H]: how much silt lies on each of them."""
     copies: Rooted

@@ -1,4 +1,4 @@
-"""Where a host stands out: its edges, corners and thin parts, told from hollows and level places."""
+"""Edges, corners and thin parts of a host, where it stands out, told from hollows and level places."""
 
 from dataclasses import dataclass
 
@@ -14,9 +14,9 @@ AROUND_M = 3.5 * CELL_M
 PER_CELL = 4.0
 """Samples of large triangles, for each square of a cell's size."""
 THIN = 0.3
-"""Where normals cancel to such a share of the area, both sides of something thin are near."""
+"""Length of the sum of area normals, over the area, below which both sides of something thin are near."""
 SHEET = 0.85
-"""Where such a share of the squares of normals is along one line, it is a sheet; else a bar or a corner of it."""
+"""Share of the squares of normals along one line, above which a thin thing is a sheet; else it is a bar or a corner."""
 RIM, RIM_OVER = 0.85, 0.35
 """A place is at the rim of a sheet if near it is less than such a share of a whole sheet's area, and so much less."""
 SIDE = np.int64(1 << 20)
@@ -29,11 +29,11 @@ class Edges:
     """The middle of the surface around every cell of space that has some of it."""
 
     keys: np.ndarray
-    """int64 [C]: of cells, ascending."""
+    """int64 [C]: keys of the cells, ascending."""
     middle: np.ndarray
-    """float64 [C, 3]: of the surface in the cell and its neighbours, from the host's origin [m]."""
+    """float64 [C, 3]: middle of the surface in the cell and its neighbours, from the host's origin [m]."""
     normal: np.ndarray
-    """float64 [C, 3]: mean of its normals, as long as they agree."""
+    """float64 [C, 3]: mean of the surface's unit normals, whose length says how far they agree."""
     thin: np.ndarray
     """float64 [C]: what places are where normals cancel: 1 on bars and at rims of sheets, 0 within these."""
 
@@ -52,7 +52,7 @@ class Edges:
 
 
 def edges_of(corners: np.ndarray, keys: np.ndarray) -> Edges:
-    """Of triangles.
+    """Edges of a surface of triangles.
 
     Args:
         corners: float64 [F, 3, 3], from the host's origin [m].

@@ -28,14 +28,14 @@ SURFACE = Layered(kind="layered", grain=0.2)
 """How all that grows scatters light: rough and grained, in the colours that it has."""
 
 ALONE = 1.2
-"""By how many tints copies of one clump differ."""
+"""Range of the tints of copies in one clump, in tints."""
 LEVEL = 0.95
-"""Where the normal is so nearly vertical, silt has no side."""
+"""Vertical part of the normal from which copies with silt turn at random, for there silt has no side."""
 
 CURRENT = np.array([0.8, 0.55, 0.1])
-"""Where the water went, mostly, while things grew."""
+"""Mean direction in which the water moved while things grew."""
 EDDIES = 1.8
-"""By how much that differs from copy to copy [rad]."""
+"""Range of that direction from copy to copy [rad]."""
 
 
 def grow(scene: Scene, parts: list[Part | Instances]) -> list[Part | Instances]:

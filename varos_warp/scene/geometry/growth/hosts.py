@@ -49,7 +49,7 @@ class Host:
     gap: np.ndarray
     """float64 [F]: distance of the course, or less [m]."""
     silt: float = 0.0
-    """How much of it lies on what of it looks up, 0 to 1."""
+    """How much silt lies on faces that look up, 0 to 1."""
 
     @once
     def area_and_up(self) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +67,7 @@ class Host:
 
     @once
     def edges(self) -> Edges:
-        """Where it stands out; asked at places from its origin."""
+        """Edges of the host, which are asked at places from its origin."""
         return edges_of(self.corners - self.origin, self.keys)
 
     def of(self, chosen: np.ndarray) -> "Host":
@@ -101,7 +101,7 @@ class Carrier:
 
     @property
     def _silt(self):
-        """How much silt lies on what of it looks up, by its material."""
+        """How much silt lies on the part's faces that look up, 0 to 1, by its material."""
         return float(getattr(self._part.material, "silt", 0.0)) if isinstance(self._part.material, Layered) else 0.0
 
     @property
@@ -142,7 +142,7 @@ class Carrier:
             yield self._near(names[i], part.vertices @ T[:3, :3].T + T[:3, 3], self._whole[2] @ T[:3, :3].T / scale[i])
 
     def _near(self, name, vertices, normals) -> Host:
-        """What is within reach of the course, no triangle larger than `LARGEST_M`."""
+        """A host of the triangles within reach of the course, none larger than `LARGEST_M`."""
         faces, keys, _ = self._whole
         gap = _gaps(vertices, faces, self._footprint)
         near = np.flatnonzero(gap <= REACH_M)
@@ -162,7 +162,7 @@ class Carrier:
         )
 
     def _quartered(self, host: Host) -> Host:
-        """Of four triangles for each those that are within reach."""
+        """A host whose triangles are each cut into four; only those within reach are kept."""
         corners, normals = (
             np.einsum("qij,fjk->fqik", QUARTERS, x).reshape(-1, 3, 3) for x in (host.corners, host.normals)
         )

@@ -31,9 +31,9 @@ class Coat:
     colour: Rgb
     """Linear reflectance."""
     share: float
-    """Of the host's own colour that it hides at most."""
+    """Largest share of the host's own colour that the coat hides."""
     reach: float
-    """How far it reaches from a root, over the copy's size."""
+    """How far the coat reaches from a root, over the copy's size."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Kind:
     scars: bool = True
     """Whether it leaves the host's scars bare, and has its territory there."""
     territory: float = 0.0
-    """Where it is the dominant kind, in turns of a field of the host: half a turn away there is next to none of it."""
+    """Value of a field of the host [turns] where the kind is dominant; half a turn away there is next to none of it."""
     cover: float = 0.0
     """What bodies in a clump cover where there are no scars, before those that find no room are left out, over its
     area; 0: it may be loose."""
@@ -81,7 +81,7 @@ class Kind:
     edges: float = 0.0
     """How much it prefers edges to level places, in deviations of the noise of clumps."""
     under: float = 0.0
-    """How much it prefers undersides to walls, and walls to tops, likewise; less than 0: tops."""
+    """How much it prefers undersides to walls, and walls to tops, in the same unit; less than 0: it prefers tops."""
 
 
 KINDS = {

@@ -1,4 +1,4 @@
-"""Where copies stand on a host: a Poisson process on its triangles, denser where they cluster."""
+"""Places of copies on a host: a Poisson process on its triangles, denser where they cluster."""
 
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +14,7 @@ from varos_warp.scene.geometry.growth.room import Filling, filling, grown_to, mo
 from varos_warp.scene.geometry.relief.density import Footprint
 
 MOST_COPIES = 1_000_000
-"""Of one block on one host."""
+"""Most copies of one block on one host."""
 LEAST_PIXELS = 1.5
 """Smaller copies are left out, by the nearest view of them."""
 BATCH = 1 << 19
@@ -27,9 +27,9 @@ class Wanted:
 
     block: Growth
     key: str
-    """Where it stands in the scene file: ``growth.0``."""
+    """Key of the block in the scene file, such as ``growth.0``."""
     seed: int
-    """Of the scene."""
+    """Seed of the scene."""
     surface_depth_m: float
     kind: Kind = field(init=False)
     per_m2: float = field(init=False)
@@ -67,7 +67,7 @@ class Wanted:
 
     @property
     def filling(self) -> Filling | None:
-        """How full its clumps are; None: it has none."""
+        """How full the block's clumps are; None: it has no clumps."""
         if self.cluster == 0.0 or self.per_m2 == 0.0:
             return None
         return filling(self.block.kind, self.size_m, self.per_m2, self.cluster)
@@ -82,17 +82,17 @@ class Rooted:
     points: np.ndarray
     """float64 [N, 3]: roots, on the surface [m]."""
     normals: np.ndarray
-    """float64 [N, 3]: of the surface, smoothed."""
+    """float64 [N, 3]: smoothed normals of the surface at the roots."""
     size: np.ndarray
-    """float64 [N] [m]."""
+    """float64 [N]: sizes of the copies [m]."""
     keys: np.ndarray
-    """uint64 [N]: what else there is of chance in them."""
+    """uint64 [N]: keys of all other random choices of each copy."""
     pixels: np.ndarray
     """float64 [N]: how large they are in the nearest view [px]."""
     clump: np.ndarray
     """uint64 [N]: key of the clump that each is in; its own where it stands alone."""
     too_small: float = 0.0
-    """About how many more there would be if they were not smaller than `LEAST_PIXELS`."""
+    """Expected number of copies that were left out as smaller than `LEAST_PIXELS`."""
 
     def of(self, chosen: np.ndarray) -> "Rooted":
         """Some of the copies."""
@@ -168,7 +168,7 @@ def rooted(wanted: Wanted, host: Host, number: int, footprint: Footprint) -> Roo
 
 
 def _kept(wanted, host, number, faces, keys, crowd, footprint):
-    """Of candidates, by their triangles and keys [N], those that chance, depth and pixels leave."""
+    """The candidates, given by triangles and keys [N], that chance, depth and size in pixels leave."""
     size = wanted.sizes(uniform(keys, 3))
     # what no view shows goes first: it is most
     few = np.flatnonzero(size >= LEAST_PIXELS * footprint.angle * host.gap[faces])

@@ -18,7 +18,7 @@ ROWS = 112
 COLUMN = 0.009
 """Widths of the columns of a strap, about."""
 FREE = 0.16
-"""Of a blade's length, over which a strap comes free behind its split."""
+"""Share of a blade's length over which a strap comes free behind its split."""
 
 
 @dataclass(frozen=True)
@@ -28,17 +28,17 @@ class Blade:
     top: np.ndarray
     """float64 [3]: where it sits on the stipe."""
     length: float
-    """Of its longest strap, over the height of the stipe."""
+    """Length of the longest strap, over the height of the stipe."""
     fan: tuple[float, float]
     """Angles by which its rims part [rad]: at its base, and far from there."""
     droop: tuple[float, float, float]
     """Angles by which it rises from the stipe, and hangs at last [rad], and the share of its length between both."""
     cupped: float
-    """How much lower its rims hang [rad]."""
+    """Angle by which the rims of the straps hang lower [rad]."""
     tone: np.ndarray
     """float64 [3]: its colour where it is clean."""
     age: tuple[float, float, float]
-    """How much is bleached, crusted with bryozoans and overgrown by hydroids, about 0 to 1 each."""
+    """How far the blade is bleached, crusted with bryozoans and overgrown by hydroids, about 0 to 1 each."""
 
     def along(self, u: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heading and pitch [rad] of the fibres at shares of the length and of the half width, -1 to 1."""
@@ -159,7 +159,7 @@ def _middle(rng, blade, u, t, splits):
 
 
 def _rims(rng, u, last, torn, tau):
-    """Where columns of a strap are, -1 to 1 [K, C], and how far off its plane: rims are ruffled, with bites."""
+    """Places of a strap's columns across it, -1 to 1 [K, C], and off its plane [K, C]: rims are ruffled, with bites."""
     off = np.empty((len(u), len(tau)))
     lift = np.zeros_like(off)
     tip = 1.0 if torn else (1.0 - np.clip(u / last, 0.0, 1.0) ** 7) ** 0.6

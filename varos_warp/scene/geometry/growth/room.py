@@ -19,7 +19,7 @@ from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
 from varos_warp.scene.geometry.growth.spacing import apart
 
 PER_CLUSTER = 0.28
-"""Of what may be loose, clumps have exp(`PER_CLUSTER` cluster) times the mean, or as many as bodies fill the place."""
+"""Clumps that may be loose have exp(`PER_CLUSTER` cluster) times the mean density, or as much as bodies fill."""
 LOW, HIGH = 1.6, 2.4
 """The smallest and the largest body of a log-normal law are so many deviations from its median."""
 YOUNGEST = 0.45
@@ -27,16 +27,16 @@ YOUNGEST = 0.45
 MOST_CROWDED = 300.0
 """No place has more copies in the mean than so many times ``per_m2``."""
 BODIES = 30_000
-"""In clumps, before those that find no room: by so many it is found how many do, to about two in a hundred."""
+"""Bodies laid into clumps to measure the share that finds room, which is then known to about two in a hundred."""
 SPARSEST = 0.08
 """Share of a plane that clumps have at least when that is found: they touch so few others that no fewer matter."""
 ROUNDS, MOST_ROUNDS, ABOUT = 2, 8, 0.25
 """What is left and how much of a surface clumps have follow from each other: so often at least and at most, from such
 a share; the fuller clumps are, the fewer find room."""
 CROWDED = 4.0
-"""Where bodies would cover so many times the surface, hardly any more find room."""
+"""Area of bodies over that of the surface, above which hardly any more find room."""
 ALONE = 0.02
-"""Where bodies have fewer others in reach, in the mean, all find room: of a hundred one would not."""
+"""Mean number of others in a body's reach below which all are taken to find room; one of a hundred would not."""
 
 
 def sizes(kind: Kind, size_m: tuple[float, float], u: np.ndarray) -> np.ndarray:
@@ -85,11 +85,11 @@ class Filling:
     """How full clumps are of a kind, so that as many are left as asked for."""
 
     times: float
-    """How many times ``per_m2`` clumps have where there are no scars, before those that find no room."""
+    """Density in clumps without scars, over ``per_m2``, counting bodies that find no room."""
     left: float
     """Share of these that scars leave and that finds room, in the mean."""
     most: float
-    """How many a square metre there can be [1/m^2]; fewer than ``per_m2`` where that is too many."""
+    """Largest density that finds room [1/m^2]; less than ``per_m2`` where that is too much."""
 
 
 @lru_cache

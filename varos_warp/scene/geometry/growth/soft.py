@@ -34,7 +34,7 @@ def anemone(rng: np.random.Generator) -> Form:
 
 
 def _leaning(points, lean):
-    """The same aside by the square of their height."""
+    """Points [N, 3] moved aside by the square of their height."""
     return points + np.maximum(points[:, 2:], 0.0) ** 2 * [*lean, 0.0]
 
 

@@ -21,14 +21,14 @@ class Solid:
     colours: np.ndarray
     """float64 [V, 3]: linear reflectances."""
     normals: np.ndarray | None = None
-    """float64 [F, 3, 3]: of the corners, smoothed over all edges; None: they are not known."""
+    """float64 [F, 3, 3]: normals of the corners, smoothed over all edges; None: they are not known."""
 
     def tinted(self, tint: Rgb | np.ndarray) -> Self:
-        """The same in other colours, each channel multiplied."""
+        """The solid in other colours, each channel multiplied."""
         return replace(self, colours=np.clip(self.colours * np.asarray(tint), 0.0, 0.9))
 
     def scaled(self, scale: float) -> Self:
-        """The same so many times as large."""
+        """The solid, so many times as large."""
         return replace(self, vertices=scale * self.vertices)
 
     @property
@@ -64,7 +64,7 @@ class Strip:
     across: np.ndarray | None = None
     """float64 [K, 3]: the way that a ribbon is wide there, unit vectors; None: a tube."""
     sides: int = 2
-    """Of a tube."""
+    """Sides of the cross section, of a tube."""
 
     def solid(self) -> Solid:
         """Its mesh."""
@@ -87,9 +87,9 @@ class Sheet(Strip):
     """A ribbon of several columns, ruffled and blotched; its line, width and colours are what coarser ones have."""
 
     points: np.ndarray
-    """float64 [K, C, 3]: its rows."""
+    """float64 [K, C, 3]: points of its rows."""
     tones: np.ndarray
-    """float64 [K, C, 3]: their linear reflectances."""
+    """float64 [K, C, 3]: linear reflectances of these points."""
 
     def solid(self) -> Solid:
         """Its mesh."""
@@ -107,7 +107,7 @@ class Form:
     """Coarser meshes, one for each level, of what has arms that it would lose with its edges; none: they are made."""
 
     def whole(self) -> Solid:
-        """All of it as one mesh."""
+        """Body and strips as one mesh."""
         return together([*([] if self.body is None else [self.body]), *(strip.solid() for strip in self.strips)])
 
 

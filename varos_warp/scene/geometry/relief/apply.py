@@ -72,21 +72,21 @@ class Unformed:
 
     @once
     def digest(self) -> str:
-        """Of all of it that its base is made from."""
+        """A hash of all that the base is made from."""
         part = self.part
         return digest(part.vertices, part.faces, np.array([part.smooth_shading, part.smooth_angle], float))
 
     @once
     def base(self) -> Base:
-        """Its surface."""
+        """The surface that relief is laid on."""
         return base_of(self.part)
 
     def pixels(self) -> Pixels:
-        """How wide a pixel is on it."""
+        """Width of a pixel on the part."""
         return pixels_on(self._scene, self.part, self.base, self._seen)
 
     def rough(self) -> Rough:
-        """What its triangles are counted by."""
+        """The coarse surface by which the part's triangles are counted."""
         base = self.base
         return rough(base.vertices, base.faces, self.pixels(), base.normals)
 
@@ -112,19 +112,19 @@ class Ground:
 
     @property
     def surface(self) -> Surface | None:
-        """To measure heights over."""
+        """Surface of the terrain, over which heights are measured; None: there is no terrain."""
         with self._lock:
             if self._surface is None and self.part is not None:
                 self._surface = Surface(self.part.vertices, self.part.faces)
             return self._surface
 
     def under(self, part: Part | Instances) -> bool:
-        """Whether a part may stand in it; the ground itself does not, nor what moves."""
+        """Whether a part may stand in the ground; the ground itself does not, nor what moves."""
         return self.part is not None and part.name != "terrain" and not isinstance(part, Moving)
 
 
 def _factor(surfaces, seen, most):
-    """By how much all edges are longer than asked; kept, as it takes seconds."""
+    """Factor on all edges, so that triangles are no more than ``most``; kept, as it takes seconds."""
     depends_on = {
         "meshes": [each.digest for each in surfaces],
         "places": [each.places for each in surfaces],
@@ -151,7 +151,7 @@ def _code():
 
 
 def pixels_on(scene: Scene, part: Part | Instances, base: Base, seen: Footprint) -> Pixels:
-    """How wide a pixel is at points about a base's middle.
+    """Width of a pixel at points about a base's middle.
 
     Copies share one mesh, which the copy decides that is nearest for its size; so does what moves.
     """
@@ -250,7 +250,7 @@ def _at_corners(values, faces):
 
 
 def _held(made):
-    """That a part is too thin for its form, if it is."""
+    """A warning if a part is too thin for its form."""
     if made["held"] > TOLD_SHARE:
         yield (
             f"it is {1000.0 * float(made['thinnest']):.3g} mm thin at the least: its form goes inwards by a third "

@@ -9,7 +9,8 @@ from varos_warp.scene.geometry.relief.subdivision import refine
 from varos_warp.scene.geometry.topology import area_normals, chunks
 
 MOST_TRIANGLES = 3_000_000
-"""Of all surfaces with relief, where the scene says nothing: they load in half a minute on two cores."""
+"""Most triangles of all surfaces with relief, unless the scene says another number; they load in half a minute on two
+cores."""
 FILL = 0.17
 """Area of a triangle over the square of the longest edge that is wanted there, on average, as `refine` leaves them
 (measured on grids and spheres: 0.16 to 0.18)."""

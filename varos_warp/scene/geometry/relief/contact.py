@@ -1,4 +1,4 @@
-"""Where things meet the ground: how high they stand over it, and the fine sediment that lies against their foot.
+"""The foot of things in the ground: how high they stand over it, and the fine sediment that lies against them.
 
 The bank of the ground and the foot of the thing are of one tone, which thins out on both, so that no line of colour is
 left where they meet.
@@ -21,9 +21,9 @@ TONE = 0.82
 THIN, THINNEST_M, WIDEST_M = 0.22, 0.015, 0.09
 """Height over the bank by which the sediment on a body has thinned out, over the body's size, and its bounds [m]."""
 BESIDE_M = 0.08
-"""How far from a body the ground has its tone [m]."""
+"""Distance from a body to which the ground has the tone of its foot [m]."""
 SALT = 950
-"""Of the noise of these layers."""
+"""Salt of the noise of these layers."""
 
 Height = Callable[[np.ndarray], np.ndarray]
 """Height [N] over the ground [m] of points [N, 3]; infinite where there is none."""
@@ -38,11 +38,11 @@ class Foot:
     """How a thing stands in the ground."""
 
     height: Height
-    """Over the ground before its relief, of points about the middle of the thing's base."""
+    """Height over the ground before its relief, of points about the middle of the thing's base."""
     size: float
-    """What the bank against it goes by [m]."""
+    """Size of the thing that its bank is in proportion to [m]."""
     bank: Height = field(default=_no_bank)
-    """How high the bank is at the places [N, 3]."""
+    """Height of the bank over the ground, of the same points."""
 
     def covers(self, points: np.ndarray, pattern: Patterns) -> np.ndarray:
         """How much of the surface is under sediment, [N]: all below the bank's top, then less; ragged."""
@@ -60,7 +60,7 @@ def foot_of(
 
     Args:
         ground: The terrain before its relief.
-        middle: Of the part's base: points are about it.
+        middle: Middle of the part's base, which points are about [m].
         banked: Whether the ground banks up against what stands in it.
     """
     if ground is None or isinstance(part, Moving):

@@ -36,7 +36,7 @@ FASTER, AHEAD_M = 1.25, 0.5
 """How much faster than asked a vehicle may be, and how much farther along its course [m]: where ``duration_s`` ends a
 sequence, what comes after it is not seen."""
 UNSEEN = 8.0
-"""Where no camera looks, surfaces are as coarse as if they were this many times as far away."""
+"""Factor on the distance of surfaces where no camera looks: they are as coarse as if they were so much farther away."""
 WITHOUT_CAMERA = 1e-3
 """Angle of a pixel [rad] where a scene has no camera."""
 
@@ -63,7 +63,7 @@ class Footprint:
 
     @property
     def digest(self) -> list:
-        """All of it, as plain types."""
+        """All data of the footprint, as plain types for a key of the cache."""
         return [digest(self.eyes, self.axes, self.halves), self.aside, self.angle]
 
     def distance(

@@ -20,9 +20,9 @@ SMALLEST_M, LARGEST_M = 0.03, 1.5
 BANK, BANK_WIDTH = 0.15, 0.60
 """Height of the bank against the foot, and how far it reaches, as shares of the body's size."""
 APRON, APRON_WIDTH = 0.03, 0.60
-"""Height of what lies about it widely, and where that falls to 1 / e, likewise."""
+"""Height of what lies about it widely, and where that falls to 1 / e, as shares of the body's size."""
 MOAT, MOAT_AT, MOAT_WIDTH = 0.08, 0.75, 0.30
-"""Depth of the moat, where it is deepest and how wide it is, likewise."""
+"""Depth of the moat, where it is deepest and how wide it is, as shares of the body's size."""
 REACH = 1.6
 """Beyond this many sizes from a body the ground knows nothing of it."""
 UNEVEN, UNEVEN_CYCLES = 1.2, 1.4
@@ -31,7 +31,7 @@ WHOLE_M = 0.2
 """Distances from bodies smaller than this [m] count as so much longer: what lies about a stone and where ripples end at
 it are in proportion to it."""
 UNLIKE = 0.6
-"""How much bodies differ from one another, likewise: some are scoured where others are banked up."""
+"""How much bodies differ from one another, over the noise: some are scoured where others are banked up."""
 BESIDE_M = 0.1
 """How far from a body the ground still tells whether it stands in it [m]."""
 TURNS = 36

@@ -75,7 +75,7 @@ def _flip_once(vertices, faces, needles):
 
 
 def _first_of_each(one, two, key, excess, count):
-    """Of pairs of faces those whose excess is the largest for both faces; of equal ones the first."""
+    """Numbers of the pairs of faces whose excess is the largest for both faces; of equal pairs the first."""
     order = np.lexsort((key, -excess))
     rank = np.empty(len(order), int)
     rank[order] = np.arange(len(order))

@@ -31,7 +31,7 @@ from varos_warp.scene.geometry.topology import area_normals, incidence
 STEEP = (0.79, 0.85)
 """Upward part of the normal below which ground is steep, and above which it is flat, as in `slope_blend`."""
 RAGGED = 0.18
-"""How far noise moves that bound."""
+"""Factor on the noise that moves that bound."""
 MEAN_EDGE = 2.0 / 3.0
 """Mean length of edges over the longest that is wanted."""
 LARGEST_FORM_M = 1.0

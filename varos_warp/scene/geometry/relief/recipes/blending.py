@@ -1,4 +1,4 @@
-"""How values of vertices are put together."""
+"""Blending of values of vertices."""
 
 from collections.abc import Sequence
 

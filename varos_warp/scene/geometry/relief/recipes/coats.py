@@ -30,7 +30,7 @@ class Coat:
             self._tiles = [(rows, sites.some(rows)) for rows in found if len(rows)]
 
     def displacement(self, step: str, normals: np.ndarray) -> np.ndarray:
-        """Its share of what a step, ``coarse`` or ``fine``, moves vertices with normals [N, 3] by [m], [N]."""
+        """The coat's share of what a step, ``coarse`` or ``fine``, moves vertices with normals [N, 3] by [m], [N]."""
         made = np.zeros(len(self._share))
 
         def fill(tile):
@@ -42,7 +42,7 @@ class Coat:
         return made
 
     def colour(self, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
-        """Its share of the reflectance [N, 3] and of the thickness of silt [N] [m] on the mesh that has its form."""
+        """The coat's share of reflectance [N, 3] and of silt's thickness [N] [m], on the mesh that has its form."""
         colour, silt = np.zeros((len(self._share), 3)), np.zeros(len(self._share))
 
         def fill(tile):

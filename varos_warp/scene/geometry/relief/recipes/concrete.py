@@ -22,7 +22,7 @@ BOARD_M = 0.11
 LIFT_M = 0.55
 """What was cast at a time: there a line runs around, above it the concrete has nests of gravel."""
 TIES_M, TIE_M = (0.60, 0.55), 0.013
-"""From one hole of a tie of the formwork to the next, across and up, and their radius."""
+"""Distances between the holes of the formwork's ties, across and up, and the radius of a hole [m]."""
 
 
 class Wear(NamedTuple):
@@ -90,7 +90,7 @@ class Concrete:
 
 
 def _spalled(pattern: Patterns, look: Look) -> np.ndarray:
-    """Where the skin has come off in plates, [N]."""
+    """Share of each place whose skin has come off in plates, [N]."""
     return patches(pattern.moved(0.04, 7.0, 61).fbm(3.5, 4, 62), 0.30 * look.wear, 0.02)
 
 

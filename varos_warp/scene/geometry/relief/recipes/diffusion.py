@@ -13,7 +13,7 @@ from varos_warp.kernels.mesh import diffusion as kernels
 
 ITERATIONS = 80
 TOLERANCE = 1e-2
-"""Of the conjugate gradients: by how much of what is smoothed away they may be off."""
+"""Residual at which the conjugate gradients end, over that of the values."""
 
 
 def smoothed(

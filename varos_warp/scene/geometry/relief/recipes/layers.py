@@ -13,20 +13,20 @@ SILT = np.array([0.200, 0.182, 0.140])
 SILT_DARK = np.array([0.130, 0.117, 0.088])
 FILM = np.array([0.085, 0.075, 0.040])
 SLIME = np.array([0.046, 0.043, 0.028])
-"""Where the film has hung in curtains, thick and dark."""
+"""Reflectance of the film where it has hung in curtains, thick and dark."""
 DARKEST, PALEST = 0.01, 0.85
 """Reflectances of all there is in the sea."""
 THICKEST_SILT_M = 0.006
 LONGEST_RUN_M = 0.7
-"""How long runs down a surface are at most."""
+"""Longest run down a surface [m]."""
 RUN_TAIL_M = 0.10
-"""Over what length a run fades at its end."""
+"""Length over which a run fades at its end [m]."""
 HUNG = 1.5
-"""How strong streaks are where there are some, over noise that is alike everywhere."""
+"""Strength of streaks where there are some, over that of noise that is alike everywhere."""
 FINE = 55.0, 3
 """Cells of the first octave of the finest tones [1/m], and octaves."""
 SALT = 900
-"""Of the noise of these layers; recipes use smaller ones."""
+"""Salt of the noise of these layers; recipes use smaller ones."""
 
 
 class Tones(NamedTuple):

@@ -7,7 +7,7 @@ from varos_warp.scene.geometry.relief.recipes.masks import Shape
 from varos_warp.scene.geometry.relief.recipes.sites import Look, Sites
 
 PAINT = (0.12, 0.115, 0.10)
-"""Where the block gives none."""
+"""Reflectance of paint where the block gives none."""
 
 
 class Plain:

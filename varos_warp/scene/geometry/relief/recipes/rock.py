@@ -30,7 +30,7 @@ class Beds(NamedTuple):
     """The beds of a sediment at N places."""
 
     level: np.ndarray
-    """How far the bed stands out, -1 to 1, [N]: hard ones do."""
+    """How far the bed stands out, -1 to 1, [N]; hard beds do."""
     parting: np.ndarray
     """1 in the plane between two beds to 0 inside of them, [N]."""
     tone: np.ndarray
@@ -41,7 +41,7 @@ class Facets(NamedTuple):
     """Faces of broken rock at N places."""
 
     height: np.ndarray
-    """Over the mean surface, in units of the rock's size, [N]."""
+    """Height over the mean surface, in units of the rock's size, [N]."""
     tone: np.ndarray
     """A random number of the face, of mean 0, about -1 to 1, [N]."""
 
@@ -179,7 +179,7 @@ def _thin_beds(sites: Sites, look: Look) -> Beds:
 
 
 def _laminated(sites: Sites, look: Look) -> np.ndarray:
-    """Where laminae show, [N]: half of the surface."""
+    """Share of each place that shows laminae, [N]: half of the surface."""
     return sites.once(
         ("rock", "laminated", look.seed),
         lambda: patches(sites.patterns(look.seed).fbm(max(1.6, 1.8 / sites.size), 3, 26), 0.6, 0.15),
@@ -224,7 +224,7 @@ def _faceted(sites, plain):
 
 
 def _crusts(pattern: Patterns, shape: Shape) -> np.ndarray:
-    """Where coralline algae grow, [N]: lobed patches that keep off hollows, in colonies."""
+    """Share of each place that coralline algae cover, [N]: lobed patches that keep off hollows, in colonies."""
     colonies = patches(pattern.fbm(2.5, 4, 86) - 0.2 * shape.hollow, 0.16, 0.06)
     cells = pattern.moved(0.035, 14.0, 84, 3).worley(11.0, 85)
     lobes = dots(cells.near, 0.30 + 0.35 * cells.id + 0.5 * pattern.fbm(38.0, 3, 87), 0.12)

@@ -15,15 +15,15 @@ LIMIT_M = 0.05
 FINE_LIMIT_M = 0.035
 """Bound of ``fine`` [m]."""
 WAVELENGTH_M = 0.115
-"""Of ripples."""
+"""Wavelength of ripples [m]."""
 AMPLITUDE_M = 0.0065
-"""Of ripples where they are highest; half of their height."""
+"""Amplitude of ripples where they are highest, which is half of their height [m]."""
 BLUNT = 0.015
-"""How blunt their crests are: 0 is as sharp as a cusp."""
+"""Bluntness of the ripples' crests: 0 is as sharp as a cusp."""
 FREE_M = (0.02, 0.22)
 """Ripples end where something stands nearer than the first, and are whole from the second on."""
 LEVEL = (0.78, 0.97)
-"""Likewise for z of the normal: on a slope sand slides."""
+"""Vertical parts of the normal at which ripples begin and from which they are whole: on a slope sand slides."""
 PALE, DARK = (0.190, 0.166, 0.124), (0.140, 0.123, 0.091)
 HASH, FLECK, MINERAL = (0.280, 0.257, 0.210), (0.420, 0.395, 0.335), (0.050, 0.045, 0.035)
 
@@ -164,7 +164,7 @@ def _furrows(sites, pattern):
 
 
 def _algae(pattern: Patterns, film: float) -> np.ndarray:
-    """Where a film of algae is thick, [N]: ragged patches of decimetres inside of others of metres."""
+    """Thickness of a film of algae, 0 to 1, [N]: ragged patches of decimetres inside of others of metres."""
     if film == 0.0:
         return np.zeros(len(pattern.p))
     wide = smoothstep(-0.1, 0.35, pattern.fbm(0.35, 3, 92))
@@ -200,7 +200,7 @@ def _dug(pattern):
 
 
 def _hash(pattern: Patterns) -> np.ndarray:
-    """Where broken shells have gathered, [N]."""
+    """Share of each place that broken shells cover, [N]."""
     return patches(pattern.fbm(1.6, 3, 21), 0.45, 0.12) * np.clip(0.6 + 2.0 * pattern.fbm(90.0, 2, 22), 0.0, 1.0)
 
 

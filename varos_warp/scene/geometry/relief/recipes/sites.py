@@ -60,7 +60,7 @@ class Sites:
     """float64 [N]: convexity of the mesh before the recipe moved it, as of `Shape`: where edges chip and wear first.
     None: it has no edges."""
     device: str = "cpu"
-    """Where noise is computed."""
+    """Device on which noise is computed."""
     known: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
     """What `once` has made, for all steps of a recipe."""
     whole: Self | None = field(default=None, repr=False, compare=False)

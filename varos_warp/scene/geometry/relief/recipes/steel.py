@@ -16,7 +16,7 @@ LIMIT_M = 0.005
 FINE_LIMIT_M = 0.016
 """Bound of ``fine`` [m]."""
 PAINT = (0.17, 0.175, 0.17)
-"""Where the block gives none: a grey primer."""
+"""Reflectance of paint where the block gives none: a grey primer."""
 CHALK = (0.270, 0.245, 0.190)
 STOPS = (0.0, 0.25, 0.45, 0.65, 0.82, 1.0)
 RUSTS = np.array(
@@ -115,7 +115,7 @@ def _damage(sites: Sites, pattern: Patterns, look: Look) -> Damage:
 
 
 def _damaged(sites, pattern, look):
-    """Where paint is gone: in chips, most along edges, seams and scratches, and more in some zones than in others."""
+    """State of the paint: it is gone in chips, most along edges, seams and scratches, and more in some zones."""
     zone = pattern.fbm(max(0.7, 1.0 / sites.size), 2, 14)
     chips = pattern.moved(0.02, 9.0, 3).fbm(11.0, 5, 13, 0.62)
     # what scratches lose more, the rest loses less: the share of flat places stays that of wear
@@ -174,7 +174,7 @@ def _seams(sites: Sites, seed: int) -> np.ndarray:
 
 
 def _worn_through(pattern: Patterns, wear: float) -> np.ndarray:
-    """Where the last coat has worn thin and an older one shows, [N]: patches of decimetres with ragged rims."""
+    """Share of each place where the last coat has worn thin and an older one shows, [N]: patches with ragged rims."""
     where = 0.7 * pattern.fbm(1.3, 2, 19) + pattern.moved(0.3, 3.0, 34, 3).fbm((5.0, 5.0, 7.0), 5, 21, 0.6)
     return patches(where, min(0.8 * wear, 0.5), 0.03)
 

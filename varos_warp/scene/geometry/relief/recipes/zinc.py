@@ -13,7 +13,7 @@ LIMIT_M = 0.010
 FINE_LIMIT_M = 0.008
 """Bound of ``fine`` [m]."""
 METAL = (0.20, 0.20, 0.195)
-"""Where the block gives no paint."""
+"""Reflectance of the metal where the block gives no paint."""
 CRUST = np.array([0.300, 0.298, 0.275])
 """Oxide and carbonate that it has turned to."""
 
