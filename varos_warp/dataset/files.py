@@ -259,7 +259,7 @@ def _no_number(word: str) -> float:
 
 
 def _text(path: Path) -> str:
-    """What is in a text file."""
+    """Text of a file."""
     if text := path.read_text(encoding="utf-8"):
         return text
     raise ValueError("it is empty")

@@ -105,7 +105,7 @@ class Layout:
         return f"seq{self.sequence}_veh{self.vehicle}_cam{camera}_{output}-{frame:08d}"
 
     def image(self, camera: str, output: str, frame: int) -> Path:
-        """The finished image."""
+        """Path of the finished image."""
         return self._image_file(camera, output, frame, "")
 
     def exr(self, camera: str, output: str, frame: int) -> Path:

@@ -43,7 +43,7 @@ STEP_SECONDS = 2.0
 B_SPP = 4
 """Samples per pixel of B."""
 POLL_SECONDS = 0.1
-"""How often the files are looked at."""
+"""Time between two looks at the files [s]."""
 KEPT_ORIGIN_M = 100.0
 """A course that moves farther has its geometry uploaded anew, around a nearer origin."""
 
@@ -256,7 +256,7 @@ class _EditedScene:
         self.path, self.viewpoint, self.device, self.overrides = path, viewpoint, device, overrides
         self.console = console
         self.since = time.monotonic()
-        """When the last change was noticed."""
+        """Time at which the last change was noticed [s]."""
         self._stamps: dict[Path, tuple | None] = {}
         self._simulation: Any = None
         self._moving: Any = None
@@ -351,7 +351,7 @@ def _camera(cameras: list[Camera], wanted: str | None) -> Camera:
 
 
 def _pose(viewpoint: Viewpoint, simulation, stays_open_ns: int) -> tuple[int, np.ndarray]:
-    """When [ns], and the pose [4, 4] of the vehicle from which to look; shutters are open for that long afterwards."""
+    """Time [ns] and pose [4, 4] of the vehicle from which to look; shutters stay open for ``stays_open_ns`` then."""
     frame, time_s, trajectory = viewpoint.frame, viewpoint.time_s, simulation.trajectory
     if time_s is not None:
         end_ns = int(trajectory.time_ns[-1]) - stays_open_ns

@@ -19,7 +19,7 @@ T, R = TypeVar("T"), TypeVar("R")
 TILE_ROWS = 8
 """Rows of a CPU tile: enough tiles to keep every core busy to the end."""
 CHUNK = 1 << 15
-"""Threads of a CPU launch over one dimension, likewise; the cost of a launch is negligible beside them."""
+"""Threads of a CPU tile where there is one dimension; the cost of a launch is negligible beside them."""
 
 
 FIRST_ROW = "first_row"

@@ -31,7 +31,7 @@ class RenderOptions:
     max_scatterings: int | None = None
     """Most scatterings in the water on a path; absent: the scene's, which may be without a bound."""
     max_bounces: int | None = None
-    """Most reflections on surfaces; absent: the scene's, likewise."""
+    """Most reflections on surfaces; absent: the scene's, which may be without a bound."""
     layers: Sequence[str] | None = None
     """Which of direct, single, multiple to render; absent: the scene's."""
     integrator: str | None = None

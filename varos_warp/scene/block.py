@@ -107,7 +107,7 @@ class Block(BaseModel):
 
 
 def _truth_values(value: Any, place: tuple) -> Iterator[tuple[tuple, bool]]:
-    """Where true and false stand in a value, or in a list and the lists in it; blocks look after their own keys."""
+    """Places of true and false in a value, or in a list and the lists in it; blocks look after their own keys."""
     if isinstance(value, bool):
         yield place, value
     elif isinstance(value, list | tuple):

@@ -30,7 +30,7 @@ class Picture:
 
     @staticmethod
     def plain() -> "Picture":
-        """One white texel."""
+        """A picture of one white texel."""
         return Picture(np.full((1, 1, 3), 255, np.uint8))
 
     @property

@@ -139,7 +139,7 @@ def _block(optional: dict[str, Any] | None = None, **entries: Any) -> Any:
 
 
 def _metadata() -> type[BaseModel]:
-    """The whole file."""
+    """Schema of the whole of dataset.json."""
     decision = _block({"error": Vec3}, what=str, choice=str, reason=str)
     plan = _block(
         {

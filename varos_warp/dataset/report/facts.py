@@ -40,7 +40,7 @@ class Note(NamedTuple):
 
 
 Blocks = list[Table | Note]
-"""What data/report/blocks.html shows."""
+"""Tables and notes, as data/report/blocks.html shows them."""
 
 
 def number(x: float) -> str:

@@ -424,7 +424,7 @@ class Run:
             ) from error
 
     def write_log(self) -> None:
-        """When and how fast this run rendered; the only file that differs from run to run."""
+        """Write when and how fast this run rendered, in the only file that differs from run to run."""
         seconds = self.clock.rounded()
         if self.made.timings:
             stamp = datetime.now(UTC)

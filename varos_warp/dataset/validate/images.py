@@ -104,7 +104,7 @@ class _FrameImages:
         self.found.problems.append(f"{name}: {problem}")
 
     def file(self, output: str) -> Path:
-        """The finished image."""
+        """Path of the finished image."""
         return self.data.layout.image(self.camera, output, self.frame)
 
     def exr(self, path: Path) -> dict[str, np.ndarray]:

@@ -60,7 +60,7 @@ class Checked:
 
     @property
     def bias(self) -> Samples:
-        """The bias in them."""
+        """Bias in the readings."""
         return self._data.bias(self._sensor.id) or {}
 
     @cached_property

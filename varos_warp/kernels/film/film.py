@@ -151,7 +151,7 @@ def is_cut(film: Film, row: int, col: int):
 
 @wp.func
 def rank_in_block(film: Film, row: int, col: int):
-    """When a pixel's turn comes among those of its block, 0 to 3: two in a row are across the corner."""
+    """Turn of a pixel among those of its block, 0 to 3; two turns in a row are across the corner."""
     if is_cut(film, row, col):
         return 0
     block = row / BLOCK * film.sums.shape[2] + col / BLOCK

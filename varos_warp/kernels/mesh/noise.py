@@ -25,10 +25,10 @@ HALF_DIAGONAL = wp.constant(0.70710678)
 MEAN_ABS = wp.constant(0.15569)
 """Mean of the magnitude of gradient noise (measured on 2 10^7 points; standard error 2e-5)."""
 MEAN_RIDGE = wp.constant(0.52306)
-"""Mean of an octave of ridges, likewise (6e-5)."""
+"""Mean of an octave of ridges, measured in the same way (6e-5)."""
 
 MEAN_ROUGH = wp.constant(0.91399)
-"""Mean of what an octave of ridges leaves of the weight of the next, likewise (3e-5)."""
+"""Mean of what an octave of ridges leaves of the weight of the next, measured in the same way (3e-5)."""
 
 
 @wp.func
@@ -209,13 +209,13 @@ class Nearest:
 
 @wp.func
 def point_in(h: wp.uint32, offset: wp.vec3):
-    """Where the jittered point of a cell lies from a place, from which its lower corner is ``offset`` away."""
+    """Way from a place to the jittered point of a cell, whose lower corner is ``offset`` away from it."""
     return offset + wp.vec3(low_half(h), high_half(h), low_half(h * AGAIN ^ (h >> wp.uint32(7))))
 
 
 @wp.func
 def nearer(found: Nearest, seed: wp.uint32, i: int, j: int, k: int, offset: wp.vec3, is_flat: int):
-    """What is nearest with the point of one more cell, whose lower corner lies at ``offset`` from the place."""
+    """The nearest points with that of one more cell, whose lower corner lies at ``offset`` from the place."""
     h = bits_at(seed, i, j, k)
     apart = point_in(h, offset)
     if is_flat != 0:

@@ -80,11 +80,11 @@ class Cells:
     """The cells of one class of sizes that a frame may show."""
 
     base: wp.vec3ui
-    """Number of the first in the water, modulo 2^32."""
+    """Number of the first cell in the water, modulo 2^32."""
     size: wp.vec3i
-    """How many there are along each axis."""
+    """Number of cells along each axis."""
     corner: wp.vec3
-    """Lower corner of the first in the local world at the frame's time [m]."""
+    """Lower corner of the first cell in the local world at the frame's time [m]."""
     side: float
     """[m]"""
     mean: float
@@ -96,7 +96,7 @@ class Cells:
     """Exponent of the number of bodies by radius."""
     key: wp.uint32
     ends: wp.array(dtype=int)
-    """Where the bodies of each cell end among those of all that are seen (`count_bodies`); empty: not yet counted."""
+    """End of each cell's bodies among those of all cells that are seen (`count_bodies`); empty: not yet counted."""
 
 
 @wp.struct

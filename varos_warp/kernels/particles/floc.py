@@ -20,7 +20,7 @@ LONG = wp.constant(3.0)
 
 @wp.struct
 class Floc:
-    """How a body's grains lie in an image."""
+    """The grains of a body as they lie in an image."""
 
     shape: int
     """Row of the table of grains."""

@@ -1,4 +1,4 @@
-"""Where a camera sees a body while its rows are exposed: in which row, and along which way through the image."""
+"""Sightings of bodies while rows are exposed: in which row a camera sees one, and along which way through the image."""
 
 from typing import NamedTuple
 

@@ -26,7 +26,7 @@ class Splat:
 
     x: float
     y: float
-    """Its middle [pixels]."""
+    """Place of the image's middle [pixels]."""
     along: wp.vec2
     """Way from the middle to the end of its streak [pixels]."""
     radius: float
@@ -34,11 +34,11 @@ class Splat:
     edge: float
     """Width over which it falls from 1 to 0, twice the radius at most [pixels]."""
     reach: wp.vec2
-    """How far it reaches from its streak, right or left and up or down [pixels]."""
+    """Distance to which the image reaches from its streak, right or left and up or down [pixels]."""
     floc: Floc
-    """Its shape, where it is seen."""
+    """Shape of the body, where it is seen."""
     scale: float
-    """One over the sum of its profile over all pixels, of one that is seen round."""
+    """One over the sum of the profile over all pixels, of a body that is seen round."""
     flux: wp.vec3
     """Sum of its radiance over all pixels."""
     cover: float

@@ -33,7 +33,7 @@ class Snow:
         return radiance * self.passed[..., None] + self.added
 
     def taken_out(self, radiance: np.ndarray) -> np.ndarray:
-        """The inverse of `over`."""
+        """Radiance without the bodies, of an image [H, W, 3] with them: the inverse of `over`."""
         return (radiance - self.added) / np.maximum(self.passed[..., None], 1e-6)
 
 

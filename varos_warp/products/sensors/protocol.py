@@ -86,11 +86,11 @@ class Evidence(Protocol):
 
     @property
     def meta(self) -> dict[str, Any]:
-        """What dataset.json says."""
+        """Contents of dataset.json."""
 
     @property
     def about(self) -> dict[str, Any]:
-        """What it says of the sensor."""
+        """Entry of the sensor in dataset.json."""
 
     @property
     def T(self) -> np.ndarray:

@@ -46,7 +46,7 @@ class Channels:
     mean: Rgb
     """Means by the weights of a meter."""
     metered: Rgb | None = None
-    """The percentile of a meter, likewise; None where there is no meter."""
+    """Percentile of each channel that a meter reads; None where there is no meter."""
 
     @property
     def grey_gains(self) -> np.ndarray:

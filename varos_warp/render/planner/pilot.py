@@ -76,7 +76,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class View:
-    """Two images of A from one place."""
+    """A view of the pilot: two images of A from one place."""
 
     frame: int
     camera: Camera

@@ -159,7 +159,7 @@ class Planner:
 
     @cached_property
     def views(self) -> list[View]:
-        """What the pilot sees."""
+        """Views that the pilot renders."""
         count, seen = len(pilot.pilot_frames(len(self.frames))) * len(self.scene.vehicle.cameras), []
         self.progress("views", 0.0)
         integrator = "path" if self.failed else self.render.integrator
@@ -412,7 +412,7 @@ class Planner:
         return bool(unsure[worst] <= errors.PRECISE * square[worst])
 
     def why_spp(self, law: ErrorLaw, needed: float, left: float) -> str:
-        """The choice in words."""
+        """The choice of samples, in words."""
         channel = ("red", "green", "blue")[int(np.argmax(law.measured[-1]))]
         after = f" after {self.denoiser}" if self.denoiser != "none" else ""
         words = (

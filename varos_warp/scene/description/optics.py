@@ -99,7 +99,7 @@ LENS = ("distortion", "port", "n_water", "vignetting")
 
 
 def resized(camera: Any, width: int, height: int) -> Any:
-    """The same view in another number of pixels."""
+    """A camera with the same view in another number of pixels."""
     changed: dict[str, Any] = {"resolution": (width, height)}
     if camera.intrinsics is not None:
         x, y = width / camera.resolution[0], height / camera.resolution[1]

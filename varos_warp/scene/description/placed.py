@@ -44,7 +44,7 @@ class Stop(Block):
     """Position and attitude of a moving object at a time. The attitude is given as for a pose of the vehicle."""
 
     time_s: Annotated[float, Field(ge=0.0, le=86_400.0)] = 0.0
-    """When the object is here, from the start of the sequence [s]."""
+    """Time at which the object is here, from the start of the sequence [s]."""
     position: Position = Field(examples=[[2, 5, 1]])
     """Position of the object's origin here, in world axes [m]."""
     look_at: Position | None = Field(default=None, examples=[[4, 5, 1]])

@@ -269,7 +269,7 @@ class Pose(Block):
     """An exact pose at a time; no dynamics. Attitude as for a waypoint."""
 
     time_s: NonNegative = 0.0
-    """When the vehicle is here, from the start of the sequence [s]."""
+    """Time at which the vehicle is here, from the start of the sequence [s]."""
     position: Position = Field(examples=[[0.5, 2.5, 1.0]])
     """Position of the vehicle, in world axes [m]."""
     look_at: Position | None = Field(default=None, examples=[[0.3, 5.0, 0.2]])
@@ -313,7 +313,7 @@ class Trajectory(Block):
     origin: Position | None = Field(default=None, examples=[[569000.0, 7033000.0, 0.0]])
     """Position of the scene's origin in the coordinates of ``file``, along their axes [m]. Absent: their own origin."""
     start_s: NonNegative | None = Field(default=None, examples=[12.0])
-    """When the sequence begins, from the first pose of ``file`` [s]. Absent: with it."""
+    """Time at which the sequence begins, from the first pose of ``file`` [s]. Absent: it begins with that pose."""
     smoothing_s: Positive | None = Field(default=None, examples=[0.5])
     """Takes the noise out of the poses of ``file``: of an oscillation of this period [s] half is left, of one of twice
     the period 94 %. Absent: the course passes through the poses."""
@@ -331,7 +331,7 @@ class Trajectory(Block):
     handover_radius_m: Positive = 0.5
     """A waypoint that is not strict counts as passed within this distance [m]."""
     handover_timeout_s: Positive = 30.0
-    """After this long at a waypoint that it cannot reach, the vehicle goes on to the next [s]."""
+    """Time at a waypoint that it cannot reach after which the vehicle goes on to the next [s]."""
     dwell_s: NonNegative = 0.25
     """Rest at a strict waypoint [s]."""
     duration_s: Positive | None = Field(default=None, examples=[12.0])

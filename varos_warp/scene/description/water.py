@@ -189,7 +189,7 @@ class SpectralWater(Block):
     jerlov: JerlovType | None = Field(default=None, examples=["1C"])
     """A Jerlov type by wavelength. IC is an old name of 1C."""
     iop: Constituents | None = None
-    """What is in the water."""
+    """Constituents of the water, from which its optical properties follow."""
     file: Annotated[str, Field(min_length=1)] | None = Field(default=None, examples=["iop.csv"])
     """CSV file with the columns wavelength_nm, a and b [1/m], from 400 to 700 nm at least."""
     phase: Phase = FournierForand(kind="fournier_forand", backscatter_fraction=0.0183)

@@ -110,7 +110,7 @@ class Faces(NamedTuple):
     """Faces that lean at random at N points, one in each cell of `worley`."""
 
     height: np.ndarray
-    """float64 [N]: of mean 0 and without steps, in cells."""
+    """float64 [N]: height of mean 0 and without steps, in cells."""
     id: np.ndarray
     """float64 [N]: that of the cell."""
 

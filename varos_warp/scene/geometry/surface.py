@@ -107,7 +107,7 @@ class Surface:
 
 
 def _along(points, directions, corners):
-    """Where rays [N] meet the planes of triangles [N, 3, 3], in lengths of their directions [N, 3]."""
+    """Distances [N] at which rays meet the planes of triangles [N, 3, 3], in lengths of their directions [N, 3]."""
     a, b, c = np.moveaxis(corners, 1, 0)
     n = np.cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):  # a face edge on

@@ -100,7 +100,7 @@ class Distribution:
         return s * s * (3.0 - 2.0 * s)
 
     def _profile_at(self, x: np.ndarray, azimuth: ArrayLike) -> np.ndarray:
-        """The profile's value at shares of the sine of half its edge's angle; `profile_around` of kernels likewise."""
+        """The profile's value at shares of the sine of half its edge's angle, as in `profile_around` of the kernels."""
         if self.is_round:
             return np.interp(x, np.linspace(0.0, 1.0, NODES + 1), self.profile)
         x, turn = np.broadcast_arrays(NODES * np.clip(x, 0.0, 1.0), self.planes * np.asarray(azimuth) / (2.0 * np.pi))

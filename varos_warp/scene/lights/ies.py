@@ -94,7 +94,7 @@ class _Reader:
         return InputError(problem, file=self.path, key=self.key, line=line, remedy=remedy)
 
     def read(self, text: str) -> IesFile:
-        """The whole file."""
+        """All data of a file's text."""
         tilt = TILT.search(text)
         if tilt is None:
             raise self.wrong("is no IES LM-63: it has no line TILT=NONE or TILT=INCLUDE")

@@ -28,7 +28,7 @@ class PortWorth(NamedTuple):
     near_m: float
     far_m: float
     colours_px: float
-    """How far apart red and blue are at most; 0 where the water's index is one number."""
+    """Largest distance between red and blue [px]; 0 where the water's index is one number."""
     besides: tuple[str, ...]
     """Other differences, in words."""
     pinhole: dict[str, Any] | None

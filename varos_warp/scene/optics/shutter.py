@@ -1,4 +1,4 @@
-"""When the rows of an image are exposed: instants of its exposure, and how long strobes shine in each."""
+"""Times at which the rows of an image are exposed: instants of its exposure, and how long strobes shine in each."""
 
 from typing import Any, NamedTuple
 

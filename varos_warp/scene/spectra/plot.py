@@ -16,7 +16,7 @@ LINES = {
     "c": ("extinction c", "black"),
     "b_b": ("backscattering b_b", "#66a182"),
 }
-"""What is drawn [1/m]: name and colour."""
+"""Curves that are drawn [1/m]: their names and colours."""
 
 
 def draw_water(scene: Scene, path: Path) -> None:

@@ -86,7 +86,7 @@ class Map:
 
 @dataclass
 class MtlMaterial:
-    """One `newmtl`."""
+    """A material, which begins with `newmtl`."""
 
     kd: tuple[float, float, float] | None = None
     colour: Map | None = None

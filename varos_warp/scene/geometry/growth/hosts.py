@@ -45,7 +45,7 @@ class Host:
     normals: np.ndarray
     """float [F, 3, 3]: smoothed, of the corners."""
     keys: np.ndarray
-    """uint64 [F]: by their places in the mesh, whatever of it is near."""
+    """uint64 [F]: keys of the triangles by their places in the mesh, whatever of it is near."""
     gap: np.ndarray
     """float64 [F]: distance of the course, or less [m]."""
     silt: float = 0.0

@@ -152,7 +152,7 @@ def least_width(places: np.ndarray) -> float:
 
 
 def _near_copies(points, squares, groups, reaches):
-    """Likewise of every copy of some meshes: a function for each copy."""
+    """Functions, one for each copy of some meshes, that find the ground near that copy."""
     for group, reach in zip(groups, reaches, strict=True):
         mesh = Surface(group.vertices, group.faces), least_width(group.vertices[:, :2])
         for T, s, radius in zip(group.T_w_o, group.scale, reach, strict=True):

@@ -109,6 +109,6 @@ def _edge_squares(p, neighbours):
 
 
 def ends_of(neighbours: sparse.csr_array, rows: slice) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends [E] of the edges at some vertices: the number of the one in ``rows``, and that of the other."""
+    """Ends [E] of the edges at some vertices: the number of the one in ``rows``, and that of the other."""
     starts = neighbours.indptr[rows.start : rows.stop + 1]
     return np.repeat(np.arange(len(starts) - 1), np.diff(starts)), neighbours.indices[starts[0] : starts[-1]]

@@ -26,7 +26,7 @@ class Shape:
     n: np.ndarray
     """float64 [N, 3]: unit normals."""
     scale: np.ndarray
-    """float64 [N]: of convexity [m]."""
+    """float64 [N]: scale of convexity [m]."""
     neighbours: sparse.csr_array
     """float64 [N, N]: 1 where an edge joins two vertices."""
 
@@ -75,7 +75,7 @@ class Some(Shape):
 
     whole: Shape
     rows: np.ndarray
-    """int [N]: their numbers in it."""
+    """int [N]: numbers of these vertices in the mesh."""
 
     @once
     def convexity(self) -> np.ndarray:
