@@ -1,1 +1,1 @@
-"""From frames and sensors to files: layout, writers, validation, reports."""
+"""Files of datasets, made from frames and sensors: layout, writers, validation, reports."""

@@ -1,1 +1,1 @@
-"""From a pose to images: planning, rendering, denoising, exposure, encoding."""
+"""Images from a pose: planning, rendering, denoising, exposure, encoding."""

@@ -1,4 +1,4 @@
-"""Before rendering: warnings where bands are too few, or chosen for other ways of light, or colours not told apart."""
+"""Warnings before rendering where bands are too few, or chosen for other ways of light, or colours not told apart."""
 
 from collections.abc import Iterator
 

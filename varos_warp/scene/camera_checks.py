@@ -1,4 +1,4 @@
-"""Before rendering: warnings of what looks wrong with the cameras of a scene."""
+"""Warnings before rendering of what looks wrong with the cameras of a scene."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Before rendering: warnings of what looks wrong in a scene but may be meant."""
+"""Warnings before rendering of what looks wrong in a scene but may be meant."""
 
 from dataclasses import replace
 

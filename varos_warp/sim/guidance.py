@@ -1,4 +1,4 @@
-"""From waypoints to a smooth reference: the soft hand-over between waypoints (paper 3.3.2).
+"""A smooth reference from waypoints: the soft hand-over between waypoints (paper 3.3.2).
 
     r(t) = P_0 + sum_i w((t - t_i) / T_i) (P_{i+1} - P_i),   q(t) = q_0 prod_i exp(w_i phi_i),   w septic, 0 to 1
 

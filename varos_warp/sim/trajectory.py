@@ -1,4 +1,4 @@
-"""From a scene to what happens in it: `simulate` runs the vehicle along its waypoints, 200 times per second."""
+"""What happens in a scene: `simulate` runs the vehicle along its waypoints, 200 times per second."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""From samples to pixels: sums, adaptive sampling, input for a denoiser."""
+"""Films, which turn samples into pixels: sums, adaptive sampling, input for a denoiser."""

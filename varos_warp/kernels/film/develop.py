@@ -1,4 +1,4 @@
-"""From the sums of a film to an image: means, standard errors, and guides for a denoiser."""
+"""Images from the sums of a film: means, standard errors, and guides for a denoiser."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""From cells to splats: which bodies a camera may see in a frame, how they look, and their light."""
+"""Splats from cells: which bodies a camera may see in a frame, how they look, and their light."""
 
 import warp as wp
 

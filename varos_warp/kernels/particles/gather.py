@@ -1,4 +1,4 @@
-"""From splats to pixels: each adds up what its tile shows, in one order, so that bytes do not depend on threads."""
+"""Pixels from splats: each pixel adds up what its tile shows, in one order, so that bytes do not depend on threads."""
 
 import warp as wp
 

@@ -1,1 +1,1 @@
-"""From films to finished images: adaptive samples, denoising, exposure, encoding."""
+"""Finished images from films: adaptive samples, denoising, exposure, encoding."""

@@ -1,4 +1,4 @@
-"""From photogrammetry to a sea floor (paper 3.1.1): join, merge, repair, crop, shrinkwrap, decimate; with a report."""
+"""A sea floor from photogrammetry (paper 3.1.1): join, merge, repair, crop, shrinkwrap, decimate; with a report."""
 
 from varos_warp.scene.geometry.joining import crop, join, merge_near
 from varos_warp.scene.geometry.mesh_files import write_ply
