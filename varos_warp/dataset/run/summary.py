@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Summary:
-    """What a run did."""
+    """Outcome of a run."""
 
     out: str
     frames: int

@@ -94,7 +94,7 @@ class MeshFile:
     colours_multiply: bool = False
     """Colours of vertices multiply textures and colours of materials, as in glTF; else only the one of them counts."""
     why_empty: str = ""
-    """Why it may have no triangles, for the message that says so."""
+    """The reason why it may have no triangles, for the message that says so."""
     copies: int = 0
     """Number of places where meshes stand, so far."""
 

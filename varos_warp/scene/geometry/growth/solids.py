@@ -67,7 +67,7 @@ class Strip:
     """Sides of the cross section, of a tube."""
 
     def solid(self) -> Solid:
-        """Its mesh."""
+        """Mesh of the strip."""
         if self.across is None:
             vertices, faces = tube(self.path, self.radius, self.sides)
         else:
@@ -92,7 +92,7 @@ class Sheet(Strip):
     """float64 [K, C, 3]: linear reflectances of these points."""
 
     def solid(self) -> Solid:
-        """Its mesh."""
+        """Mesh of the sheet."""
         rows, columns = self.points.shape[:2]
         return solid(self.points.reshape(-1, 3), grid_faces(rows, columns, closed=False), self.tones.reshape(-1, 3))
 
