@@ -52,7 +52,7 @@ def made(tmp_path_factory):
 
 
 def test_the_starter_scene_becomes_a_valid_dataset(made):
-    """The lamps are beside the camera, so A falls faster than the inverse square of the range, fastest in red."""
+    """Lamps are beside the camera and water absorbs: A falls faster than the range's inverse square, fastest in red."""
     call("validate", made / "out", "-q")
     frame = Dataset(made / "out").frame(0)
     hit = np.isfinite(frame.range) & (frame.range > 0.0)

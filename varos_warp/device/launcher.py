@@ -20,7 +20,7 @@ from varos_warp.device.devices import kind_of, usable_cores
 from varos_warp.device.launch import TILE_ROWS, in_order, launch_rows
 
 AT_ONCE = {"cpu": 1, "cuda": 4}
-"""Images under way on a device, by its kind: a GPU works on one while the host decides for the other, or copies it."""
+"""Images under way on a device, by its kind: a GPU works on one while the host decides for others, or copies them."""
 KEPT_BYTES = 4 << 30
 """Free memory that a GPU keeps for the next arrays; without, all of it is given back whenever the GPU is waited for."""
 

@@ -151,7 +151,7 @@ def check_rays(data: Dataset, result: Validation) -> None:
 
 
 def _of_rays(found: dict[str, np.ndarray], model: CameraModel, size: tuple[int, int]) -> str | None:
-    """Problems of channels of rays."""
+    """Problem of channels of rays, the first that is found; None: there is none."""
     if any(plane.shape != size[::-1] for plane in found.values()):
         return f"is not of {size[0]} x {size[1]} pixels"
     made = ray_channels(model, *size)

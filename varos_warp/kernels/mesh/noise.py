@@ -209,7 +209,7 @@ class Nearest:
 
 @wp.func
 def point_in(h: wp.uint32, offset: wp.vec3):
-    """Way from a place to the jittered point of a cell, whose lower corner is ``offset`` away from it."""
+    """Way from a place to the jittered point of a cell, whose lower corner lies at ``offset`` from the place."""
     return offset + wp.vec3(low_half(h), high_half(h), low_half(h * AGAIN ^ (h >> wp.uint32(7))))
 
 

@@ -96,7 +96,7 @@ class Cells:
     """Exponent of the number of bodies by radius."""
     key: wp.uint32
     ends: wp.array(dtype=int)
-    """End of each cell's bodies among those of all cells that are seen (`count_bodies`); empty: not yet counted."""
+    """End of each cell's bodies among those of all cells that may be seen (`count_bodies`); empty: not yet counted."""
 
 
 @wp.struct

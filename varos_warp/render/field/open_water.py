@@ -34,7 +34,7 @@ CODE = (
 """What the numbers of the field follow from, besides the scene: those on disk are solved again when it changes."""
 MOST_BACKWARD_G, SHARPEST_G = 0.0, 0.98
 """Mean cosines of phase functions that the field serves. Of Henyey and Greenstein g = 0.8, 0.924, 0.95 and 0.98 agree
-with paths in one scene; at -0.3 the matrix of scattering is 4 % off."""
+with paths in one scene (docs/stability.md); at -0.3 the matrix of scattering is 4 % off."""
 MOST_DEPTH = 100.0
 """Optical depth of the farthest distance in the murkiest channel: at 200 the sum over the orders does not converge, for
 most of the grid is dark (docs/stability.md). Jerlov's water types have 35 to 60."""

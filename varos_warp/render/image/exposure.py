@@ -46,7 +46,7 @@ class Channels:
     mean: Rgb
     """Means by the weights of a meter."""
     metered: Rgb | None = None
-    """Percentile of each channel that a meter reads; None where there is no meter."""
+    """Percentile of each channel that a meter reads, or where that is black, the brightest; None: there is no meter."""
 
     @property
     def grey_gains(self) -> np.ndarray:

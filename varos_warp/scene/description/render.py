@@ -11,7 +11,7 @@ from varos_warp.scene.description.image_types import AMBIENT, DEPTH, IMAGE_TYPES
 from varos_warp.scene.description.noise_profile import CameraNoise
 
 MOST_METRES = 1000.0
-"""Longest way of light for which bands are chosen [m]: no water leaves anything of light that came as far."""
+"""Longest way of light for which bands are chosen [m]: no water leaves any light after it."""
 MOST_BANDS = 30
 """Bands beyond make no image better: cameras' curves are known in steps of 5 to 10 nm."""
 LEAST_SPP, MOST_SPP = 0.25, 1 << 24

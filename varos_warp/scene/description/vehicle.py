@@ -60,7 +60,7 @@ def _invertible(matrix):
 
 
 LEAST_DETERMINANT = 1e-6
-"""Least determinant of a colour matrix; those of cameras are about 1 to 5."""
+"""Least magnitude of the determinant of a colour matrix; those of cameras are about 1 to 5."""
 MOST_OF_MATRIX = 1000.0
 """Largest number of a colour matrix, for its products are in single precision."""
 ColorMatrix = Annotated[tuple[Vec3, Vec3, Vec3], AfterValidator(_invertible)]
@@ -331,7 +331,7 @@ class Trajectory(Block):
     handover_radius_m: Positive = 0.5
     """A waypoint that is not strict counts as passed within this distance [m]."""
     handover_timeout_s: Positive = 30.0
-    """Time at a waypoint that it cannot reach after which the vehicle goes on to the next [s]."""
+    """Time after which the vehicle leaves a waypoint that it cannot reach for the next one [s]."""
     dwell_s: NonNegative = 0.25
     """Rest at a strict waypoint [s]."""
     duration_s: Positive | None = Field(default=None, examples=[12.0])

@@ -68,7 +68,7 @@ class Lights:
         return np.repeat(np.arange(len(self.lights)), [len(_nodes(light)) for light in self.lights])
 
     def points_at(self, T_w_v: np.ndarray, origin) -> wp.array:
-        """The records [m] for a pose, each disk as points that together light all that is smooth as it does."""
+        """The records [m] as of `at`, but each disk as points that together light all that is smooth as it does."""
         records = self._placed(T_w_v[None], origin, {})[0][self.of_points]
         nodes = [node for light in self.lights for node in _nodes(light)]
         x, y, weight = np.reshape(nodes, (-1, 3)).T[:, :, None]

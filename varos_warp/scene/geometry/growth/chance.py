@@ -15,7 +15,7 @@ from varos_warp.device.launch import in_tiles
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 FEW = 12
-"""Mean up to which Poisson numbers are found one by one."""
+"""Bound of the Poisson numbers that are found one by one."""
 WAVES = 24
 TILE = 1 << 13
 """Places at which waves are added together: they stay in a core's cache."""

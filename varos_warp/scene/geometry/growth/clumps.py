@@ -103,7 +103,7 @@ class Crowding:
         return self.full * _left_by_scars(self.scars(points)) >= above
 
     def __call__(self, points: np.ndarray, liking: np.ndarray | float = 0.0, above: np.ndarray | float = 0.0) -> Crowd:
-        """How crowded points [N, 3] about the host's own origin are [m].
+        """How crowded it is at points [N, 3] from the host's own origin [m].
 
         ``liking`` is added to the noise of patches, of variance 1: more than 0 where there is to be more than
         elsewhere. Clumps reach farther there. Weights that cannot be ``above`` numbers [N] may be told too low.

@@ -64,7 +64,7 @@ class Kind:
     scars: bool = True
     """Whether it leaves the host's scars bare, and has its territory there."""
     territory: float = 0.0
-    """Value of a field of the host [turns] where the kind is dominant; half a turn away there is next to none of it."""
+    """Phase of a field of the host [turns] where the kind dominates; half a turn away there is next to none of it."""
     cover: float = 0.0
     """What bodies in a clump cover where there are no scars, before those that find no room are left out, over its
     area; 0: it may be loose."""

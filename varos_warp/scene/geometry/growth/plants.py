@@ -34,7 +34,7 @@ class Blade:
     droop: tuple[float, float, float]
     """Angles by which it rises from the stipe, and hangs at last [rad], and the share of its length between both."""
     cupped: float
-    """Angle by which the rims of the straps hang lower [rad]."""
+    """Angle by which the blade's rims hang lower than its middle [rad]."""
     tone: np.ndarray
     """float64 [3]: its colour where it is clean."""
     age: tuple[float, float, float]

@@ -19,7 +19,7 @@ from varos_warp.scene.geometry.growth.kinds import KINDS, Kind
 from varos_warp.scene.geometry.growth.spacing import apart
 
 PER_CLUSTER = 0.28
-"""Clumps that may be loose have exp(`PER_CLUSTER` cluster) times the mean density, or as much as bodies fill."""
+"""Clumps that may be loose have exp(`PER_CLUSTER` cluster) times the mean density, or more where bodies fill them."""
 LOW, HIGH = 1.6, 2.4
 """The smallest and the largest body of a log-normal law are so many deviations from its median."""
 YOUNGEST = 0.45
@@ -89,7 +89,7 @@ class Filling:
     left: float
     """Share of these that scars leave and that finds room, in the mean."""
     most: float
-    """Largest density that finds room [1/m^2]; less than ``per_m2`` where that is too much."""
+    """Density that is reached [1/m^2]: ``per_m2``, or less where not so many find room."""
 
 
 @lru_cache

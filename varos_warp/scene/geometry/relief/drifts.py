@@ -31,7 +31,7 @@ WHOLE_M = 0.2
 """Distances from bodies smaller than this [m] count as so much longer: what lies about a stone and where ripples end at
 it are in proportion to it."""
 UNLIKE = 0.6
-"""How much bodies differ from one another, over the noise: some are scoured where others are banked up."""
+"""How much more or less sediment than on average a body has at most, as a share: some are scoured, others banked up."""
 BESIDE_M = 0.1
 """How far from a body the ground still tells whether it stands in it [m]."""
 TURNS = 36
@@ -152,7 +152,7 @@ def least_width(places: np.ndarray) -> float:
 
 
 def _near_copies(points, squares, groups, reaches):
-    """Functions, one for each copy of some meshes, that find the ground near that copy."""
+    """Functions, one for each copy of some meshes, that find for it what `_near_object` finds for an object."""
     for group, reach in zip(groups, reaches, strict=True):
         mesh = Surface(group.vertices, group.faces), least_width(group.vertices[:, :2])
         for T, s, radius in zip(group.T_w_o, group.scale, reach, strict=True):

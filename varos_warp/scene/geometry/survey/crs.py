@@ -53,7 +53,7 @@ MERCATORS = (3857, 3785, 3395, 900913, 102100, 102113, 54004)
 """Codes of Mercator projections whose scale is that of the equator, of EPSG, Google and Esri."""
 MERCATOR_NAMES = tuple(f"EPSG:{code}" for code in MERCATORS)
 MERCATOR = re.compile(r"(pseudo|web|world)[ _-]?mercator|mercator[ _-]auxiliary[ _-]sphere|google[ _-]maps", re.I)
-"""Names of these projections."""
+"""Pattern of the names that these projections have elsewhere."""
 EARTH_M = 6378137.0
 """Radius of the sphere of web maps."""
 SOME_ZONE = "EPSG:32632 for UTM zone 32 north, or another zone"

@@ -179,7 +179,7 @@ def _thin_beds(sites: Sites, look: Look) -> Beds:
 
 
 def _laminated(sites: Sites, look: Look) -> np.ndarray:
-    """Share of each place that shows laminae, [N]: half of the surface."""
+    """Share of each place that shows laminae, [N]: six tenths of the surface."""
     return sites.once(
         ("rock", "laminated", look.seed),
         lambda: patches(sites.patterns(look.seed).fbm(max(1.6, 1.8 / sites.size), 3, 26), 0.6, 0.15),

@@ -164,7 +164,7 @@ def _furrows(sites, pattern):
 
 
 def _algae(pattern: Patterns, film: float) -> np.ndarray:
-    """Thickness of a film of algae, 0 to 1, [N]: ragged patches of decimetres inside of others of metres."""
+    """Share of the sand that a film of algae hides, [N]: ragged patches of decimetres inside of others of metres."""
     if film == 0.0:
         return np.zeros(len(pattern.p))
     wide = smoothstep(-0.1, 0.35, pattern.fbm(0.35, 3, 92))
