@@ -108,6 +108,22 @@ def test_keys_of_waypoints_beside_exact_poses_are_told(keys, told):
     assert all(part in words for words in found for part in told)
 
 
+@pytest.mark.parametrize(
+    ("ground", "told"),
+    [
+        ({"relief": "rock", "wear": 0.8}, True),
+        ({"relief": "sand", "steep": "rock", "wear": 0.0}, True),
+        ({"relief": "rock"}, False),
+        ({"relief": "sand", "steep": "concrete", "wear": 0.8}, False),
+        ({"relief": "none", "wear": 0.8}, False),
+    ],
+)
+def test_wear_of_what_does_not_wear_is_told(ground, told):
+    s = scene(terrain=FLAT, waypoints=[(0, 0, 1), (1, 0, 0.5)], materials={"ground": {"kind": "layered", **ground}})
+    found = [words for words in check_scene(s, build_parts(s)) if "materials.ground.wear: without effect" in words]
+    assert len(found) == told
+
+
 def test_waypoints_under_the_terrain_or_too_near_to_it_are_noticed_by_number():
     texts = warnings(terrain=FLAT, waypoints=[(0, 0, 1), (1, 1, -1), (2, 2, 0.1)])
     assert any("waypoint 1 is under the terrain, whose height there is 0.00 m" in t for t in texts)

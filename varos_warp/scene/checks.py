@@ -14,6 +14,7 @@ from varos_warp.scene.description import Scene
 from varos_warp.scene.description.image_types import DEPTH
 from varos_warp.scene.description.recorded import FOR_WAYPOINTS
 from varos_warp.scene.description.render import sees_water
+from varos_warp.scene.description.surfaces import WORN, Layered
 from varos_warp.scene.frames import camera_pose, transform
 from varos_warp.scene.geometry.course import find_course, local_origin, places, standpoints, turns, used_stops
 from varos_warp.scene.geometry.joining import join
@@ -61,6 +62,7 @@ def check_scene(scene: Scene, parts: list[Part | Instances], path: tuple | None 
         *made,
         *check_angles(scene),
         *_check_trajectory(scene.trajectory),
+        *_check_wear(scene.materials),
         *_check_water(scene),
         *_check_sizes(scene, parts),
         *_check_reach(scene, parts),
@@ -112,6 +114,15 @@ def _check_trajectory(trajectory):
         yield f"trajectory.{idle[0]}: without effect beside {form}, which says when the vehicle is where" + (
             f"; so are {', '.join(idle[1:])}" if idle[1:] else ""
         )
+
+
+def _check_wear(materials):
+    """Wear of materials that have none."""
+    for name, material in materials.items():
+        if not isinstance(material, Layered) or {material.relief, material.steep} & WORN:
+            continue
+        if material.wear != Layered.model_fields["wear"].default:
+            yield f"materials.{name}.wear: without effect on {material.relief}, which does not wear"
 
 
 def looks_like_transmission(coefficients) -> bool:

@@ -15,6 +15,10 @@ GRAIN: dict[Relief, float] = {"rock": 0.2, "sand": 0.2, "concrete": 0.15, "steel
 """How much the tone of a relief varies from grain to grain; of others it does not."""
 
 
+WORN: frozenset[Relief] = frozenset({"steel", "concrete", "zinc", "none"})
+"""Reliefs that ``wear`` changes."""
+
+
 class Layered(Block):
     """A surface with form and layers (docs/surfaces.md).
 
@@ -29,7 +33,7 @@ class Layered(Block):
     paint: UnitRgb | None = Field(default=None, examples=[[0.45, 0.33, 0.03]])
     """Linear reflectance of the paint, or of the bare surface where there is none. Absent: as the relief has it."""
     wear: Unit = 0.3
-    """How much of the paint is lost, how much rock and concrete are broken."""
+    """How much of the paint is lost, concrete is broken and zinc is eaten. Rock and sand do not wear."""
     silt: Unit = 0.5
     """How much silt lies where the surface looks up and in hollows."""
     film: Unit = 0.4
