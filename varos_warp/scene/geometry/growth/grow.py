@@ -78,9 +78,10 @@ def _placed(wanted: Wanted, carriers: list[Carrier], near: Footprint) -> Placed:
     }
     kept = cached("growth", depends_on, lambda: _place(wanted, carriers, near))
     if (most := float(kept["most"])) < wanted.per_m2:
+        about = float(f"{most:.2g}")  # which :g writes without an exponent
         warn(
             f"{wanted.key}.per_m2: no {wanted.per_m2:g} {wanted.block.kind} of {wanted.size_m[0]:g} to "
-            f"{wanted.size_m[1]:g} m find room on a square metre, but about {float(f"{most:.2g}"):g}, and no more are placed; "
+            f"{wanted.size_m[1]:g} m find room on a square metre, but about {about:g}, and no more are placed; "
             "lower it, or size_m"
         )
     return Placed(
