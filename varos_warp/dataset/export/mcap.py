@@ -33,7 +33,7 @@ ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "
 MAP, ODOM, BASE = "map", "odom", "base_link"
 FRAMES = (
     "map (the dataset's world, z up) -> odom (the same: the course has no drift) -> base_link (x forward, y left, "
-    "z up) -> imu_link, depth_gauge_link, altimeter_link, dvl_link, magnetometer_link (axes of the readings) and "
+    f"z up) -> {', '.join(sensor.ros_frame for sensor in ALL)} (axes of the readings) and "
     "cam<id>_optical_frame (x right, y down, z forward); map -> cameras that stand in the world, and what moves: "
     "objects in their own axes, vehicles in those of base_link, with their lights, which point along z"
 )

@@ -269,6 +269,7 @@ KINDS = {
         under=-0.5,
     ),
 }
+"""Kinds of growth by name. A new one comes last: its number seeds the shapes."""
 
 
 @lru_cache
