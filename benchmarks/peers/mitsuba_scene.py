@@ -109,7 +109,14 @@ def _sensor(plain, spp):
 
 def _medium(plain):
     albedo = np.divide(plain.sigma_s, plain.sigma_t, out=np.zeros(3), where=plain.sigma_t > 0.0)
-    return {"type": "homogeneous", "sigma_t": _rgb(plain.sigma_t), "albedo": _rgb(albedo), "phase": _phase(plain.lobes)}
+    scale = max(1.0, float(plain.sigma_t.max()))  # an RGB triple is refused above 1
+    return {
+        "type": "homogeneous",
+        "sigma_t": _rgb(plain.sigma_t / scale),
+        "scale": scale,
+        "albedo": _rgb(albedo),
+        "phase": _phase(plain.lobes),
+    }
 
 
 def _phase(lobes):

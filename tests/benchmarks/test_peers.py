@@ -149,6 +149,13 @@ def test_light_that_a_soft_cone_sends_through_absorbing_water_fades_as_it_must(p
     assert np.all(np.abs(scores(image, plate_truth(scene, cone_deg=41.0), 1.0)) > Z)
 
 
+def test_mitsuba_takes_water_of_more_than_one_a_metre():
+    """Its triples of numbers above 1 are refused; the medium has a scale."""
+    scene = plate_scene(0.6, {"coefficients": {"sigma_s": [0, 0, 0], "sigma_a": [1.4, 0.3, 0.02]}})
+    image = render("mitsuba", scene, [plate()], spp=256)
+    assert np.all(np.abs(scores(image, plate_truth(scene), 2e-2)) <= Z)
+
+
 def test_a_lens_blurs_what_is_out_of_focus_by_its_aperture(peer):
     """Edges at 3 m, in focus at 1 m: their profile is a disk, convolved, but for the noise of a column's samples."""
     camera = {"focal_mm": 40.0, "sensor_mm": [4.5, 3.0], "f_stop": 1.6, "focus_m": 1.0}
