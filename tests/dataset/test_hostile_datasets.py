@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from standins import tree
 from typer.testing import CliRunner
 
@@ -15,6 +16,7 @@ from varos_warp.dataset import report
 from varos_warp.dataset.export import FORMATS
 from varos_warp.dataset.reader.dataset import Dataset
 from varos_warp.dataset.report import facts, write_report
+from varos_warp.dataset.write import pictures
 from varos_warp.errors import InputError
 
 SCRIPT = "<script>alert(1)</script>"
@@ -129,10 +131,11 @@ def strings(block, path=()):
 def test_no_string_of_a_dataset_becomes_a_script_of_the_report(copy, tmp_path, monkeypatch):
     """Each string that may be any text, in turn; and what the page itself holds is all that a browser may run.
 
-    The course is drawn once: its pictures are pixels, and no string of dataset.json is in them.
+    The course is drawn once, and frames are blank: their pictures are pixels, and no string of dataset.json is in them.
     """
     drawn = report.course_pictures(data := Dataset(copy), report.scene_parts(data))
     monkeypatch.setattr(report, "course_pictures", lambda *_: drawn)
+    monkeypatch.setattr(pictures, "preview", lambda *_: Image.new("RGB", (8, 8)))
     meta = json.loads((copy / "dataset.json").read_text())
     whole = (copy / "dataset.json").read_text()
     loaded = []

@@ -288,7 +288,7 @@ def _check_starts(parts):
     told = set()
     single = [part for part in parts if isinstance(part, Part)]
     for part in (part for part in single if isinstance(part, Moving)):
-        middle = 0.5 * (part.vertices.min(axis=0) + part.vertices.max(axis=0))
+        middle = part.extents()[0].mean(axis=0)
         for other in single:
             if other is not part and (other.name, part.name) not in told and _inside(other, middle).any():
                 told.add((part.name, other.name))
@@ -317,7 +317,7 @@ def _check_stops(scene, parts, stops):
     """Waypoints or poses under the terrain, or nearer to anything than the vehicle's radius, and where they are."""
     warnings, radius, touching = [], vehicle_radius(scene), np.zeros(len(stops), bool)
     for part in parts:
-        under, distance = _inside(part, stops), clearance(part.vertices, part.faces, stops, radius)
+        under, distance = _inside(part, stops), _clearance(part, stops, radius)
         close = np.isfinite(distance) & ~under
         if under.any():
             height = f", whose height there is {_height(part, stops[under])}" if part.name == "terrain" else ""
@@ -418,7 +418,7 @@ def _check_path(scene, parts, path, told):
     radius = vehicle_radius(scene)
     for part in parts:
         for points, what in ((position, "the vehicle goes"), (reference, "the course leads")):
-            distance = clearance(part.vertices, part.faces, points, radius)
+            distance = _clearance(part, points, radius)
             distance[_runs_past(np.isfinite(distance), points, told, 2.0 * radius)] = np.inf
             if not np.isfinite(distance).any():
                 continue
@@ -445,10 +445,15 @@ def _runs_past(near, points, stops, reach):
 
 def _inside(part, points):
     """Which points [N, 3], or [3], are under the terrain or inside a closed object, bool [N]."""
-    found = is_inside(part.vertices, part.faces, points)
+    found = is_inside(part.vertices, part.faces, points, part.extents()[0])
     if part.name == "terrain" or not found.any():
         return found
     return found & trimesh.Trimesh(part.vertices, part.faces, process=False).is_watertight
+
+
+def _clearance(part, points, reach):
+    """Distance [N] of points [N, 3] from a part [m]; infinite where it is not below ``reach``."""
+    return clearance(part.vertices, part.faces, points, reach, part.extents()[0])
 
 
 def _within(part):

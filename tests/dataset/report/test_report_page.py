@@ -206,9 +206,10 @@ def test_what_is_not_there_is_no_error(browser, tmp_path, options):
         assert page.locator("#transport").is_visible() == bool(shown)
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (768, 1024), (390, 844), (320, 568)])
-def test_nothing_is_wider_than_the_screen(browser, address, width, height):
-    for page in opened(browser, address, viewport={"width": width, "height": height}):
+def test_nothing_is_wider_than_the_screen(page):
+    """Also of a window that is made narrower and wider again."""
+    for width, height in ((1280, 800), (768, 1024), (390, 844), (320, 568), (1280, 800)):
+        page.set_viewport_size({"width": width, "height": height})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.locator("#transport").bounding_box()["width"] <= width
         assert page.locator("#scrubber").bounding_box()["width"] >= 60
@@ -230,12 +231,17 @@ LETTERS = """() => [...document.querySelectorAll('th, td')]
   .map(e => e.innerText)"""
 
 
-@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
-def test_the_player_covers_nothing_and_no_table_is_cut_off(browser, written, tmp_path, width, height):
+@pytest.fixture(scope="module")
+def address_with_a_source(written, tmp_path_factory):
+    """Of a page with a wide table."""
     data = Dataset(written)
     data.meta["sources"] = {"../somewhere/far/away/meshes/of_the_sea_bed.dae": 64 * "0"}
-    address = write_report(data, tmp_path / "report.html").as_uri()
-    for page in opened(browser, address, viewport={"width": width, "height": height}):
+    return write_report(data, tmp_path_factory.mktemp("sources") / "report.html").as_uri()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (390, 844)])
+def test_the_player_covers_nothing_and_no_table_is_cut_off(browser, address_with_a_source, width, height):
+    for page in opened(browser, address_with_a_source, viewport={"width": width, "height": height}):
         for y in (0, 200, 400, 600, 100_000):
             page.evaluate(f"scrollTo({{top: {y}, behavior: 'instant'}})")
             assert page.evaluate(OVERLAPS) == []

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -193,7 +194,11 @@ class Part(Shape):
 
     def extents(self) -> np.ndarray:
         """Least and greatest coordinates, float64 [1, 2, 3]."""
-        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])[None]
+        return self._box[None]
+
+    @cached_property
+    def _box(self):
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
 
 @dataclass(frozen=True, kw_only=True)

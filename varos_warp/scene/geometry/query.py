@@ -19,17 +19,17 @@ def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[
     sorted into trees by size, so that few large ones do not spoil the search among many small ones.
     """
     xy = np.atleast_2d(np.asarray(xy, float))
-    triangles = np.asarray(vertices, float)[faces]
+    around = _around(vertices, faces, xy, 0.0)
+    triangles = np.asarray(vertices, float)[faces[around]]
     low, high = extents(triangles[..., :2])
-    around = np.flatnonzero(_boxes_meet(low, high, xy, 0.0)) if len(xy) else np.zeros(0, int)
-    centre, radius = 0.5 * (low + high)[around], 0.5 * np.linalg.norm((high - low)[around], axis=1)
+    centre, radius = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low, axis=1)
     size = np.frexp(radius)[1]
     line, face = [np.zeros(0, int)], [np.zeros(0, int)]
     for exponent in np.unique(size):
         members = np.flatnonzero(size == exponent)
         near = cKDTree(centre[members]).query_ball_point(xy, radius[members].max() + 1e-6)  # more than rounding
         line.append(np.repeat(np.arange(len(xy)), [len(found) for found in near]))
-        face.append(around[members[np.concatenate([*near, []]).astype(int)]])
+        face.append(members[np.concatenate([*near, []]).astype(int)])
     line, face = np.concatenate(line), np.concatenate(face)
     covers = _covers(triangles[face], *xy[line].T)
     line, face = line[covers], face[covers]
@@ -37,7 +37,7 @@ def crossings(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> tuple[
     n, (x, y) = np.cross(b - a, c - a), xy[line].T
     z = a[:, 2] - (n[:, 0] * (x - a[:, 0]) + n[:, 1] * (y - a[:, 1])) / n[:, 2]
     order = np.lexsort((z, line))
-    return line[order], face[order], z[order]
+    return line[order], around[face[order]], z[order]
 
 
 def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[np.ndarray]:
@@ -47,11 +47,14 @@ def heights_at(vertices: np.ndarray, faces: np.ndarray, xy: np.ndarray) -> list[
     return np.split(z, np.searchsorted(line, np.arange(1, count)))
 
 
-def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return whether points [N, 3] lie in a closed mesh or under open terrain, bool [N], by parity of what is above."""
+def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, box: np.ndarray | None = None) -> np.ndarray:
+    """Return whether points [N, 3] lie in a closed mesh or under open terrain, bool [N], by parity of what is above.
+
+    ``box`` holds the mesh's least and greatest coordinates [2, 3], where they are known.
+    """
     points = np.atleast_2d(points)
     inside = np.zeros(len(points), bool)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = _box_of(vertices) if box is None else box
     maybe = np.flatnonzero((points[:, :2] >= low[:2]).all(axis=1) & (points <= high).all(axis=1))
     if len(maybe):
         overhead = heights_at(vertices, faces, points[maybe, :2])
@@ -59,16 +62,19 @@ def is_inside(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np
     return inside
 
 
-def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
+def clearance(
+    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach: float, box: np.ndarray | None = None
+) -> np.ndarray:
     """Distance [N] from points [N, 3] to the mesh where it is below ``reach`` [m]; infinite elsewhere.
 
-    Only the part of the mesh around the points is looked at.
+    Only the part of the mesh around the points is looked at. ``box`` is as for `is_inside`.
     """
     points = np.atleast_2d(np.asarray(points, float))
-    around = np.zeros(0, bool)
-    if _boxes_meet(vertices.min(axis=0)[None], vertices.max(axis=0)[None], points, reach)[0]:
-        around = _boxes_meet(*extents(np.asarray(vertices, float)[faces]), points, reach)
-    if not around.any():
+    low, high = _box_of(vertices) if box is None else box
+    around = np.zeros(0, int)
+    if (low <= points.max(axis=0) + reach).all() and (high >= points.min(axis=0) - reach).all():
+        around = _around(vertices, faces, points, reach)
+    if not len(around):
         return np.full(len(points), np.inf)
     surface = Surface(*compact(vertices, faces[around]))
     rounding = 1e-6 * max(reach, np.abs(points - surface.origin).max())
@@ -76,9 +82,24 @@ def clearance(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, reach
     return np.where(distance < reach, distance, np.inf)
 
 
-def _boxes_meet(low: np.ndarray, high: np.ndarray, points: np.ndarray, margin: float) -> np.ndarray:
-    """Return whether boxes [N, 3] meet the box around points, which has a margin, bool [N]."""
-    return ((low <= points.max(axis=0) + margin) & (high >= points.min(axis=0) - margin)).all(axis=1)
+def _box_of(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates [3] of vertices."""
+    return vertices.min(axis=0), vertices.max(axis=0)
+
+
+def _around(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, margin: float) -> np.ndarray:
+    """Numbers of the faces whose boxes meet the box around points [N, k], which has a margin, along the first k axes.
+
+    Which sides of that box a vertex is beyond is a byte; a face that all its vertices are beyond one of is not around.
+    """
+    if not len(points):
+        return np.zeros(0, int)
+    beyond = np.zeros(len(vertices), np.uint8)
+    for axis, (low, high) in enumerate(zip(points.min(axis=0) - margin, points.max(axis=0) + margin, strict=True)):
+        beyond |= (vertices[:, axis] > high).view(np.uint8) << np.uint8(2 * axis)
+        beyond |= (vertices[:, axis] < low).view(np.uint8) << np.uint8(2 * axis + 1)
+    a, b, c = faces.T
+    return np.flatnonzero((beyond[a] & beyond[b] & beyond[c]) == 0)
 
 
 def _covers(triangles, x, y):

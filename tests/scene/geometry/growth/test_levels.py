@@ -60,16 +60,16 @@ def outline(solid, axis, pixels, samples=8):
     """Samples, ``samples`` to a pixel, that a shape covers which is so many pixels large, seen along an axis."""
     flat = np.delete(solid.vertices, axis, axis=1) * pixels * samples + 0.75 * pixels * samples
     side = int(1.5 * pixels * samples)
-    grid = np.stack(np.meshgrid(np.arange(side) + 0.5, np.arange(side) + 0.5, indexing="ij"), -1).reshape(-1, 2)
-    covered = np.zeros(len(grid), bool)
-    for a, b, c in flat[solid.faces]:
-        turns = [_turn(a, b, grid), _turn(b, c, grid), _turn(c, a, grid)]
-        covered |= (np.min(turns, axis=0) >= 0.0) | (np.max(turns, axis=0) <= 0.0)
-    return covered.reshape(side, side)
-
-
-def _turn(a, b, points):
-    return (b[0] - a[0]) * (points[:, 1] - a[1]) - (b[1] - a[1]) * (points[:, 0] - a[0])
+    centres, covered = np.arange(side) + 0.5, np.zeros((side, side), bool)
+    for corners in flat[solid.faces]:
+        box = tuple(slice(*ends) for ends in np.searchsorted(centres, [corners.min(axis=0), corners.max(axis=0)]).T)
+        x, y = np.ix_(centres[box[0]], centres[box[1]])
+        turns = [
+            (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        ]
+        covered[box] |= (np.min(turns, axis=0) >= 0.0) | (np.max(turns, axis=0) <= 0.0)
+    return covered
 
 
 @pytest.mark.parametrize("axis", [0, 2])

@@ -82,7 +82,7 @@ def test_surfaces_have_form_and_tones(name):
 def test_the_same_seed_is_the_same_surface_and_another_is_not(name):
     """On a mesh of 2 cm edges: where a byte depends on anything else, it does there too."""
     anew = dressed.__wrapped__
-    a, b, c = anew(name, subdivisions=5), anew(name, subdivisions=5), anew(name, Look(seed=2), 5)
+    a, b, c = dressed(name, DEFAULT, 5), anew(name, subdivisions=5), dressed(name, Look(seed=2), 5)
     for one, two in zip(a[1:], b[1:], strict=True):
         np.testing.assert_array_equal(one, two)
     assert np.abs(a[3] - c[3]).max() > 0.02
@@ -116,13 +116,13 @@ def test_coarse_meshes_show_the_large_forms_of_fine_ones(name):
 
 @pytest.mark.parametrize("name", ["rock", "steel", "concrete", "zinc", "none"])
 def test_silt_lies_on_what_faces_up(name):
-    sites, _, _, _, silt = dressed(name)
+    sites, _, _, _, silt = dressed(name, DEFAULT, 5)
     assert silt[sites.n[:, 2] > 0.9].mean() > 5.0 * silt[sites.n[:, 2] < 0.2].mean()
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_without_silt_none_lies_anywhere(name):
-    assert not dressed(name, Look(silt=0.0))[4].any()
+    assert not dressed(name, Look(silt=0.0), 5)[4].any()
 
 
 @pytest.mark.parametrize("name", ["steel", "none"])
@@ -145,7 +145,7 @@ def test_the_share_of_bare_steel_is_the_square_of_wear():
 
 def test_film_makes_paint_browner():
     means = [
-        dressed("steel", Look((0.1, 0.2, 0.4), wear=0.0, silt=0.0, film=film))[3].mean(axis=0)
+        dressed("steel", Look((0.1, 0.2, 0.4), wear=0.0, silt=0.0, film=film), 5)[3].mean(axis=0)
         for film in (0.0, 0.5, 1.0)
     ]
     redness = [mean[0] / mean[2] for mean in means]

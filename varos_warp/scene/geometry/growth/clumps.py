@@ -128,18 +128,16 @@ class Crowding:
         if n == 0:
             return empty, deepest, clump
         reach = np.exp(OUTLINE * np.clip(_noise(self.outline, points), -OUTLINE_MOST, OUTLINE_MOST) + wider)
-        most = HALO_TO * float(np.exp(OUTLINE * OUTLINE_MOST + max(wider.max(), 0.0)))
         middle, radius, keys = self._clumps(points)
-        open_from = uniform(keys, 5)
-        site, at, far = _near(middle, most * radius, points)
-        inside = open_from[site] < gate[at]
-        site, at, far = site[inside], at[inside], far[inside]
-        x = far / (radius[site] * reach[at])
-        empty = np.bincount(at, np.log1p(-np.minimum(_profile(x), 1.0 - 1e-12)), n)
-        within = np.flatnonzero(x < EMPTY_FROM)
-        within = within[np.lexsort([keys[site[within]], -x[within], at[within]])]
-        last = within[np.flatnonzero(np.diff(at[within], append=n))]
-        deepest[at[last]], clump[at[last]] = np.clip(1.0 - x[last] ** 2, 0.0, 1.0), keys[site[last]] | np.uint64(1)
+        site, at, x = _near(middle, radius, points, reach)
+        inside = uniform(keys, 5)[site] < gate[at]
+        site, at, x = site[inside], at[inside], x[inside]
+        empty = np.bincount(at, _in_steps(np.log1p(-np.minimum(_profile(x), 1.0 - 1e-12))), n)
+        nearest = np.full(n, EMPTY_FROM)
+        np.minimum.at(nearest, at, x)
+        own = np.flatnonzero((x == nearest[at]) & (x < EMPTY_FROM))
+        own = own[np.argsort(keys[site[own]])]  # of two as near, the higher key
+        deepest[at[own]], clump[at[own]] = np.clip(1.0 - x[own] ** 2, 0.0, 1.0), keys[site[own]] | np.uint64(1)
         return -np.expm1(empty), deepest, clump
 
     def _clumps(self, points):
@@ -266,18 +264,37 @@ def _noise(fields, points):
     return sum((share * field(points) for field, share in fields), np.zeros(len(points)))
 
 
-def _near(middle, radius, points):
-    """Balls and points in them, int [P] each, and how far they are from its middle [P] [m]."""
-    tree, some = cKDTree(points, balanced_tree=False), [np.zeros((3, 0))]  # as quick to search, quicker to build
+def _near(middle, radius, points, reach):
+    """Clumps and points that they reach to, int [P] each, and how far these are from the middle [P], in radii there.
+
+    A clump reaches to a point ``reach`` [N] times as far as its radius [C] says. Both are sorted by size, so that few
+    pairs are looked at in vain.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
-    may = ((middle + radius[:, None] >= low) & (middle - radius[:, None] <= high)).all(axis=1)
-    bins = np.ceil(2.0 * np.log2(radius / radius.max(initial=1e-9)))
-    for k in np.unique(bins[may]):
-        which = np.flatnonzero(may & (bins == k))
-        pairs = cKDTree(middle[which]).sparse_distance_matrix(tree, radius[which].max(), output_type="ndarray")
-        some.append(np.stack([which[pairs["i"]], pairs["j"], pairs["v"]]))
-    site, at, far = np.concatenate(some, axis=1)
-    return site.astype(np.int64), at.astype(np.int64), far
+    farthest = HALO_TO * reach.max() * radius[:, None]
+    may = np.flatnonzero(((middle + farthest >= low) & (middle - farthest <= high)).all(axis=1))
+    trees = [(balls, cKDTree(middle[balls])) for balls in _of_a_size(radius, may)]
+    some = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    for these in _of_a_size(reach, np.arange(len(points))):
+        tree = cKDTree(points[these], balanced_tree=False)  # as quick to search, quicker to build
+        for balls, around in trees:
+            far = HALO_TO * reach[these].max() * radius[balls].max()
+            pairs = around.sparse_distance_matrix(tree, far, output_type="ndarray")
+            x = pairs["v"] / (radius[balls][pairs["i"]] * reach[these][pairs["j"]])
+            near = np.flatnonzero(x < HALO_TO)
+            some.append((balls[pairs["i"][near]], these[pairs["j"][near]], x[near]))
+    return tuple(map(np.concatenate, zip(*some, strict=True)))
+
+
+def _of_a_size(size, which):
+    """Numbers of ``which`` whose sizes lie within a factor of the square root of 2, one array for each such range."""
+    bins = np.ceil(2.0 * np.log2(size[which]))
+    return [which[bins == k] for k in np.unique(bins)]
+
+
+def _in_steps(x):
+    """Logarithms in steps so coarse that sums of them above -128 are exact, in whichever order a tree gives them."""
+    return np.ldexp(np.rint(np.ldexp(x, 46)), -46)
 
 
 def _profile(x):
