@@ -46,12 +46,16 @@ def test_the_points_of_a_disk_have_its_means_up_to_degree_five():
     ],
     ids=["paper", "tilted"],
 )
-def test_few_points_of_a_disk_are_as_right_as_many(name, lamp, monkeypatch):
-    """At the largest radius that has tables; fewer nodes than of images, at the same places of the rays."""
+def test_few_points_of_a_disk_are_as_right_as_many(few_nodes, name, lamp, monkeypatch):
+    """At the largest radius that has tables; fewer nodes than of images, at the same places of the rays.
+
+    Both are of the same field, which need not be right to more than a hundredth; disks of twice the radius exceed what
+    is accepted three times with all of its nodes and with few.
+    """
     lamp = lamp | {"radius_m": 0.999 * along_camera.LARGEST_DISK * np.linalg.norm(lamp["position"])}
     scene = one_ray_scene([lamp], WATER, pixels=2)
     view = scene.vehicle.cameras[0].model_copy(update=VIEW)
-    water, nodes = OpenWater(scene, Launcher("cpu", 1)), getattr(along_camera, name)._replace(counts=(48, 10, 17))
+    water, nodes = OpenWater(scene, Launcher("cpu", 1)), getattr(along_camera, name)._replace(counts=(24, 10, 17))
     monkeypatch.setattr(along_camera, "_is_right", lambda *_: True)  # of so few nodes
     few = water._tabulated(along_camera.as_pinhole(view)[0], nodes)
     monkeypatch.setattr(records, "DISK_NODES", dense_nodes())

@@ -45,15 +45,15 @@ PANELS = 5e-3
 """Error of the quadrature's long panels, as stated, where a short stretch of water is in sight."""
 
 
-DENSE = 60, 67, 121
-"""Numbers of nodes three times as dense in the image as a table's."""
+DENSE = 50, 45, 81
+"""Numbers of nodes twice as dense as a table's: errors are found to be as large as with three times, to 5 %."""
 
 
 @pytest.mark.parametrize("name", UNLIKE)
 def test_images_by_table_are_as_right_as_stated(name, monkeypatch):
-    """Against nodes three times as dense, pixel by pixel; and against the quadrature along each ray, within its error.
+    """Against nodes twice as dense, pixel by pixel; and against the quadrature along each ray, within its error.
 
-    Errors are in proportion to the square of the distance of nodes: dense ones have a ninth, which is added.
+    Errors are in proportion to the square of the distance of nodes: dense ones have a quarter, which is added.
     """
     scene = snow_scene(VIEW, **UNLIKE[name])
     tabulated, snow = expected_of(scene)
@@ -62,7 +62,7 @@ def test_images_by_table_are_as_right_as_stated(name, monkeypatch):
         patch.setattr(module, "LAMP_NODES", DENSE)
         dense, snow = expected_of(scene)
         assert is_tabulated(snow)
-    error, scale = (tabulated - dense) / (1 - 1 / 9), np.sqrt(np.mean(dense**2, axis=(0, 1)))
+    error, scale = (tabulated - dense) / (1 - 1 / 4), np.sqrt(np.mean(dense**2, axis=(0, 1)))
     assert np.all(np.sqrt(np.mean(error**2, axis=(0, 1))) <= along_camera.MOST_ERROR * scale)
     assert np.all(np.abs(error) <= along_camera.MOST_ERROR_AT_A_POINT * scale)
     by_quadrature(monkeypatch)

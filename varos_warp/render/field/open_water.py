@@ -158,6 +158,7 @@ class OpenWater:
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
             depends_on = self._depends_on(
+                along=[MULTIPLE, SINGLE],  # which tests change in memory
                 camera=camera,
                 lights=lights,
                 order=nodes.name,
@@ -203,7 +204,7 @@ class OpenWater:
         """What the numbers of any array depend on, and what else."""
         return what | {
             "code": code_hash(__name__, CODE),
-            "nodes": [MULTIPLE, SINGLE, *solver.nodes()],  # which tests change in memory
+            "nodes": solver.nodes(),  # which tests change in memory
             "device": self.device.partition(":")[0],  # the kinds round differently
             "sigma_s": self.water.sigma_s.tolist(),
             "sigma_a": self.water.sigma_a.tolist(),

@@ -30,7 +30,7 @@ def scattering_matrix(phase: PhaseFunction, arriving: Directions, leaving: Direc
     spline = make_interp_spline(arriving.s, np.eye(len(arriving.s)), k=3)  # its coefficients, of values there
     series = np.cos(np.outer(np.arange(len(arriving.phi)), arriving.phi))
     series[1:] *= 2.0
-    far = np.array([_far(phase, w, arriving) for w in between.vectors])
+    far = _far(phase, between, arriving)
     # rings are the same at every phi: what they make of cos(m phi) is in proportion to it
     near = np.array([_near(gamma, s, weights, shape, arriving, spline.t) for gamma in between.gamma])
     waves = np.cos(np.outer(between.phi, np.arange(len(series))))
@@ -76,13 +76,18 @@ def _share_far(s: np.ndarray, c: np.ndarray) -> np.ndarray:
     return s * s / np.maximum(s * s + c * c, 1e-300)
 
 
-def _far(phase: PhaseFunction, w: np.ndarray, arriving: Directions) -> np.ndarray:
+def _far(phase: PhaseFunction, leaving: Directions, arriving: Directions) -> np.ndarray:
+    """Matrix [leaving, arriving] of what is summed over the quadrature of directions."""
     c = np.sin(arriving.pairs[:, 0] / 2.0) ** 2
-    total = 0.0
-    for side in (-1, 1):
-        s = np.sum((arriving.vectors * [1, side, 1] - w) ** 2, axis=1) / 4.0
-        total = total + _share_far(s, c) * phase.eval_s(np.maximum(s, 1e-30))
-    return 0.5 * total * arriving.weights
+    x, y, z = arriving.vectors.T.copy()
+    far = np.empty((len(leaving.vectors), len(c)))
+    for row, (to_x, to_y, to_z) in zip(far, leaving.vectors, strict=True):
+        across, along, total = (x - to_x) ** 2, (z - to_z) ** 2, 0.0
+        for side in (-y, y):
+            s = (across + (side - to_y) ** 2 + along) / 4.0
+            total = total + _share_far(s, c) * phase.eval_s(np.maximum(s, 1e-30))
+        row[:] = 0.5 * total * arriving.weights
+    return far
 
 
 def _near(gamma, s, weights, shape, arriving: Directions, knots) -> np.ndarray:

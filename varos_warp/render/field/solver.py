@@ -13,6 +13,7 @@ import warp as wp
 from scipy.interpolate import make_interp_spline
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from varos_warp.device.devices import upload
 from varos_warp.device.launcher import Launcher
 from varos_warp.kernels.field.open_water import LightField, NodeGrid
 from varos_warp.kernels.field.tabulate import tabulate_next_order, tabulate_single_scattering
@@ -143,17 +144,17 @@ class LightFieldSolver:
             NotSolved: If it does not converge.
         """
         size = np.linalg.norm(b)
-        x, residual = np.zeros_like(b), np.inf
+        x = np.zeros_like(b)
         for _ in range(RESTARTS):
             x, left = gmres(operator, b, x0=x, rtol=TOLERANCE, restart=RESTART, maxiter=1)
+            if left == 0:  # the residual, which it has looked at, is within the tolerance
+                return x
             residual = np.linalg.norm(b - operator.matvec(x))
-            if left == 0 or residual <= ENOUGH * size:  # in turbid water rounding stops it before the tolerance
-                break
+            if residual <= ENOUGH * size:  # in turbid water rounding stops it before the tolerance
+                return x
             if not np.isfinite(residual):
                 break
-        if not residual <= ENOUGH * size:
-            raise NotSolved("the sum over all orders of scattering does not converge in this water")
-        return x
+        raise NotSolved("the sum over all orders of scattering does not converge in this water")
 
     # ------------------------------------------------------------------------------------------ from node to node
 
@@ -170,7 +171,7 @@ class LightFieldSolver:
             directions: From where.
         """
         field = LightField()
-        field.grid, field.source = self.fine, wp.array(_as_grid(source, LEAVING), dtype=wp.vec3, device=self.device)
+        field.grid, field.source = self.fine, upload(_as_grid(source, LEAVING), wp.vec3, self.device)
         return self._tabulated(tabulate_next_order, grid, directions, field=field)
 
     def _tabulated(self, kernel, grid: NodeGrid, directions: Directions, **more) -> np.ndarray:
@@ -186,7 +187,9 @@ class LightFieldSolver:
         return radiance.numpy()
 
     def _source(self, radiance: np.ndarray, matrices) -> np.ndarray:
-        return _applied(matrices["source"], radiance) * self.water.sigma_s.astype(np.float32)
+        source = _applied(matrices["source"], radiance)
+        source *= self.water.sigma_s.astype(np.float32)
+        return source
 
     def _light_alone(self) -> SceneData:
         """The light at the origin, along z, in the water; its peak is 1."""
