@@ -289,13 +289,11 @@ def _over(a: Vector, b: Vector) -> Vector:
 
 def _law(k, inertia: Vector, integral, error, rate, ahead, output, output_rate) -> Vector:
     ki, k1, k2, k3, k4 = k
-    u0 = (1.0 + k3) * ahead[0] - ki * integral[0] - k1 * error[0] - k2 * rate[0]
-    u1 = (1.0 + k3) * ahead[1] - ki * integral[1] - k1 * error[1] - k2 * rate[1]
-    u2 = (1.0 + k3) * ahead[2] - ki * integral[2] - k1 * error[2] - k2 * rate[2]
-    return (
-        inertia[0] * u0 - k3 * output[0] - k4 * output_rate[0],
-        inertia[1] * u1 - k3 * output[1] - k4 * output_rate[1],
-        inertia[2] * u2 - k3 * output[2] - k4 * output_rate[2],
+    return tuple(
+        inertia[i] * ((1.0 + k3) * ahead[i] - ki * integral[i] - k1 * error[i] - k2 * rate[i])
+        - k3 * output[i]
+        - k4 * output_rate[i]
+        for i in range(3)
     )
 
 
