@@ -25,6 +25,7 @@ def searched_by_default():
     """Garbage is searched for as in programs of users, not as rarely as in other tests."""
     rarely = gc.get_threshold()
     gc.set_threshold(700, 10, 10)
+    gc.collect()
     yield
     gc.set_threshold(*rarely)
 
