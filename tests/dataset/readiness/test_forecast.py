@@ -65,7 +65,9 @@ def test_the_forecast_ranks_clear_water_before_murky_on_a_floor_that_it_was_not_
 @pytest.fixture(scope="module")
 def without_truth(tmp_path_factory):
     """As the first of the sweep, without D."""
-    return textured.write(tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A", cameras=ONE, frames=FRAMES)
+    return textured.write(
+        tmp_path_factory.mktemp("blind") / "data", 0.1, noise=0.004, outputs="A", cameras=ONE, frames=FRAMES
+    )
 
 
 def test_the_forecast_does_not_know_the_truth(found, without_truth, monkeypatch):
