@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from varos_warp import cli
 from varos_warp.dataset.files import read_exr
 from varos_warp.dataset.reader.dataset import Dataset
+from varos_warp.render.planner import pilot
 
 SMALL = [
     "--device",
@@ -26,15 +27,25 @@ SMALL = [
     "--set",
     "scatter=[{object: {kind: nut, size: M64}, count: 3, circle: [0, 4, 2]}]",
     "--set",
-    "growth=[{on: [terrain], kind: pebble, per_m2: 9, size_m: [0.1, 0.2], seed: 3}]",
+    "growth=[{on: [terrain], kind: pebble, per_m2: 9, cluster: 0, size_m: [0.1, 0.2], seed: 3}]",
     "--set",
     "render.max_triangles=20000",
     "--set",
     "water={jerlov: {type: IA}}",
     *(word for i in (0, 3, 4, 5) for word in ("--set", f"objects.{i}.chord_error_m=0.05")),
+    *(word for i in range(6) for word in ("--set", f"objects.{i}.max_edge_m=0.2")),
 ]
 """With a few copies, and pebbles that are large enough to be placed: kernels for them, textures and the field are those
-of tests/physics/test_field_integrator.py. In water that scatters little, for the field is coarse here."""
+of tests/physics/test_field_integrator.py. In water that scatters little, for the field is coarse here. How full clumps
+of growth are takes a second to find, so there are none."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_pilot():
+    """The planner tries images of as many paths as those of the scene have; what it finds has tests of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pilot, "SMALL", 48 * 27)
+        yield
 
 
 def call(*arguments):

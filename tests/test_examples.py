@@ -11,6 +11,8 @@ from varos_warp.render.renderer import FrameRenderer, NextFrame
 from varos_warp.scene.angles import check_angles
 from varos_warp.scene.description import Scene
 from varos_warp.scene.description.lens import NoDistortion
+from varos_warp.scene.description.placed import Parametric
+from varos_warp.scene.description.surfaces import Layered
 from varos_warp.scene.file.load import load_scene
 from varos_warp.scene.file.templates import TEMPLATES
 from varos_warp.scene.geometry.build import build_parts
@@ -27,6 +29,7 @@ SMALL = {
     "demo": ["terrain.resolution=65"],
     "starter": ["terrain.resolution=65"],
     "munkholmen": [
+        "objects.1.bolted=false",
         "terrain.preprocess.shrinkwrap_resolution=65",
         *(f"scatter.{i}.count=3" for i in range(4)),
     ],
@@ -51,7 +54,10 @@ SMALL = {
     "hull": [f"objects.{i}.length_m=5" for i in range(3)],
     "calibration": ["vehicle.cameras.0.port=null", "vehicle.cameras.1.port=null"],
     **{board: ["terrain.resolution=33"] for board in ("calibration_camera", "calibration_imu")},
-    **{valve: ["terrain.resolution=65", "scatter.0.count=3"] for valve in ("static_observer", "turbid_water")},
+    **{
+        valve: ["terrain.resolution=65", "scatter.0.count=3", "objects.1.bolted=false"]
+        for valve in ("static_observer", "turbid_water")
+    },
     **{fleet: ["terrain.resolution=33"] for fleet in ("vehicles", "recorded")},
     **{survey: [] for survey in ("soundings", "height_map", "points")},
     "cameras": [
@@ -82,9 +88,12 @@ def with_little_on_it(scene: Scene) -> list[str]:
     """
     objects = {f"objects.{i}": each for i, each in enumerate(scene.objects)}
     objects |= {f"scatter.{i}.object": each.object for i, each in enumerate(scene.scatter)}
+    made = {key: each for key, each in objects.items() if isinstance(each, Parametric)}
+    relief = [key for key, each in made.items() if isinstance(scene.materials.get(each.material or ""), Layered)]
     return [
         "render.max_triangles=6000",
-        *(f"{key}.chord_error_m=0.05" for key, each in objects.items() if "chord_error_m" in type(each).model_fields),
+        *(f"{key}.chord_error_m=0.05" for key in made),
+        *(f"{key}.max_edge_m=0.2" for key in relief),  # else of squares of 5 cm
         *(f"scatter.{i}.shapes=2" for i, each in enumerate(scene.scatter) if (each.shapes or 1) > 2),
         *(f"growth.{i}.per_m2={0.1 * each.per_m2}" for i, each in enumerate(scene.growth) if each.per_m2),
     ]

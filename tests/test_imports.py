@@ -75,17 +75,19 @@ def imports() -> dict[str, set[str]]:
 
 
 @cache
-def parsed(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
+def statements(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    """Everything that a file imports, inside functions too."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def _imported(path: Path, modules: set[str]) -> set[str]:
     """What a file imports of the package; ``from a import b`` is a.b where that is a module."""
     names = set()
-    for node in ast.walk(parsed(path)):
+    for node in statements(path):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        if isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, f"{path}: relative import"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
     inside = {name.partition("varos_warp.")[2] for name in names if name.startswith("varos_warp.")}
@@ -155,9 +157,8 @@ def test_kernels_know_nothing_of_the_host():
 
 def test_the_package_knows_nothing_of_benchmarks_and_tests():
     for path in ROOT.rglob("*.py"):
-        for node in ast.walk(parsed(path)):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module] if isinstance(node, ast.ImportFrom) else []
+        for node in statements(path):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module]
             assert not {name.split(".")[0] for name in names} & {"benchmarks", "tests"}, path
 
 
@@ -242,7 +243,7 @@ print(json.dumps([(result.exit_code, result.stdout, result.stderr) for result in
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A scene, and a dataset of it that was made and read without the second wing."""
+    """A scene, a dataset of it that was made and read without the second wing, and what was said to what needs that."""
     folder = tmp_path_factory.mktemp("without")
     scene, out = folder / "scene.yaml", folder / "out"
     scene.write_text("""
@@ -255,9 +256,10 @@ vehicle:
 render: {spp: 1, integrator: path, outputs: [A, B, C, D, S]}
 """)
     read = f"import varos_warp\nassert varos_warp.Dataset({str(out)!r})[0].D.shape == (18, 32)"
-    (told,) = without([("run", scene, "-o", out, "--device", "cpu")], read)
+    asked = needing_the_second_wing(scene, out, folder / "not")
+    told, *answers = without([("run", scene, "-o", out, "--device", "cpu"), *asked.values(), ("info", scene)], read)
     assert told[0] == 0, told
-    return scene, out
+    return scene, out, dict(zip([*asked, "info"], answers, strict=True))
 
 
 def test_datasets_are_made_and_read_without_the_second_wing(made):
@@ -265,31 +267,37 @@ def test_datasets_are_made_and_read_without_the_second_wing(made):
 
 
 def test_what_is_made_without_the_second_wing_is_what_is_made_with_it(made, tmp_path):
-    scene, out = made
+    scene, out, _ = made
     produce(load_scene(scene), tmp_path / "out", device="cpu", quiet=True)
     assert standins.tree(out) == standins.tree(tmp_path / "out")
 
 
-def test_what_needs_a_room_that_is_left_out_says_so(made, tmp_path):
-    """A verb of that room; and a scene that leaves a choice to the planner. What `info` tells needs none of them."""
-    scene, out = made
-    run = ("run", scene, "-o", tmp_path / "out", "--device", "cpu")
-    asked = {
+def needing_the_second_wing(scene, out, to):
+    """Commands that need rooms of it, by what each names."""
+    run = ("run", scene, "-o", to, "--device", "cpu")
+    return {
         "render.tolerance = 0.02": (*run, "--set", "render.spp=null"),
         "render.integrator = 'auto'": (*run, "--integrator", "auto"),
         "render.planner": ("plan", scene),
         "dataset.validate": ("validate", out),
         "dataset.report": ("report", out),
         "dataset.view": ("view", out),
-        "dataset.export": ("export", out, "--to", "tum", "-o", tmp_path / "out"),
-        "dataset.sweep": ("sweep", scene, "-o", tmp_path / "out", "--over", "seed=1,2"),
+        "dataset.export": ("export", out, "--to", "tum", "-o", to),
+        "dataset.sweep": ("sweep", scene, "-o", to, "--over", "seed=1,2"),
         "dataset.preview": ("preview", scene),
     }
-    *told, (status, text, _) = without([*asked.values(), ("info", scene)])
+
+
+def test_what_needs_a_room_that_is_left_out_says_so(made):
+    """A verb of that room; and a scene that leaves a choice to the planner. What `info` tells needs none of them."""
+    scene, _, told = made
+    status, text, _ = told["info"]
     assert (status, "dataset: 1 frame" in text) == (0, True)
-    for what, (status, text, error) in zip(asked, told, strict=True):
+    for what, (status, text, error) in told.items():
+        if what == "info":
+            continue
         start = f"{what}: needs the planner (varos_warp.render.planner), which this installation leaves out. Set "
         words = f"varos-warp: this installation leaves out varos_warp.{what}, which this needs\n"
         assert (status, text) == (2, "")
         assert error == words or start in error
-    assert list(tmp_path.iterdir()) == []
+    assert {path.name for path in scene.parent.iterdir()} == {"scene.yaml", "out"}

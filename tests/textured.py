@@ -70,12 +70,13 @@ class TexturedRenderer(standins.FlatFloorRenderer):
         return made
 
 
-def textured_scene(outputs="ADF", resolution=(240, 180), **render):
-    """A stereo pair that looks at the floor, obliquely, and moves along a bent line for two seconds."""
+def textured_scene(outputs="ADF", resolution=(240, 180), cameras=("L0", "R0"), **render):
+    """A stereo pair that looks at the floor, obliquely, and moves along a bent line for two seconds; or one of it."""
     vehicle = standins.scene_dict()["vehicle"]
     vehicle["cameras"] = [
         {"id": name, "position": [x, 0, 0], "rotation_euler_deg": [-60, 0, 0], "resolution": [*resolution]}
         for name, x in (("L0", -0.15), ("R0", 0.15))
+        if name in cameras
     ]
     course = [
         {"time_s": t, "position": [0.6 * t, 0.2 * np.sin(2.0 * t), 0.1 * t], "rotation_euler_deg": [0, 0, 6.0 * t]}

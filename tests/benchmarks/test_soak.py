@@ -1,5 +1,6 @@
 """Nothing grows over a run: the short form of the soak, with the real renderer on the CPU."""
 
+import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,16 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 
 FRAMES = 100
+
+
+@pytest.fixture(autouse=True)
+def searched_by_default():
+    """Garbage is searched for as in programs of users, not as rarely as in other tests."""
+    rarely = gc.get_threshold()
+    gc.set_threshold(700, 10, 10)
+    gc.collect()
+    yield
+    gc.set_threshold(*rarely)
 
 
 @linux

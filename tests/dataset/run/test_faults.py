@@ -31,7 +31,7 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="needs fork, signals 
 # ------------------------------------------------------------------- runs of their own, with the real renderer
 
 
-def real_run(out, message=None, size=(16, 9), limit=None, **render):
+def real_run(out, message=None, size=(16, 9), limit=None, frames=FRAMES, **render):
     """The body of a process; it ends with status 3 and a message in a file if the disk refuses a file."""
     if limit is not None:
         import resource
@@ -39,7 +39,7 @@ def real_run(out, message=None, size=(16, 9), limit=None, **render):
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     settings = {"integrator": "path", "max_scatterings": 1, "denoise": "none", "denoise_b": "none", **render}
     try:
-        produce(small_scene(FRAMES, size, **settings), out, device="cpu", quiet=True)
+        produce(small_scene(frames, size, **settings), out, device="cpu", quiet=True)
     except InputError as error:
         message.write_text(error.message)
         sys.exit(3)
@@ -118,8 +118,8 @@ def test_a_run_killed_at_random_moments_is_completed_to_the_bytes_of_an_uninterr
 
 @posix
 def test_files_that_cannot_grow_are_refused_in_one_message_and_the_rest_is_made_later(start, tmp_path):
-    """The limit of a file's size, below that of A's EXR with all its layers."""
-    how = {"size": (64, 36), "linear_exr": True}
+    """The limit of a file's size, below that of A's EXR with all its layers: of the first frame already."""
+    how = {"size": (64, 36), "linear_exr": True, "frames": 6}
     start(tmp_path / "plain", **how).join()
     process = start(tmp_path / "out", tmp_path / "message", limit=90_000, **how)
     process.join()

@@ -35,7 +35,7 @@ BASE = {
         },
     ],
     "scatter": [{"object": {"kind": "boulder", "diameter": 0.4, "material": "steel"}, "count": 8, "circle": [0, 3, 2]}],
-    "growth": [{"on": ["terrain"], "kind": "pebble", "per_m2": 3, "size_m": [0.1, 0.2], "seed": 2}],
+    "growth": [{"on": ["terrain"], "kind": "pebble", "per_m2": 3, "cluster": 0, "size_m": [0.1, 0.2], "seed": 2}],
     "materials": {
         "ground": {"kind": "diffuse", "reflectance": [0.4, 0.35, 0.3]},
         "steel": {"kind": "diffuse", "reflectance": [0.2, 0.3, 0.5]},

@@ -8,8 +8,7 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import pdtr
-from scipy.stats import poisson
+from scipy.special import pdtr, pdtrik
 
 from varos_warp.device.launch import in_tiles
 
@@ -52,8 +51,15 @@ def poisson_counts(u: np.ndarray, mean: np.ndarray) -> np.ndarray:
     while len(more) and k < FEW:
         counts[more] = k
         more, k = more[u[more] >= pdtr(k, mean[more])], k + 1
-    counts[more] = poisson.ppf(u[more], mean[more]).astype(np.int64)
+    counts[more] = _inverse(u[more], mean[more])
     return counts
+
+
+def _inverse(u, mean):
+    """As scipy.stats.poisson.ppf; to import scipy.stats takes a tenth of the time in which a run starts."""
+    above = np.ceil(pdtrik(u, mean))
+    below = np.maximum(above - 1.0, 0.0)
+    return np.where(pdtr(below, mean) >= u, below, above)
 
 
 @dataclass(frozen=True)

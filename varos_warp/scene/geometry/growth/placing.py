@@ -214,8 +214,8 @@ def _normals(host, faces, weights):
 def _liking(wanted, host, faces, weights, points):
     """What the noise of patches is raised by at places [N] that a kind prefers: edges, undersides or tops."""
     kind = wanted.kind
-    if wanted.cluster == 0.0 or kind.edges == kind.under == 0.0:
-        return 0.0
+    if not len(points) or wanted.cluster == 0.0 or kind.edges == kind.under == 0.0:
+        return 0.0  # and no edges are looked for
     liking = kind.edges * host.edges(points - host.origin) if kind.edges else 0.0
     if kind.under:
         normals = _normals(host, faces, weights)
