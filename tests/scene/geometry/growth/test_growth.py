@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from varos_warp.errors import InputError
@@ -392,3 +393,41 @@ def test_a_host_beyond_reach_carries_none_of_a_kind_that_prefers_edges():
         {"kind": "hydroid", "on": ["objects.0", "objects.1"], "per_m2": 200, "seed": 1}, objects=[ROCK, far]
     )[:1]
     assert set(np.array(group.hosts)[group.host]) == {"objects.0"}
+
+
+def density_ratio(kind, there, **host):
+    """How many more copies of a kind stand on a square metre of a lone host where ``there`` says than elsewhere."""
+    block = {"kind": kind, "on": ["objects.0"], "per_m2": 400, "size_m": [0.03, 0.03], "cluster": 9}
+    groups = [group for seed in range(6) for group in grown(block | {"seed": seed}, **host)]
+    part = build_parts(scene(**host))[1]
+    mesh = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    even, of = trimesh.sample.sample_surface(mesh, 20_000, seed=1)
+    points = roots(groups)
+    assert len(points) > 500
+    _, at = cKDTree(mesh.triangles_center).query(points)
+    share, by_area = there(points, mesh.face_normals[at]).mean(), there(even, mesh.face_normals[of]).mean()
+    return share / (1.0 - share) / (by_area / (1.0 - by_area))
+
+
+@pytest.mark.usefixtures("few_bodies")
+def test_kinds_that_prefer_edges_are_denser_there():
+    """Within 3 cm of the edges of a block: 2.7 times as dense as elsewhere, and 0.85 times without liking."""
+    low, high = np.array([-0.6, 1.4, 0.4]), np.array([0.6, 2.6, 1.0])
+    box = {"kind": "concrete_block", "size_m": [1.2, 1.2, 0.6], "chamfer_m": 0, "eyes": 0, "position": [0, 2, 0.4]}
+
+    def at_edges(points, _):
+        return np.sort(np.minimum(points - low, high - points), axis=1)[:, 1] < 0.03
+
+    assert KINDS["hydroid"].edges > 1.0
+    assert density_ratio("hydroid", at_edges, objects=[box]) > 1.8
+
+
+@pytest.mark.usefixtures("few_bodies")
+def test_kinds_that_prefer_undersides_are_denser_there_and_those_that_prefer_tops_above():
+    ratios = {
+        kind: density_ratio(kind, lambda _, normals: normals[:, 2] < 0.0, objects=[{**ROCK, "position": [0, 2, 2]}])
+        for kind in ("tube_worm", "turf")
+    }
+    assert KINDS["tube_worm"].under > 0.0 > KINDS["turf"].under
+    assert ratios["tube_worm"] > 1.5
+    assert ratios["turf"] < 1.0 / 1.5
