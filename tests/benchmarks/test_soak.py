@@ -21,13 +21,12 @@ FRAMES = 100
 
 
 @pytest.fixture(autouse=True)
-def searched_by_default():
-    """Garbage is searched for as in programs of users, not as rarely as in other tests."""
-    rarely = gc.get_threshold()
-    gc.set_threshold(700, 10, 10)
+def no_search_for_garbage():
+    """Memory is given back without: what stands in a circle would be kept for long, as commands search rarely."""
     gc.collect()
+    gc.disable()
     yield
-    gc.set_threshold(*rarely)
+    gc.enable()
 
 
 @linux

@@ -96,7 +96,7 @@ def tables_of_one_ray() -> AbstractContextManager:
     """
     return mock.patch.multiple(
         open_water,
-        **{name: (nodes := getattr(open_water, name))._replace(counts=(nodes.counts[0], 2, 2)) for name in TABLES},
+        **{name: (nodes := getattr(open_water, name))._replace(counts=(nodes.counts[0], 2, 3)) for name in TABLES},
     )
 
 

@@ -1,6 +1,6 @@
 """Objects that move along paths: images, blur, flow and what hides, against still objects and closed forms."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -34,7 +34,8 @@ def moving(part, velocity, turn_deg=(0, 0, 0)):
         )
         for t in (0.0, 1.0)
     )
-    return Moving(**vars(part), path=stops, R_w_o=np.eye(3))
+    entries = {entry.name: getattr(part, entry.name) for entry in fields(part)}
+    return Moving(**entries, path=stops, R_w_o=np.eye(3))
 
 
 def plate(x=-0.3, y=1.2):

@@ -171,6 +171,7 @@ class Pipeline:
         """
         cores, under_way = usable_cores(), deque()
         at_once = self.at_once or AT_ONCE[kind_of(self.renderer.device)]
+        most = max(room(cores), at_once)
         with (
             taking_turns(),
             self.clock.rest("wait", "render"),
@@ -178,7 +179,7 @@ class Pipeline:
             _Threads(at_once, "render") if at_once > 1 else _HereAndNow() as pool,
         ):
             for job in jobs:
-                if len(under_way) >= room(cores):
+                if len(under_way) >= most:
                     self.collect(*under_way.popleft())
                 under_way.append((job, pool.submit(self.render, job)))
                 if under_way[-1][1].done() and under_way[-1][1].exception():

@@ -154,14 +154,13 @@ class OpenWater:
     def _along(self, view: Camera, nodes: Nodes) -> AlongCamera:
         """One of the tables along a camera's rays."""
         view, camera = as_pinhole(view)
-        key = f"{nodes.name} {camera!r}"
+        key = f"{nodes} {camera!r}"
         if key not in self._cameras:
             lights = [light.model_dump(mode="json") for light in self.scene.vehicle.lights]
             depends_on = self._depends_on(
-                along=[MULTIPLE, SINGLE],  # which tests change in memory
+                along=nodes,  # which tests change in memory
                 camera=camera,
                 lights=lights,
-                order=nodes.name,
                 distributions=[shape.described() for shape in self.lights.distributions],
             )
             arrays = cached("camera", depends_on, lambda: {"radiance": self._tabulated(view, nodes)})

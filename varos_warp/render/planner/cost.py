@@ -23,7 +23,7 @@ from varos_warp.scene.description.vehicle import Camera
 
 MOST_COSTED = 16
 """Samples per pixel that are rendered to measure a cost on a CPU."""
-COSTED_POSES = {"cpu": 3, "cuda": 9}
+COSTED_POSES = {"cpu": 3, "cuda": 12}
 """Frames of which the mean counts: views take unlike times, by what they see; and on a GPU some are made at once."""
 
 

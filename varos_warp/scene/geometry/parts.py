@@ -198,7 +198,9 @@ class Part(Shape):
 
     @cached_property
     def _box(self):
-        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        box = np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        box.flags.writeable = False  # all who ask get the same
+        return box
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import kstest
 
 from varos_warp.scene.description.growth import Growth
-from varos_warp.scene.geometry.growth import room
+from varos_warp.scene.geometry.growth import clumps, room
 from varos_warp.scene.geometry.growth.chance import key_of, uniform
 from varos_warp.scene.geometry.growth.clumps import (
     EMPTY_FROM,
@@ -322,3 +322,15 @@ def test_what_is_left_is_that_of_the_clumps_that_are_made(kind, per_m2, cluster)
     again = left_of(kind, size_m, how.times * per_m2, share)
     assert how.left == pytest.approx(again, rel=0.04)  # twice of what chance there is in it
     assert how.most == pytest.approx(min(how.times * again / LEAST_CROWDED, 1.0) * per_m2, rel=0.04)
+
+
+def test_no_clump_that_reaches_a_place_is_missed():
+    """Of all sizes, and of places that clumps reach twice as far to as to others: those of all pairs."""
+    rng = np.random.default_rng(3)
+    middle, points = rng.random((200, 3)), rng.random((500, 3))
+    radius, reach = np.exp(rng.uniform(-4.0, -1.0, 200)), np.exp(rng.uniform(-0.7, 0.7, 500))
+    far = np.linalg.norm(middle[:, None] - points, axis=2) / (radius[:, None] * reach)
+    site, at, x = clumps._near(middle, radius, points, reach)
+    order = np.lexsort([at, site])
+    np.testing.assert_array_equal(np.stack([site, at])[:, order], np.nonzero(far < clumps.HALO_TO))
+    np.testing.assert_allclose(x[order], far[far < clumps.HALO_TO], rtol=1e-12)
