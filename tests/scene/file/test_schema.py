@@ -171,7 +171,7 @@ def test_a_block_is_explained_by_its_kinds_and_their_keys():
     text = explain("vehicle.cameras.0.port")
     for words in (
         "kind flat: A flat pane",
-        "    distance_m     required        From the lens",
+        "    distance_m     required        Distance from the lens",
         "    clear_radius_m absent          Radius",
         "kind dome:",
         "half_angle_deg",
