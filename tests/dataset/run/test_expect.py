@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from varos_warp.dataset.run.expect import exposure_facts
+from varos_warp.dataset.run.expect import SAMPLE_S, USUAL_SPP, dataset_facts, exposure_facts
+from varos_warp.render.planner.by_frame import FEWER, tried_frames
 from varos_warp.scene.file.load import scene_from_dict
 from varos_warp.scene.geometry.build import build_parts
 
@@ -45,3 +46,17 @@ def test_the_longest_streak_is_speed_times_exposure_over_distance(scene, monkeyp
     assert moving["skew_px"] == pytest.approx(focal * speed * 0.03 / 2.0, abs=0.05)
     assert (moving["id"], moving["time_s"], moving["readout_s"]) == ("M0", 0.01, 0.03)
     assert standing == {"id": "O0", "time_s": 0.02, "readout_s": 0.0, "streak_px": 0.0, "skew_px": 0.0}
+
+
+def test_planning_counts_the_views_that_are_tried_along_a_sequence():
+    """Images of a small camera are tried whole, so that many frames differ from few by nothing else."""
+    camera = {"id": "M0", "resolution": [320, 180]}
+    lamp = {"kind": "spot", "position": [0, 0, 0.3], "intensity": [9, 9, 9]}
+    vehicle = {"cameras": [camera], "lights": [lamp]}
+    trajectory = {"poses": [{"position": [0, 0, 0]}]}
+    scene = scene_from_dict({"vehicle": vehicle, "water": {"jerlov": {"type": "II"}}, "trajectory": trajectory})
+    few, many = (dataset_facts(scene, frames) for frames in (20, 200))
+    assert tried_frames(20, 1.0) == []
+    samples = len(tried_frames(200, 1.0)) * 320 * 180 * USUAL_SPP * sum(1.0 / fewer for fewer in FEWER)
+    seconds = samples * SAMPLE_S[few["device"]] / few["cores"]
+    assert many["plan_seconds"] - few["plan_seconds"] == pytest.approx(seconds, rel=0.02)

@@ -145,8 +145,12 @@ def _samples_to_plan(scene: Scene, frames: int) -> int:
     asked, cameras = open_questions(scene), scene.vehicle.cameras
     if not asked or not planner_is_here():
         return 0
+    from varos_warp.render.planner import by_frame
     from varos_warp.render.planner.pilot import SMALL, SMALL_SPP, pilot_frames, pixels_tried
 
     views = 2 * len(pilot_frames(frames)) * len(cameras) * SMALL * SMALL_SPP
-    tests = TEST_SPP * min(pixels_tried(cameras[0], frames), int(np.prod(cameras[0].resolution)))
-    return views + COMPARED_SPP * SMALL * ("integrator" in asked) + tests * ("samples" in asked)
+    whole = int(np.prod(cameras[0].resolution))
+    tried = min(pixels_tried(cameras[0], frames), whole)
+    poses = len(by_frame.tried_frames(frames, tried / whole)) * len(cameras)
+    tests = TEST_SPP + round(poses * USUAL_SPP * sum(1.0 / fewer for fewer in by_frame.FEWER))
+    return views + COMPARED_SPP * SMALL * ("integrator" in asked) + tests * tried * ("samples" in asked)
