@@ -27,13 +27,15 @@ class Layered(Block):
 
     kind: Literal["layered"]
     relief: Relief = "none"
-    """The form that is added, and the layers that come with it; ``none`` adds no form, only film and silt."""
+    """The form that is added, and the layers that come with it; ``none`` adds no form, only rubbed edges, film and
+    silt."""
     steep: Relief | None = Field(default=None, examples=["rock"])
     """The relief where the surface is steeper than about 35 degrees, as of outcrops in sand. Absent: the same."""
     paint: UnitRgb | None = Field(default=None, examples=[[0.45, 0.33, 0.03]])
     """Linear reflectance of the paint, or of the bare surface where there is none. Absent: as the relief has it."""
     wear: Unit = 0.3
-    """How much of the paint is lost, concrete is broken and zinc is eaten. Rock and sand do not wear."""
+    """How much of the paint is lost, edges are rubbed, concrete is broken and zinc is eaten. Rock and sand do not
+    wear."""
     silt: Unit = 0.5
     """How much silt lies where the surface looks up and in hollows."""
     film: Unit = 0.4
