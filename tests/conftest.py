@@ -30,10 +30,12 @@ def pytest_collection():
 
 
 def pytest_collection_finish():
-    """Thousands of tests live to the end: the search for garbage leaves them out, and is rarer than by default."""
+    """Thousands of tests live to the end: the search for garbage leaves them out, and is as rare as in commands."""
+    from varos_warp.cli import SEARCHED
+
     gc.collect()
     gc.freeze()
-    gc.set_threshold(10_000, 10, 10)
+    gc.set_threshold(*SEARCHED)
 
 
 @cache

@@ -1,6 +1,6 @@
 """Objects that move along paths: images, blur, flow and what hides, against still objects and closed forms."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,8 +34,7 @@ def moving(part, velocity, turn_deg=(0, 0, 0)):
         )
         for t in (0.0, 1.0)
     )
-    entries = {entry.name: getattr(part, entry.name) for entry in fields(part)}
-    return Moving(**entries, path=stops, R_w_o=np.eye(3))
+    return Moving.of(part, np.eye(3), stops)
 
 
 def plate(x=-0.3, y=1.2):

@@ -152,5 +152,5 @@ def _samples_to_plan(scene: Scene, frames: int) -> int:
     whole = int(np.prod(cameras[0].resolution))
     tried = min(pixels_tried(cameras[0], frames), whole)
     poses = len(by_frame.tried_frames(frames, tried / whole)) * len(cameras)
-    tests = TEST_SPP + round(poses * USUAL_SPP * sum(1.0 / fewer for fewer in by_frame.FEWER))
+    tests = TEST_SPP + round(poses * USUAL_SPP * by_frame.A_POSE)
     return views + COMPARED_SPP * SMALL * ("integrator" in asked) + tests * tried * ("samples" in asked)

@@ -26,6 +26,8 @@ HALVINGS, HALVED = 2, 0.25
 """Stretches with unlike ends are halved this often, each time at most this share of the poses."""
 FEWER = (4, 2, 1)
 """A pose is tried with the samples that it may need over each of these; the three images tell each other's errors."""
+A_POSE = sum(1.0 / fewer for fewer in FEWER)
+"""Samples of these images, over those that the pose may need."""
 FIRST = 1
 """Samples that the first poses may need, or twice the fewest, or a `REACH`-th of what the noisiest view needs, if that
 is more."""
@@ -44,8 +46,7 @@ def tried_frames(count: int, pixels: float) -> list[int]:
         count: Frames of the sequence.
         pixels: Of an image of the pilot over those of an image of the sequence.
     """
-    cost = sum(1.0 / fewer for fewer in FEWER) * pixels
-    stretches = min(int(SHARE * count / cost), MOST_STRETCHES, count - 1)
+    stretches = min(int(SHARE * count / (A_POSE * pixels)), MOST_STRETCHES, count - 1)
     if stretches < FEWEST_STRETCHES:
         return []
     return np.linspace(0, count - 1, stretches + 1).round().astype(int).tolist()

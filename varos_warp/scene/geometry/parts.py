@@ -1,7 +1,7 @@
 """The parts of a world as plain arrays: what mesh loading, terrain and assets make, and the device scene uploads."""
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -211,6 +211,11 @@ class Moving(Part):
     """Stops of the path, by which its poses are known (sim/poses.py); none of a body, which is where its vehicle is."""
     R_w_o: np.ndarray
     """float64 [3, 3]: its attitude where it begins; its place there is ``origin``."""
+
+    @classmethod
+    def of(cls, part: Part, R_w_o: np.ndarray, path: tuple[Stop, ...] = ()) -> Self:
+        """A part that stands where it begins, as one that moves."""
+        return cls(**{entry.name: getattr(part, entry.name) for entry in fields(part)}, R_w_o=R_w_o, path=path)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Mesh files and parametric objects become parts of the world: placed, in float64."""
 
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -90,19 +89,14 @@ def moving_part(scene: Scene, key: str) -> Moving:
     where = f"vehicles.{(scene.vehicles or []).index(vehicle)}.body"
     own, start, R = object_part(scene, block, where), np.array(vehicle.start.position), attitude(vehicle.start)
     placed = replace(own, name=key, vertices=own.vertices @ R.T + start, origin=vehicle.start.position)
-    return Moving(**_entries(placed), R_w_o=R)
+    return Moving.of(placed, R)
 
 
 def _moving(part: Part, block: Object) -> Part:
     """A part that knows its path, if its block has one; it stands at the first stop."""
     if not block.path:
         return part
-    return Moving(**_entries(part), path=tuple(block.stops), R_w_o=attitude(block.stops[0]))
-
-
-def _entries(part: Part) -> dict[str, Any]:
-    """What a part was made of."""
-    return {entry.name: getattr(part, entry.name) for entry in fields(part)}
+    return Moving.of(part, attitude(block.stops[0]), tuple(block.stops))
 
 
 def _terrain_mesh(scene):

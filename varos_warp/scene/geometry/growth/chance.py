@@ -56,7 +56,7 @@ def poisson_counts(u: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 
 def _inverse(u, mean):
-    """As scipy.stats.poisson.ppf; to import scipy.stats takes a tenth of the time in which a run starts."""
+    """Inverse of the Poisson distribution, as scipy.stats has it, whose import takes a tenth of the start of a run."""
     above = np.ceil(pdtrik(u, mean))
     below = np.maximum(above - 1.0, 0.0)
     return np.where(pdtr(below, mean) >= u, below, above)
